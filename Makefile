@@ -6,7 +6,7 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-random fuzz faults mutation bench lint docs coverage requirements clean
+.PHONY: setup table test test-random hard-cases fuzz faults mutation bench lint docs coverage requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
 
@@ -44,6 +44,10 @@ test-random: setup
 	@echo "Property tests on fresh examples with seed $(SEED); $(AGAIN)"
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
 	  { echo "Property tests failed with seed $(SEED); $(AGAIN)"; exit 1; }
+
+# The hard cases on this machine, with their table; GROUPS="phase data" runs two groups, HANDBENCH_DEVICE=cuda a GPU.
+hard-cases: setup
+	$(BIN)/python -m tests.hard_cases $(GROUPS)
 
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
 fuzz: setup

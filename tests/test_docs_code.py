@@ -70,7 +70,7 @@ def of_tutorial(folder: Path, names: dict[str, Any]) -> None:
 
 def of_contributor(folder: Path, names: dict[str, Any]) -> None:
     """What the files that the page's blocks are added to know already."""
-    for module in ("handbench.radar.methods.presets", "handbench.bench.studies.stability.smoothing_cases"):
+    for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
         names.update({k: v for k, v in vars(importlib.import_module(module)).items() if not k.startswith("__")})
     names["Config"] = Config
 

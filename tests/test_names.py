@@ -51,7 +51,7 @@ def test_no_file_name_stands_twice_with_two_meanings():
             ["radar/__init__.py", "bench/__init__.py", "bench/studies/a/__main__.py", "bench/studies/b/__main__.py"],
             False,
         ),
-        (["handbench/cli/stability.py", "bench/results/stability.py"], False),
+        (["handbench/cli/compare.py", "bench/evaluation/compare.py"], False),
         (["bench/studies/a/cases.py", "bench/studies/b/cases.py"], False),
         (["radar/imaging/cpu/leaf.py", "radar/imaging/gpu/leaf.py"], False),
         (["handbench/support/errors.py", "bench/evaluation/errors.py"], True),

@@ -91,7 +91,7 @@ SCHEMAS = declared(__file__)
 TABLE, TASKS, REPEATS, COMPARISONS = (SCHEMAS[name] for name in ("table", "tasks", "repeats", "comparisons"))
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
-SETTINGS, CASES, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "cases", "causes", "reliability"))
+SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
 DESIGN = SCHEMAS["design"]
 
 

@@ -17,6 +17,9 @@ from handbench.support.errors import HandbenchError
 
 LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
+FORMER = {  # commands of earlier versions: what takes their place
+    "stability": "'make hard-cases' in a clone"
+}
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
 
@@ -27,7 +30,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(known)
-    options = known.parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given and given[0] in FORMER:
+        print(f"handbench: {given[0]!r} is now {FORMER[given[0]]}", file=sys.stderr)
+        return 2
+    options = known.parse_args(given)
     try:
         _require_addresses()
         with _device(options):

@@ -117,7 +117,7 @@ def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = No
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {"about": result.about, "config": result.config, "caption": caption(result), "findings": findings(result)}
     parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
-    parts |= {"stability": sections.stability(result.folder), "stages": sections.stage_times(result)}
+    parts |= {"stages": sections.stage_times(result)}
     return parts | {"blocks": sections.all_blocks(result)}
 
 

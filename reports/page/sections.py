@@ -1,27 +1,14 @@
-"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty, stability, provenance."""
+"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty, provenance."""
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import HEADLINE, Result
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.bench.results.stability import KINDS, VERDICTS, counted, load_stability
 from handbench.bench.results.tables import each
-from handbench.reports.tables.blocks import (
-    AGAINST,
-    NONE,
-    Block,
-    blocks,
-    figure,
-    known,
-    number,
-    p_text,
-    printed,
-    three_digits,
-)
+from handbench.reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, number, p_text, printed, three_digits
 from handbench.reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -135,37 +122,6 @@ def uncertainty(result: Result) -> list[Grid]:
 
 def _mm(value: Any) -> str:
     return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
-
-
-def stability(folder: Path) -> list[tuple[str, Grid]]:
-    """The hard cases that `handbench stability` measured into the folder, failed ones first, and the tables beside
-    them, each with a sentence; [] where it has none."""
-    if not (folder / "stability.json").is_file():
-        return []
-    facts, cases = load_stability(folder)
-    text = (
-        "Holds: within its bound; refused: by an error in words, where no answer is the right one; flagged: wrong, and "
-        "every wrong value was marked as such; fails: none of these. Bounds: "
-        + "; ".join(f"{kind} ({meaning})" for kind, meaning in KINDS.items())
-    )
-    headings = ("case", "group", "quantity", "verdict", "worst at", "kind", "bound", "measured", "unit")
-    rows = tuple(
-        (c.case, c.group, c.quantity, c.verdict, c.at or NONE, c.kind, _short(c.bound), _short(c.measured), c.unit)
-        for c in sorted(each(cases), key=lambda c: -VERDICTS.index(c.verdict) if c.verdict in VERDICTS else 0)
-    )
-    grids = [(text, Grid(f"{len(cases)} hard cases: {counted(cases)}", headings, rows, texts=6))]
-    for found in facts.tables:
-        cells = tuple(tuple(_short(cell) for cell in row) for row in found.rows)
-        texts = max((i + 1 for row in found.rows for i, cell in enumerate(row) if isinstance(cell, str)), default=1)
-        grids.append((found.text, Grid(found.title, found.columns, cells, texts)))
-    return grids
-
-
-def _short(value: str | float | None) -> str:
-    """A number as short as four digits tell it; a text as it is."""
-    if isinstance(value, str):
-        return value
-    return f"{value:.4g}".replace("-", "−") if known(value) else NONE
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:

@@ -1,6 +1,7 @@
 """The command line as a user meets it."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,8 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.native import NativeCapture
-from handbench.cli.main import main
+from handbench.cli.main import FORMER, main
+from handbench.cli.options import COMMANDS, declared
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
@@ -195,3 +197,13 @@ def test_help_imports_nothing_heavy(command):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", FORMER)
+def test_a_former_command_names_its_successor(command, capsys):
+    assert main([command, "anything", "--overwrite"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == f"handbench: {command!r} is now {FORMER[command]}"
+    assert command not in declared(COMMANDS)
+    for successor in re.findall(r"'handbench ([a-z-]+)", FORMER[command]):
+        assert successor in declared(COMMANDS)

@@ -42,7 +42,6 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "tradeoff": "tradeoff {i}/swept.toml --sections imaging -o {o}/out",
     "import": "import mapping {i}/foreign -o {o}/out",
     "export": "export maroon {i}/capture -o {o}/out",
-    "stability": "stability --groups statistics -o {o}/out",
     "design": "design {i}/result --effect 0.2mm -o {o}/out.csv",
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",

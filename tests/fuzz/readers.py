@@ -188,12 +188,6 @@ def _tradeoff(folder: Path) -> None:
     results.load_tradeoff(folder)
 
 
-def _stability(folder: Path) -> None:
-    from handbench.bench.results.stability import load_stability
-
-    load_stability(folder)
-
-
 def _antennas(folder: Path) -> None:
     from handbench.radar.data.arrays import load_positions
 
@@ -306,7 +300,6 @@ READERS: tuple[Reader, ...] = (
         5,
     ),
     Reader("tradeoff", result_seeds.tradeoff, _tradeoff, ("tradeoff.json", "tradeoff.csv")),
-    Reader("stability", result_seeds.stability, _stability, ("stability.json", "stability.csv")),
     Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),
     Reader("array", capture_seeds.array, _array, ("array.json",)),
     Reader("colmap_map", geometry_seeds.colmap_map, _map, ("depth.bin",), 1),

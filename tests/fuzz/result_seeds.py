@@ -155,16 +155,6 @@ def tradeoff(folder: Path) -> None:
     )
 
 
-def stability(folder: Path) -> None:
-    """A stability run of one case."""
-    from handbench.bench.results.stability import StabilityFacts, Table, write_stability
-    from handbench.bench.results.tables import CASES, frame
-
-    row = ("wrap", "phase", "depth", "closed form", "mm", 1.0, 0.5, "holds", "0.3 m", "rounding", 0.1, "derived")
-    table = Table(title="Errors", text="small", columns=("a", "b"), rows=(("x", 1.5), ("y", None)))
-    write_stability(folder, StabilityFacts(seed=0, seconds=1.0, tables=(table,)), frame(CASES, [row]))
-
-
 def stage(folder: Path) -> None:
     """Content that the kept stage makes."""
     depth(folder)

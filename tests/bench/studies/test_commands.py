@@ -7,26 +7,12 @@ import json
 import pandas as pd
 import pytest
 
-from handbench.bench.results.stability import load_stability
-from handbench.bench.studies.stability import measure
-from handbench.bench.studies.stability.cases import cases
 from handbench.cli.main import main
 from handbench.cli.options import declared
 from handbench.cli.study import STUDIES
 from tests.bench.studies.engine import measure_engine
 
 SMALLEST = {"exact": ["--tones", "few", "--only", "sphere of 2 mm, metal"]}
-
-
-def test_stability_measures_cases(tmp_path, capsys, monkeypatch):
-    """Of the cases two of one group: all of them have a test of their own."""
-    monkeypatch.setattr(measure, "cases", lambda groups: cases(["smoothing"])[-2:])
-    assert main(["stability", "-o", str(tmp_path)]) == 0
-    _, found = load_stability(tmp_path)
-    assert set(found.group) == {"smoothing"} and set(found.verdict) == {"holds"}
-    assert f"{len(found)} hard cases in" in capsys.readouterr().out
-    assert main(["stability", "--groups", "smoothing", "-o", str(tmp_path)]) == 2  # there is one already
-    assert "--overwrite" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.studies.stability.balls import Balls, balls, middles, off, rotation
 from handbench.calibration.registration.rigid_fit import Pairs, fit
 from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates
+from tests.references.balls import Balls, balls, middles, off, rotation
 from tests.strategies import examples
 
 BAR = 1e-9

@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.evaluation.metrics import pool, precision
 from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.studies.stability.registration_cases import PLACE_M, RADIUS_M, outward
-from handbench.bench.studies.stability.statistics_cases import told
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import default_target
 from handbench.calibration.spheres.optical_detection import Cloud, fit_sphere
@@ -29,6 +27,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.projection import peak_offset
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from tests.bench.studies.stability.amplifications_of_fsk import ARRAY, METHODS, amplification, expected
+from tests.hard_cases.test_registration_cases import PLACE_M, RADIUS_M, outward
 
 
 class Row(NamedTuple):
@@ -146,7 +145,7 @@ def _precision(repeats: int) -> tuple[float, float]:
     """Change with depths that move apart, per metre of their rms: √(n/(n − 1))."""
     z_m = 0.3 + 1e-3 * np.random.default_rng(0).standard_normal(repeats)
     way = (z_m - z_m.mean()) / z_m.std()
-    found = change(lambda by_m: 1e-3 * told(precision([z_m + by_m * way])["precision_mm"]), 1e-6)
+    found = change(lambda by_m: 1e-3 * precision([z_m + by_m * way])["precision_mm"], 1e-6)
     return found, float(np.sqrt(repeats / (repeats - 1)))
 
 
@@ -156,7 +155,7 @@ def _mae() -> tuple[float, float]:
     axis_m, surface = 1e-3 * np.arange(40), np.full((40, 40), 0.3)
 
     def mae_m(by_m: float) -> float:
-        return 1e-3 * told(pool([ErrorMap(axis_m, axis_m, error_m + by_m * np.sign(error_m), surface)])["mae_mm"])
+        return 1e-3 * pool([ErrorMap(axis_m, axis_m, error_m + by_m * np.sign(error_m), surface)])["mae_mm"]
 
     return change(mae_m, 1e-8), 1.0
 

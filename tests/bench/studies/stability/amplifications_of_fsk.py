@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from handbench.bench.studies.stability.scenes import LADDER_HZ, imaged, small_array
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.hard_cases.scenes import LADDER_HZ, imaged, small_array
 
 ARRAY = small_array(4)  # 24 + 24 antennas
 POINT_M = np.array([0.0, 0.0, 0.28])

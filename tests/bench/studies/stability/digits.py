@@ -19,8 +19,6 @@ from scipy.stats import chi2, norm
 
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool, precision, strongest_scatterer_z_m
-from handbench.bench.results.stability import Table
-from handbench.bench.studies.stability.scenes import ALL_HZ, POINT_M, imaged
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
@@ -32,6 +30,8 @@ from handbench.radar.simulation.effects.receiver import strongest_amplitude, the
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.progress import track
 from tests.bench.studies.stability.random_scenes import fingers
+from tests.hard_cases.scenes import ALL_HZ, POINT_M, imaged
+from tests.hard_cases.table import Table
 
 STAGES = ("samples", "images", "power")  # complex64, complex64 sums, and float32 magnitudes and decibels
 FSK = ("2fsk", "3fsk", "nfsk-plus", "joint")

@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handbench.bench.studies.stability.scenes import small_array
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.hard_cases.scenes import small_array
 
 POINTS, HALF_M = 300, 0.024
 AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.00125}  # the filters' 5 pixels are little more than a cell

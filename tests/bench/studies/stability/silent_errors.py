@@ -1,6 +1,6 @@
 """No silent wrong answer: thousands of random hard scenes, and every pixel that is further off than its σ allows.
 
-The scenes are those of `bench.studies.stability.random_scenes`. A depth map states its own error, σ, and flags pixels
+The scenes are those of `random_scenes.py`. A depth map states its own error, σ, and flags pixels
 whose phase may have wrapped. A pixel that is off by more than 5σ and bears no flag is a silent wrong answer: such
 pixels are counted, by what makes the scene hard. Off means: from every depth that the surface has within the pixel's
 resolution cell, for at an edge none of them is wrong.
@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.results.stability import Table
-from handbench.bench.studies.stability.scenes import imaged
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import workers
 from handbench.support.progress import track
 from tests.bench.studies.stability.random_scenes import AXIS, KINDS, TROUBLES, WITHIN_M, Surface, recorded
+from tests.hard_cases.scenes import imaged
+from tests.hard_cases.table import Table
 
 SIGMAS = 5.0
 KEYS = {"method": ("2fsk", "3fsk"), "surface": tuple(KINDS), "trouble": TROUBLES}

@@ -7,11 +7,11 @@ import pytest
 
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import pool
-from handbench.bench.studies.stability.scenes import imaged
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.methods import fsk, projection
 from tests.bench.studies.stability import digits as d
 from tests.bench.studies.stability.digits import Shake, digits, rounded
+from tests.hard_cases.scenes import imaged
 from tests.radar.imaging.test_single_precision import direct
 
 

@@ -13,9 +13,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.bench.studies.stability.balls import balls, off, rotation
-from handbench.bench.studies.stability.cases import Seen, Works
-from handbench.bench.studies.stability.scenes import capture, small_array
 from handbench.calibration.registration import ransac
 from handbench.calibration.registration.register import solve
 from handbench.calibration.registration.rigid_fit import HUBER, Pairs
@@ -28,6 +25,9 @@ from handbench.calibration.transforms import Transform, condition_number
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
+from tests.hard_cases.cases import Seen, Works, hard_case, refusal
+from tests.hard_cases.scenes import capture, small_array
+from tests.references.balls import balls, off, rotation
 
 EPS = np.finfo(float).eps
 SIGMA_M = 1e-4  # of a centre, per axis
@@ -41,14 +41,10 @@ CIRCLES = list(product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5
 GAPS_M = (0.05, 0.02, 0.015, 0.012, 0.0101)  # between balls
 
 
-CENTRES = {"caps": 6 * sum(part >= 0.08 for part in PARTS), "circles": len(CIRCLES), "near_balls": 4 * len(GAPS_M)}
-# One of so many normal errors of three coordinates is beyond these once in a thousand sweeps.
-BOUNDS = {name: float(np.sqrt(chi2.isf(1e-3 / count, 3))) for name, count in CENTRES.items()} | {
-    "shrinking_mirror": ransac.GROSS,
-    "one_wrong": float(np.sqrt(HUBER * ransac.GROSS)),
-    "wrong_corners": TRIM * 2 * float(np.sqrt(chi2.median(3))),
-    "condition": (4 + 4) / 2,  # sums of four squares, their centring and products; the square root halves them
-}
+def normal_errors(count: int) -> float:
+    """Distance, in σ, that the largest of so many normal errors of three coordinates exceeds once in a thousand
+    sweeps."""
+    return float(np.sqrt(chi2.isf(1e-3 / count, 3)))
 
 
 def candidates(centres_m: np.ndarray) -> list[Candidate]:
@@ -66,7 +62,17 @@ def _rectangle(half_m: float) -> np.ndarray:
     return np.array([[x, y, 0] for x in (-HALF_M, HALF_M) for y in (-half_m, half_m)])
 
 
-def _nearly_collinear() -> Seen:
+@hard_case(
+    "centres nearly on a line",
+    kind="rigorous",
+    bound=1.0,
+    unit="roundings",
+    quantity="rotation error over the condition number",
+    reference="least squares of the same pairs, in balls (Horn's quaternion)",
+)
+def test_nearly_collinear() -> Seen:
+    """The worst axis turns κ times as far as the best one, which four roundings turn; κ ≤ 20 is
+    given."""
     for half_m in HALF_M / np.array([1, 2, 5, 10, 15, 19, 19.9]):
         points_m = _rectangle(half_m)
         moved_m, kappa = points_m @ TURN.T + SHIFT_M, np.hypot(HALF_M, half_m) / half_m
@@ -76,7 +82,17 @@ def _nearly_collinear() -> Seen:
         yield f"κ = {kappa:.3g}", float(off_rad / four_rad) / kappa
 
 
-def _condition() -> Seen:
+@hard_case(
+    "condition number of a narrowing rectangle",
+    kind="rigorous",
+    bound=(4 + 4) / 2,  # sums of four squares, their centring and products; the square root halves them
+    unit="ε",
+    quantity="relative error over κ²",
+    reference="closed form √(a² + b²)/b, in balls",
+)
+def test_condition() -> Seen:
+    """b² is told from sums of a² by eight roundings, which the square root halves: ε·κ² of
+    itself; infinite where that is all."""
     for half_m in HALF_M * np.logspace(0, -12, 49):
         points_m = _rectangle(half_m)
         kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
@@ -86,7 +102,17 @@ def _condition() -> Seen:
     yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
 
 
-def _shrinking_mirror() -> Seen:
+@hard_case(
+    "a mirror image whose height shrinks",
+    kind="derived",
+    bound=ransac.GROSS,
+    unit="σ",
+    quantity="largest distance of a pair after the fit",
+    reference="the pair's own standard deviation",
+)
+def test_shrinking_mirror() -> Seen:
+    """What is given must agree within the limit of a wrong pair; a plane is its own mirror
+    image."""
     for height_m in (0, 1e-6, 1e-5, *np.logspace(-4, -1, 25)):
         points_m = np.array([*PLANE[:4], [*PLANE[4, :2], height_m]])
         try:
@@ -97,7 +123,16 @@ def _shrinking_mirror() -> Seen:
             yield f"height {height_m:g} m", float(found.residuals_m.max() / (np.sqrt(2) * SIGMA_M))
 
 
-def _nearly_symmetric() -> Seen:
+@hard_case(
+    "a target that grows symmetric",
+    kind="derived",
+    bound=0.0,
+    unit="elements",
+    quantity="elements that are taken for another",
+    reference="the elements' order",
+)
+def test_nearly_symmetric() -> Seen:
+    """Two readings within the tolerance of 2 mm are refused, one beyond it is the right one."""
     rng = np.random.default_rng(1)
     for skew_m in (*np.linspace(0.02, 0.001, 20), 1e-4, 0.0):
         places = ((-HALF_M, 0.0, 0.0), (HALF_M, 0.0, 0.0), (skew_m / 2, 0.09, 0.0))
@@ -112,7 +147,17 @@ def _nearly_symmetric() -> Seen:
             yield f"skew of {1e3 * skew_m:.3g} mm", float(wrong)
 
 
-def _one_wrong() -> Seen:
+@hard_case(
+    "one wrong pair in five",
+    kind="derived",
+    bound=float(np.sqrt(HUBER * ransac.GROSS)),
+    unit="σ",
+    quantity="error of the transform",
+    reference="the other four, exact",
+)
+def test_one_wrong() -> Seen:
+    """A pair D σ off pulls by √(w·D²) of the transform's own σ at most, w = 3.37/D (Huber), and
+    D ≤ 10 is kept."""
     rng = np.random.default_rng(0)
     for size_m, wrong in product(np.logspace(-6, 6, 37), range(5)):
         way = rng.standard_normal(3)
@@ -126,7 +171,9 @@ def _one_wrong() -> Seen:
         )
 
 
-def _two_wrong() -> Works:
+@refusal("two wrong pairs in five", "contradict", "residuals")
+def test_two_wrong() -> Works:
+    """Three that agree are no majority: in a plane they are their own mirror image."""
     bent = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     for size_m in (0.01, 0.03, 0.3, 30.0, 3e3, 1e6):
         yield f"{size_m:g} m off", partial(registered, FIVE, FIVE + SHIFT_M + size_m * bent)
@@ -164,14 +211,35 @@ def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
     return float(np.sqrt(off_m @ np.linalg.solve(found.covariance_m2, off_m)))
 
 
-def _caps() -> Seen:
+@hard_case(
+    "spheres of which a cap is seen",
+    kind="derived",
+    bound=normal_errors(6 * sum(part >= 0.08 for part in PARTS)),
+    unit="σ",
+    quantity="error of the centre",
+    reference="the sphere's own",
+)
+def test_caps() -> Seen:
+    """Its stated σ must cover it: a normal error of one of the sweep's centres is beyond it
+    once in a thousand sweeps (χ² of three); caps of 45 % to 1 %, below 8 % none is given."""
     rng = np.random.default_rng(0)
     for part, noise_m, _ in product(PARTS, (0.0, 1e-4, 5e-4), range(2)):
         found = _fit(rng, _cap(rng, part), noise_m)
         yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-def _circles() -> Seen:
+@hard_case(
+    "points on a circle of a sphere",
+    kind="derived",
+    bound=normal_errors(len(CIRCLES)),
+    unit="σ",
+    quantity="error of the centre",
+    reference="the sphere's own",
+)
+def test_circles() -> Seen:
+    """Across its plane a circle holds no centre: none is given, or its σ must cover it: a
+    normal error of one of the sweep's centres is beyond it once in a thousand sweeps (χ² of
+    three)."""
     rng = np.random.default_rng(0)
     for height, width, noise_m in CIRCLES:
         z = np.clip(height + width * rng.uniform(-1, 1, 800), -1, 1)
@@ -180,7 +248,17 @@ def _circles() -> Seen:
         yield place, in_sigmas(found, np.zeros(3)) if found else 0.0
 
 
-def _exact_sphere() -> Seen:
+@hard_case(
+    "points that lie on a sphere exactly",
+    kind="derived",
+    bound=0.0,
+    unit="m",
+    quantity="error of the centre",
+    reference="the sphere's own",
+)
+def test_exact_sphere() -> Seen:
+    """Lengths, distances and residuals are exact in binary: nothing is left to fit, and nothing
+    to divide by."""
     whole = np.array(list(product(range(-9, 10), repeat=3)), float)
     whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
@@ -190,7 +268,9 @@ def _exact_sphere() -> Seen:
         yield f"{name}, radius known to {sigma_m:g} m", float(off_m)
 
 
-def _too_little() -> Works:
+@refusal("a target of which 5 % is seen", "in view")
+def test_too_little() -> Works:
+    """Below a coverage of 12 %, rim included, a cap is no sphere."""
     target, rng = default_target(), np.random.default_rng(2)
     for part in (0.05, 0.03):
         normals = np.array([_cap(rng, part) for _ in target.element])  # [element, n, 3]
@@ -219,25 +299,50 @@ def _apart(gap_m: float) -> np.ndarray:
     return PLACE_M + np.array([[0, 0, 0], [gap_m, 0, 0]])
 
 
-def _near_balls() -> Seen:
+@hard_case(
+    "balls that draw together",
+    kind="derived",
+    bound=normal_errors(4 * len(GAPS_M)),
+    unit="σ",
+    quantity="error of a centre",
+    reference="the ball's own",
+)
+def test_near_balls() -> Seen:
+    """Its stated σ must cover it: a normal error of one of the sweep's centres is beyond it
+    once in a thousand sweeps (χ² of three); 50 mm apart until they touch, at 10 mm."""
     for gap_m, noise in product(GAPS_M, (1e-4, 1.0)):
         for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
             yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
 
 
-def _one_place() -> Works:
+@refusal("balls in one place", "would overlap")
+def test_one_place() -> Works:
+    """Nearer than their radii balls overlap; fitted all the same, they are off by 100 σ from
+    0.7 mm on."""
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
         yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
 
 
-def _silent() -> Works:
+@refusal("balls without an echo", "there are none")
+def test_silent() -> Works:
+    """No echo, no place."""
     yield "zeros", partial(heard, _apart(0.05), noise=0.0, off_m=0.0, strength=0.0)
 
 
 GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])  # of a board
 
 
-def _wrong_corners() -> Seen:
+@hard_case(
+    "one board corner in five wrong",
+    kind="derived",
+    bound=TRIM * 2 * float(np.sqrt(chi2.median(3))),
+    unit="σ",
+    quantity="root mean square of the others' error",
+    reference="the similarity that made the corners",
+)
+def test_wrong_corners() -> Seen:
+    """Corners lie within 4 medians of the fit, the median within 2 of the majority's own, 1.54
+    σ: 12.3 σ."""
     for size_m, apart in product(np.logspace(-5, 4, 28), (True, False)):
         rng = np.random.default_rng(3)
         chosen = 5 * np.arange(4) if apart else np.arange(4)
@@ -250,7 +355,10 @@ def _wrong_corners() -> Seen:
         yield place, float(np.sqrt((off_m**2).sum(axis=1).mean()) / SIGMA_M)
 
 
-def _mirrored_board() -> Works:
+@refusal("a board that is mirrored", "mirror image")
+def test_mirrored_board() -> Works:
+    """No rotation carries a solid to its mirror image, though most of its corners lie in a
+    plane."""
     for height_m in (0.004, 0.02, 0.05, 0.2):  # twice as far off as that: 3 % of the extent and more are refused
         points_m = GRID + np.outer(np.arange(20) % 3 == 0, [0, 0, height_m])
         yield f"{height_m} m high", partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners")

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.studies.stability import balls as b
-from handbench.bench.studies.stability.scenes import TONES_HZ, cloud, plate
+from tests.hard_cases.scenes import TONES_HZ, cloud, plate
+from tests.references import balls as b
 
 
 def test_floats_become_balls_without_a_rounding():

@@ -8,18 +8,18 @@ told as shares of what was asked: a relative L2 error over the points and a few 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial, wraps
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.bench.studies.stability.balls import LIGHT_M_S, Balls, echoes, images, middles, off
-from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
-from handbench.bench.studies.stability.scenes import TONES_HZ, cloud, plate, white_noise
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.certificate import certified
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
+from tests.hard_cases.scenes import TONES_HZ, cloud, plate, white_noise
+from tests.references.balls import LIGHT_M_S, Balls, echoes, images, middles, off
 
 STEER = 4 * U_SINGLE  # of a wave: its phase rounds to π/2 U, cosine and sine to 2 U
 TOLERANCES = (None, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -60,39 +60,52 @@ def _asked(tolerance: float | None) -> str:
     return "exact" if tolerance is None else f"tolerance {tolerance:g}"
 
 
-def _of_images(places: Callable[[], Iterator[Place]]) -> Callable[[], Seen]:
-    """The sweep that images at these places, to each tolerance."""
+PROMISED: dict[str, Any] = {
+    "kind": "rigorous",
+    "bound": 1.0,
+    "unit": "of what was asked",
+    "reference": "the direct sum in balls",
+    "reason": "A tolerance is a promise; the exact sum's waves are off by 4·2⁻²⁴ each, its sums of N terms of random "
+    "sign in single precision by √N·2⁻²⁴, its paths by three roundings in double precision a leg.",
+}
 
-    @wraps(places)
-    def measure() -> Seen:
-        return (seen for place in places() for seen in _shares(place))
 
-    return measure
+def of_images(name: str, quantity: str) -> Callable[[Callable[[], Iterator[Place]]], Callable[[], None]]:
+    """The hard case that images at a sweep's places, to each tolerance."""
+
+    def decorate(places: Callable[[], Iterator[Place]]) -> Callable[[], None]:
+        @wraps(places)
+        def sweep() -> Seen:
+            return (seen for place in places() for seen in _shares(place))
+
+        return hard_case(name, quantity=quantity, **PROMISED)(sweep)
+
+    return decorate
 
 
-@_of_images
-def _through() -> Iterator[Place]:
+@of_images("voxels through the array", "error of images where waves are chirps, R down to 0 and behind")
+def test_through() -> Iterator[Place]:
     for z_m in (0.3, 0.05, 1e-2, 1e-3, 0.0, -1e-3, -0.3):
         yield Place(f"z = {z_m:g} m", plate(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
 
 
-@_of_images
-def _on_antennas() -> Iterator[Place]:
+@of_images("voxels on antennas", "error of images at the kink of |p − a|")
+def test_on_antennas() -> Iterator[Place]:
     for height_m in (1e-3, 1e-5, 1e-6, 1e-9, 0.0):
         places = np.concatenate([plate().tx_m, plate().rx_m]) + [0, 0, height_m]
         yield Place(f"{height_m:g} m above every antenna", plate(), places)
         yield Place(f"within {height_m:g} m of one antenna", plate(), cloud(40, tuple(plate().tx_m[0]), height_m))
 
 
-@_of_images
-def _one_voxel() -> Iterator[Place]:
+@of_images("one voxel", "error of an image without others to average over")
+def test_one_voxel() -> Iterator[Place]:
     for z_m in (1.0, 0.3, 1e-2, 1e-6, 0.0):
         yield Place(f"z = {z_m:g} m", plate(), np.array([[0.013, 0.021, z_m]]), draws=30)
         yield Place(f"{z_m:g} m above an antenna", plate(), plate().tx_m[:1] + [0, 0, z_m], draws=30)
 
 
-@_of_images
-def _few_antennas() -> Iterator[Place]:
+@of_images("lone, collinear and coincident antennas", "error of images from arrays whose waves are all alike")
+def test_few_antennas() -> Iterator[Place]:
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
     for t, r in ((1, 1), (1, 10), (12, 1)):
         yield Place(f"{t} × {r} antennas", plate(t, r), points)
@@ -101,8 +114,8 @@ def _few_antennas() -> Iterator[Place]:
     yield Place("all antennas in one place", AntennaArray(0 * line, 0 * line), points)
 
 
-@_of_images
-def _far_origin() -> Iterator[Place]:
+@of_images("array and scene far from the origin", "error of images, scene and array moved together")
+def test_far_origin() -> Iterator[Place]:
     for offset_m in (1e3, 1e6, 9e6):
         for way in ([1, 0, 0], [0, 0, 1], [1, -1, 1]):
             moved, shift = plate(), offset_m * np.array(way)
@@ -110,16 +123,16 @@ def _far_origin() -> Iterator[Place]:
             yield Place(f"offset {offset_m:g} m along {way}", moved, cloud(40, (0, 0, 0.3)) + shift)
 
 
-@_of_images
-def _long_ranges() -> Iterator[Place]:
+@of_images("long ranges", "error of images whose phase is 10⁴ to 10⁹ turns")
+def test_long_ranges() -> Iterator[Place]:
     halves_m = {20.0: (0.05, 1e-3), 100.0: (5e-3,), 1e3: (1e-3, 0.05), 1e5: (0.05,), 1e6: (0.05,)}
     for range_m, half_m in ((range_m, half_m) for range_m, halves in halves_m.items() for half_m in halves):
         points = cloud(40, (0, 0, range_m), half_m)
         yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", plate(), points, draws=12)
 
 
-@_of_images
-def _tones() -> Iterator[Place]:
+@of_images("tones of every kind", "error of images, skeletons of tones that are all alike")
+def test_tones() -> Iterator[Place]:
     for name, tones_hz in (
         ("one tone", TONES_HZ[:1]),
         ("equal tones", np.full(9, 80e9)),
@@ -130,13 +143,15 @@ def _tones() -> Iterator[Place]:
         yield Place(name, plate(), cloud(40, (0, 0, 0.3)), tones_hz)
 
 
-def _many_tones() -> Seen:
+@hard_case("4096 uneven tones", quantity="error of images, drift along the tones", **PROMISED)
+def test_many_tones() -> Seen:
     tones_hz = np.random.default_rng(2).uniform(72e9, 82e9, 4096)
     place = Place("4096 tones", plate(3, 2), cloud(10, (0, 0, 0.3)), tones_hz, draws=1)
     return _shares(place, (None, 1e-5))
 
 
-def _grids() -> Seen:
+@hard_case("uneven and tiny grids", quantity="error of volumes by interpolation between nodes", **PROMISED)
+def test_grids() -> Seen:
     generator = np.random.default_rng(3)
     two = np.r_[1e-5 * np.arange(40), 0.1 + 1e-5 * np.arange(40)]
     uneven: list[np.ndarray] = [np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)]
@@ -164,7 +179,8 @@ def _grids() -> Seen:
             yield f"{name}, {_asked(tolerance)}", _relative(found, expected, least) / asked
 
 
-def _echoes() -> Seen:
+@hard_case("echoes of points close to antennas", quantity="error of echoes that fade as 1/R, R → 0", **PROMISED)
+def test_echoes() -> Seen:
     places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
     places |= {f"{r_m:g} m above antennas": plate(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
     places |= {"range 1e5 m": cloud(40, (0, 0, 1e5)), "behind the array": cloud(40, (0, 0, -0.3))}
@@ -196,17 +212,31 @@ def _with(value: float) -> np.ndarray:
     return points
 
 
-def _on_antenna() -> Works:
+@refusal("a scatterer on an antenna", "lies on an antenna", "leave it out")
+def test_on_antenna() -> Works:
+    """1/R has no value at R = 0: an echo of NaN would spoil all samples."""
     point = Scatterers(plate().tx_m[4:5], np.ones(1))
     for tolerance in (1e-5, None):
         yield f"tolerance {tolerance}", partial(simulate, point, TONES_HZ, plate(), tolerance=tolerance)
 
 
-def _voxels_nowhere() -> Works:
+@refusal("voxels at NaN and infinity", "points_m", "NaN or infinity")
+def test_voxels_nowhere() -> Works:
+    """No phase: an image of NaN, or a search for their neighbours without an end."""
     return _imaged((-np.inf, np.inf, np.nan))
 
 
-def _certificates() -> Seen:
+@hard_case(
+    "certificates of images",
+    kind="rigorous",
+    bound=1.0,
+    unit="of the certificate",
+    quantity="error of images of noise, leaks 40 dB above it, a target outside and a single channel",
+    reference="the direct sum in balls",
+)
+def test_certificates() -> Seen:
+    """A certificate is at least the error; eight exponential squares fall below 1/3.3² of their
+    mean once in 10⁶."""
     antennas = plate(30, 30)
     points_m = cloud(300, (0.02, -0.01, 0.3))
     for kind in ("noise", "a leak", "a target outside", "one channel"):
@@ -225,20 +255,29 @@ def _certificates() -> Seen:
             yield f"{kind}, {_asked(tolerance)}", _relative(found, expected) / certificate.bound
 
 
-def _voxels_beyond() -> Works:
+@refusal("voxels beyond 10⁷ m", "points_m", "expected metres")
+def test_voxels_beyond() -> Works:
+    """Float64 rounds paths there to more than a phase of 1e-5 rad can bear."""
     return _imaged((1e300, 1e20, 1.1e7))
 
 
-def _antennas() -> Works:
+@refusal("antennas at NaN, infinity and beyond 10⁷ m", "tx_m", "metres")
+def test_antennas() -> Works:
+    """As of voxels."""
     return (
         (f"at {value}", partial(AntennaArray, _with(value), _with(0.0))) for value in (1e300, 1.1e7, np.inf, np.nan)
     )
 
 
-def _unordered() -> Works:
+@refusal("axes that do not ascend", "x_m", "ascending")
+def test_unordered() -> Works:
+    """Nodes are counted from the first voxel to the last: a descending or shuffled axis has no
+    such order."""
     for axis in (UP[:0], np.r_[UP, 0.0], UP[::-1]):
         yield f"{axis}", partial(VoxelGrid, axis, UP, 0.3 + UP)
 
 
-def _axis_nowhere() -> Works:
+@refusal("an axis with NaN", "x_m")
+def test_axis_nowhere() -> Works:
+    """As of voxels."""
     return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))

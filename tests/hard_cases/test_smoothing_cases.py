@@ -4,11 +4,12 @@ from itertools import product
 
 import numpy as np
 
-from handbench.bench.studies.stability.balls import Balls, balls, off
-from handbench.bench.studies.stability.cases import Seen, U
 from handbench.radar.methods.smoothing import masked_mean
+from tests.hard_cases.cases import Seen, U, hard_case
+from tests.references.balls import Balls, balls, off
 
 LONG = 10_000_000
+SUMS = "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset and the quotient."
 
 
 def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> Balls:
@@ -42,7 +43,16 @@ def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarr
     return values
 
 
-def _holes() -> Seen:
+@hard_case(
+    "masked averages at borders and holes",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in balls",
+    reason=SUMS,
+)
+def test_holes() -> Seen:
     for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
         values = _map(size, share)
         weight = np.random.default_rng(size).random(values.shape) + 0.1
@@ -50,7 +60,18 @@ def _holes() -> Seen:
         yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
 
 
-def _drift() -> Seen:
+@hard_case(
+    "sums along 10⁷ samples",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="drift of the average, over its roundings",
+    reference="direct sums in balls at 2500 places: borders, the jump, and where a sum in double is furthest off",
+)
+def test_drift() -> Seen:
+    """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
+    and the quotient; each window is summed by itself, so that nothing adds up along the row's
+    10⁷ steps."""
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
     found = masked_mean(row[None], size)[0]
@@ -62,7 +83,16 @@ def _drift() -> Seen:
     return [(f"sample {chosen[error.argmax()]}", float(error.max() / ((2 * size + 10) * U * 1e3)))]
 
 
-def _lone() -> Seen:
+@hard_case(
+    "lone pixels and empty maps",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="change of what has no neighbour",
+    reference="the pixel itself, by direct sums in balls",
+    reason=SUMS,
+)
+def test_lone() -> Seen:
     for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
         values = np.full((9, 7), np.nan)
         values[y, x] = 0.28
@@ -71,13 +101,35 @@ def _lone() -> Seen:
         yield f"a map {shape} of {value}", _error(np.full(shape, value), 5)
 
 
-def _infinities() -> Seen:
+@hard_case(
+    "infinities among the values",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="error of the average, over its roundings",
+    reference="direct sums without them, in balls",
+)
+def test_infinities() -> Seen:
+    """What is not finite is a hole and reaches no neighbour; 2k + 10 roundings of 2⁻⁵³ each: k
+    products and k sums along each axis at most, the offset and the quotient."""
     values = _map(7, 0.1)
     values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
     return ((f"size {size}", _error(values, size)) for size in (3, 9))
 
 
-def _strong_and_weak() -> Seen:
+@hard_case(
+    "a strong pixel beside weak ones",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in balls",
+)
+def test_strong_and_weak() -> Seen:
+    """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
+    and the quotient: weights are positive and each window is summed by itself, so that no
+    rounding of a strong pixel reaches a window without it; float32 images span 166 decades of
+    power."""
     for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
         values = _map(decades, 0.1)
         weight = np.full(values.shape, 10.0**-decades)
@@ -85,7 +137,17 @@ def _strong_and_weak() -> Seen:
         yield f"10^{decades}, size {size}", _error(values, size, weight)
 
 
-def _outlier() -> Seen:
+@hard_case(
+    "an outlier beside the surface",
+    kind="rigorous",
+    bound=1.0,
+    unit="1",
+    quantity="error of the average, over its roundings",
+    reference="direct sums in balls",
+)
+def test_outlier() -> Seen:
+    """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
+    and the quotient, of the largest value: what an outlier costs its map is 2⁻⁵³ of itself."""
     for value, size in product((1.0, 1e3, 1e9, 1e100, 1e300), (3, 9)):
         values = _map(3, 0.1)
         values[18, 20] = value

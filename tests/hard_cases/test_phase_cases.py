@@ -10,9 +10,14 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-from handbench.bench.studies.stability.balls import LIGHT_M_S, PI, balls, off
-from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
-from handbench.bench.studies.stability.scenes import (
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.methods.confidence import wrap_probability
+from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig
+from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
+from tests.hard_cases.scenes import (
     FSK,
     HALF_M,
     LADDER_HZ,
@@ -33,12 +38,7 @@ from handbench.bench.studies.stability.scenes import (
     recorded,
     slack,
 )
-from handbench.radar.data.arrays import qar50
-from handbench.radar.data.grid import PixelGrid
-from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.confidence import wrap_probability
-from handbench.radar.methods.fsk import depth_step_m
-from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig
+from tests.references.balls import LIGHT_M_S, PI, balls, off
 
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
@@ -48,26 +48,19 @@ NEAREST_M = 0.14  # a first plane as near as the aperture is wide
 BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
 PAPER = ThreeToneConfig()
 NEARER_M = [POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M]
-BOUNDS = {
-    "across": 2 * U_SINGLE,
-    # x = 2a(a − |Δz|)/σ² takes four roundings, exponential, sum and quotient three; |dp/dx|·x = x·p(1 − p) ≤ 0.2239.
-    "wraps_at": (4 * 0.2239 + 3) * U,
-    "coarse_error": 1e3 * PERIOD_M / 2,
-    "tones_meet": 2 * (1 + 2 * 4 + 1) * U_SINGLE,  # of each tone's samples, both steerings and image
-    "order": 1e3 * C / (4 * np.pi * 0.2e9) * 8 * np.pi * U,
-    "far_tone": PAPER.wrap_probability,
-    # From nearer planes both errors are nearer; from behind they are of opposite signs.
-    "first_depth": 1e3 * (BESIDE_M + max(left_m(POINT_M, first_m) for first_m in NEARER_M)),
-    "first_depth_settled": 1e3 * (slack(POINT_M) * PAPER.settled_m + BESIDE_M),
-    "first_depth_beyond": PAPER.wrap_probability,
-    "at_the_edge": 1e3 * 2 * left_m((HALF_M, HALF_M, POINT_M[2]), PAPER.first_depth_m),
-    "outside": 1e3 * PERIOD_M / 2,
-    "outside_the_box": VOXEL_MM + 1e3 * 4 * U * 0.325,
-}
 Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
 
-def _across() -> Seen:
+@hard_case(
+    "a step at and across ±c/4Δf",
+    kind="rigorous",
+    bound=2 * U_SINGLE,
+    unit="rad",
+    quantity="error of the phase, periods apart",
+    reference="4πΔf·Δz/c wrapped, in balls",
+)
+def test_across() -> Seen:
+    """Each image rounds to single precision: 2⁻²⁴ rad at most, of two images 2⁻²³."""
     share = np.array([0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3])
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
         turns = sign * share / 2  # of the phase, from the step −Δz; exact
@@ -77,7 +70,17 @@ def _across() -> Seen:
         yield f"Δf {difference_hz / 1e9:g} GHz", off(0 * turns, (told + turns - periods) * 2 * PI).max()
 
 
-def _wraps_at() -> Seen:
+@hard_case(
+    "the probability of a wrap at the ambiguity",
+    kind="rigorous",
+    bound=(4 * 0.2239 + 3) * U,  # |dp/dx|·x = x·p(1 − p) ≤ 0.2239
+    unit="1",
+    quantity="wrap_probability",
+    reference="two Gaussian hypotheses, in balls",
+)
+def test_wraps_at() -> Seen:
+    """Four roundings of the exponent x, which turn p by x·p(1 − p) ≤ 0.224 of them, and three
+    of p itself, 2⁻⁵³ each."""
     step = np.array([0, 29.9, 30 - 1e-9, 30, 30 + 1e-9, 30.1, 60, 300])
     for sigma in (0.0, 1e-300, 1e-9, 1e-3, 1.0, 30.0, 1e9):
         found = wrap_probability(step, np.full(len(step), sigma), 30.0)
@@ -87,7 +90,18 @@ def _wraps_at() -> Seen:
         yield f"σ {sigma:g} mm", off(found, exact).max()
 
 
-def _coarse_error() -> Seen:
+@hard_case(
+    "the coarse error across ±30 mm",
+    kind="derived",
+    bound=1e3 * PERIOD_M / 2,
+    unit="mm",
+    quantity="depth off by half a period without flag",
+    reference="two planes a step apart",
+)
+def test_coarse_error() -> Seen:
+    """A filter across the edge is off by up to half the step; beyond 30 mm the third tone adds
+    a period, which must be flagged; no pixel without flag is off by more than half of one.
+    Pixels a resolution cell from the edge: nearer ones see both planes in one phase."""
     for height_mm in (20, 40, 60, 65, 70, 75, 80, 85, 90, 95, 100, 110):
         far_m = 0.26 + height_mm / 1000
         along = np.arange(-0.027, 0.0271, 0.006)
@@ -101,7 +115,17 @@ def _coarse_error() -> Seen:
             yield from by_flag(f"step {height_mm} mm, filter {size}", off_m[:, beside], flags(depth)[:, beside])
 
 
-def _tones_meet() -> Seen:
+@hard_case(
+    "a pair of tones that meet",
+    kind="derived",
+    bound=2 * (1 + 2 * 4 + 1) * U_SINGLE,  # of each tone's samples, both steerings and image
+    unit="rad",
+    quantity="error of the depth, over cΔφ/4πΔf of a rounding Δφ",
+    reference="the point",
+)
+def test_tones_meet() -> Seen:
+    """Samples and the image round to single precision by 2⁻²⁴, both steerings by 4·2⁻²⁴, at
+    each of two tones; the last micrometre is the factor 2's."""
     for difference_hz in (2e8, 2e7, 2e6, 2e5, 2e4, 2e3, 2e2, 20.0):
         tones = np.array([82e9, 82e9 - difference_hz])
         taken = recorded(POINT_M, tones)
@@ -110,7 +134,10 @@ def _tones_meet() -> Seen:
         yield f"Δf {difference_hz:g} Hz", max(abs(float(middle(depth.z_m)) - 0.28) - 1e-6, 0.0) / metres
 
 
-def _equal_tones() -> Works:
+@refusal("equal tones")
+def test_equal_tones() -> Works:
+    """φ/Δf has no value; every pair of a method, and a capture that lists a tone twice, must be
+    refused."""
     twice = [82e9, 82e9, 79.5e9]
     for id, measured_hz, values, words in (
         ("2fsk", twice, {"f2_hz": 82e9}, "same measured tone"),
@@ -123,7 +150,17 @@ def _equal_tones() -> Works:
         yield f"{id}, {values}", partial(depth_map, id, recorded(POINT_M, measured_hz), **values), words
 
 
-def _order() -> Seen:
+@hard_case(
+    "tones in another order",
+    kind="derived",
+    bound=1e3 * C / (4 * np.pi * 0.2e9) * 8 * np.pi * U,
+    unit="mm",
+    quantity="change of the depth",
+    reference="descending tones",
+)
+def test_order() -> Seen:
+    """Both signs of φ and Δf turn: what is left is the order of two sums in double
+    precision."""
     for id in ("2fsk", "3fsk", "3fsk-plus"):
         for turned, (f1, f2) in product((False, True), permutations((82e9, 81.8e9))):
             tones = np.array(LADDER_HZ)[:: -1 if turned else 1]
@@ -132,7 +169,17 @@ def _order() -> Seen:
             yield f"{id}, f1 {f1 / 1e9:g} GHz, file {'as' if turned else 'des'}cending", 1e3 * abs(there - usual)
 
 
-def _far_tone() -> Seen:
+@hard_case(
+    "a third tone far away",
+    kind="derived",
+    bound=PAPER.wrap_probability,
+    unit="1",
+    quantity="share of pixels off by half a period without flag",
+    reference="the flag's probability",
+)
+def test_far_tone() -> Seen:
+    """The ambiguity shrinks below the coarse error's 3σ; what then wraps more likely than 0.1
+    is flagged."""
     for f3_hz in (79.5e9, 76e9, 72e9, 60e9, 40e9, 20e9):
         tones = np.array([82e9, 81.8e9, f3_hz])
         clean = echoes(bumpy_points(), frequencies_hz=tones)
@@ -158,24 +205,81 @@ def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, c
             yield place, np.abs(depth.z_m - z_m)[on], flags(depth)[on]
 
 
-def _first_depth() -> Seen:
+@hard_case(
+    "a first depth 10 to 370 mm off, z_e corrected once",
+    kind="derived",
+    # From nearer planes both errors are nearer; from behind they are of opposite signs.
+    bound=1e3 * (BESIDE_M + max(left_m(POINT_M, first_m) for first_m in NEARER_M)),
+    unit="mm",
+    quantity="error on target",
+    reference="the point",
+)
+def test_first_depth() -> Seen:
+    """From planes no nearer than the aperture is wide, 0.14 m, one correction leaves 6 % of
+    itself, for the factor 2 of the path's derivative, and the pixel's own step 4 % of that,
+    0.24 mm; a pixel 12 mm beside the point sees its range, 0.26 mm nearer."""
     return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=NEAREST_M))
 
 
-def _first_depth_settled() -> Seen:
+@hard_case(
+    "a first depth 10 to 370 mm off, z_e settled",
+    kind="derived",
+    bound=1e3 * (slack(POINT_M) * PAPER.settled_m + BESIDE_M),
+    unit="mm",
+    quantity="error on target",
+    reference="the point",
+)
+def test_first_depth_settled() -> Seen:
+    """Each pass leaves 4 % of its correction, for the factor 2, and the last one is below 5 mm
+    (settled_m): 0.2 mm; a pixel 12 mm beside the point sees its range, 0.26 mm nearer."""
     return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING))
 
 
-def _first_depth_beyond(ids: tuple[str, ...] = FSK[1:]) -> Seen:
+def _silent_beyond(ids: tuple[str, ...]) -> Seen:
     for place, error, wrapped in _first_imaged(ids, within=False):
         yield place, float(np.mean((error > 0.005) & ~wrapped))
 
 
-def _first_depth_beyond_two() -> Seen:
-    return _first_depth_beyond(FSK[:1])
+@hard_case(
+    "a first depth 400 mm to 1 m off, with further tones",
+    kind="derived",
+    bound=PAPER.wrap_probability,
+    unit="1",
+    quantity="share of pixels wrong without flag",
+    reference="the flag's probability",
+)
+def test_first_depth_beyond() -> Seen:
+    """The pair settles 750 mm off, 12.5 periods of the third tone, whose step is then half a period:
+    likelier wrapped than wrap_probability, 0.1, at nine pixels of ten."""
+    return _silent_beyond(FSK[1:])
 
 
-def _two_maxima() -> Seen:
+@hard_case(
+    "a first depth 400 mm to 1 m off, two tones",
+    kind="measured",
+    bound=0.1,
+    unit="1",
+    quantity="share of pixels wrong without flag",
+    reference="no pixel",
+)
+def test_first_depth_beyond_two() -> Seen:
+    """Two tones tell depths 750 mm apart by their focus alone: those of wrong periods are
+    flagged where a plane a period away is sharper, and those behind the array."""
+    return _silent_beyond(FSK[:1])
+
+
+@hard_case(
+    "two equal maxima",
+    kind="derived",
+    bound=1.0,
+    unit="1",
+    quantity="error at the brighter point, over what the other's leak allows",
+    reference="the points",
+)
+def test_two_maxima() -> Seen:
+    """z_e settles on one of the two, whichever rounding prefers, and that one must be right: a
+    leak of the other, a share s of its amplitude, turns each image by s at most: cs/(2πΔf), and
+    twice what the factor 2 leaves, 0.37 mm."""
     array = qar50()
     along = np.arange(-0.024, 0.0241, STEP_M)
     first = PixelGrid(along, along).points_m(0.45).reshape(-1, 3)
@@ -201,14 +305,35 @@ def _images(samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     return exact_images(samples, np.array(LADDER_HZ), qar50(), points_m, apart=True)
 
 
-def _at_the_edge() -> Seen:
+@hard_case(
+    "a point at the image's edge",
+    kind="derived",
+    bound=1e3 * 2 * left_m((HALF_M, HALF_M, POINT_M[2]), PAPER.first_depth_m),
+    unit="mm",
+    quantity="error at the point's pixel",
+    reference="the point",
+)
+def test_at_the_edge() -> Seen:
+    """Out of focus by no more than 4.6 mm, 2.7 % of the first depth's 170: the factor 2 of the
+    path's derivative falls short of it by 4.3 %, 0.2 mm, and the filters' neighbours by as
+    much."""
     for id, (column, row) in product(FSK, ((0, 0), (0, 12), (12, 24), (24, 24))):
         point = ((column - 12) * STEP_M, (row - 12) * STEP_M, 0.28)
         depth = depth_map(id, recorded(point, LADDER_HZ))
         yield f"{id}, pixel {column}, {row}", 1e3 * abs(float(depth.z_m[row, column]) - 0.28)
 
 
-def _outside() -> Seen:
+@hard_case(
+    "a point outside the image",
+    kind="derived",
+    bound=1e3 * PERIOD_M / 2,
+    unit="mm",
+    quantity="depths on the map, off by half a period without flag",
+    reference="the sphere of the point's range",
+)
+def test_outside() -> Seen:
+    """What is seen inside is the point's sidelobe, whose range is the point's own within a
+    cell: no period off."""
     for id, beside_mm in product(FSK, (13, 15, 20, 30, 50, 80)):
         point = np.array([beside_mm / 1000, 0.0, 0.28])
         depth = depth_map(id, recorded(point, LADDER_HZ))
@@ -217,7 +342,17 @@ def _outside() -> Seen:
         yield from by_flag(f"{id}, {beside_mm} mm beside", off_m, flags(depth))
 
 
-def _outside_the_box() -> Seen:
+@hard_case(
+    "a point before and behind the projection's box",
+    kind="derived",
+    bound=VOXEL_MM + 1e3 * 4 * U * 0.325,
+    unit="mm",
+    quantity="error on target without flag",
+    reference="the point",
+)
+def test_outside_the_box() -> Seen:
+    """Within the box half a voxel; outside it the strongest voxel is the box's last, or a range
+    sidelobe whose tones do not agree: neither may pass for a depth."""
     for z_m in (0.245, 0.2454, 0.28, 0.3246, 0.325, 0.326, 0.33, 0.24, 0.335, 0.345, 0.35, 0.40, 0.2, 0.6):
         depth = depth_map("broadband", recorded((0, 0, z_m)))
         yield f"a point at {z_m:g} m", 1e3 * abs(float(middle(depth.z_m)) - z_m), bool(middle(flags(depth)))

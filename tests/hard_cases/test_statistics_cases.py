@@ -32,10 +32,10 @@ from handbench.bench.evaluation.statistics.paired import compare, corrected, f_t
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.results.result_folder import shown
 from handbench.bench.results.tables import each
-from handbench.bench.studies.stability.balls import balls, deviation, off, two_sided
-from handbench.bench.studies.stability.cases import Seen, U
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
+from tests.hard_cases.cases import Seen, U, hard_case
+from tests.references.balls import balls, deviation, off, two_sided
 
 EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
@@ -50,20 +50,6 @@ def pairwise_roundings(count: int) -> int:
     return 15 + 3 + max(int(np.ceil(np.log2(count / 128))), 0)
 
 
-BOUNDS = {
-    "pooled_deviation": 1.5 * (pairwise_roundings(SIDE**2) + 1),
-    "many_samples": 1.5 * (pairwise_roundings(SIDE**2) + 1) + 1112 / 2,
-    "all_equal": EPS,
-    "one_pixel": 4 / 2,  # square, root, quotient and millimetres, half an ε each
-    # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the mean's sum is alike in
-    # all depths and enters squared.
-    "precision_about_depth": 3 / 2,
-    # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p falls as t⁻⁴ at most.
-    "tiny_p": 4 * 13 * U + 6.9e-15,  # what Cephes states of its incomplete beta function
-    "not_finite": 1.5 * (pairwise_roundings(SIDE**2) + 1),
-}
-
-
 def told(figure: float | None) -> float:
     """The figure; NaN, which no bound allows, where none is given."""
     return np.nan if figure is None else figure
@@ -75,14 +61,34 @@ def a_map(error_m: np.ndarray) -> ErrorMap:
     return ErrorMap(x_m, y_m, error_m, np.full(error_m.shape, DEPTH_M))
 
 
-def _precision_about_depth() -> Seen:
+@hard_case(
+    "precision of 1 mm to 0 about 0.3 m",
+    kind="rigorous",
+    # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the mean's sum is alike in
+    # all depths and enters squared.
+    bound=3 / 2,
+    unit="roundings of 0.3 m",
+    quantity="error of the standard deviation",
+    reference="the deviation of the same depths, in balls",
+)
+def test_precision_about_depth() -> Seen:
+    """The depth, its mean and what is left of it are rounded, half an ε each."""
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
         off_m = 1e-3 * off(told(precision([z_m])["precision_mm"]), 1000 * deviation(z_m, lost=1))
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off_m) / (EPS * DEPTH_M)
 
 
-def _deviation_of_float32() -> Seen:
+@hard_case(
+    "variance of 1 µm about 0.3 m in float32 depths",
+    kind="rigorous",
+    bound=1.0,
+    unit="ε a repeat",
+    quantity="relative error of the deviation",
+    reference="the deviation of the same depths, in balls",
+)
+def test_deviation_of_float32() -> Seen:
+    """A rounding for each repeat that is summed."""
     for n, spread_m in product(REPEATS, (1e-3, 1e-6, 1e-7)):
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
         z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
@@ -91,7 +97,17 @@ def _deviation_of_float32() -> Seen:
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(error.max() / (n * EPS))
 
 
-def _pooled_deviation() -> Seen:
+@hard_case(
+    "pooled deviation of 1 mm to 0 about 0.3 m",
+    kind="rigorous",
+    bound=1.5 * (pairwise_roundings(SIDE**2) + 1),
+    unit="roundings of (0.3 m)²",
+    quantity="error of the variance",
+    reference="the variance of the same errors, in balls",
+)
+def test_pooled_deviation() -> Seen:
+    """Mean square less squared mean, in NumPy's pairwise sums, 18 + log₂(n/128) roundings each:
+    1 µm is told to 0.03 %, 10 nm is not."""
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
         error_m = DEPTH_M + spread_m * noise
@@ -100,7 +116,17 @@ def _pooled_deviation() -> Seen:
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
 
-def _many_samples() -> Seen:
+@hard_case(
+    "10⁸ samples",
+    kind="rigorous",
+    bound=1.5 * (pairwise_roundings(SIDE**2) + 1) + 1112 / 2,
+    unit="ε",
+    quantity="relative error of MAE, RMSE, bias and pooled MAE",
+    reference="the pixels' sums, in balls",
+)
+def test_many_samples() -> Seen:
+    """Pairwise sums of 90 000 pixels, 18 + log₂(n/128) roundings each, and 1112 captures, half
+    a rounding each, one by one."""
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one = of_captures([a_map(error_m)])
     found = averaged(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
@@ -120,7 +146,17 @@ def _relative(figure: float | None, exact: arb) -> float:
     return float(off(told(figure), exact)) / abs(float(exact))
 
 
-def _memory() -> float:
+@hard_case(
+    "memory of many maps",
+    kind="measured",
+    bound=1.25,
+    unit="1",
+    quantity="peak of 40 maps' figures over that of 4",
+    reference="4 maps",
+)
+def test_memory() -> Seen:
+    """Of a map that has been scored, twenty figures are left of 40 000 pixels."""
+
     def peak(maps: int) -> int:
         m = a_map(np.full((200, 200), 1e-3))
         tracemalloc.start()
@@ -130,10 +166,14 @@ def _memory() -> float:
         return found
 
     peak(1)  # what the first call keeps
-    return peak(40) / peak(4)
+    yield "40 maps", peak(40) / peak(4)
 
 
-def _all_equal() -> Seen:
+@hard_case(
+    "all values equal", kind="derived", bound=EPS, unit="1", quantity="spread, and 1 − p of a difference", reference="0"
+)
+def test_all_equal() -> Seen:
+    """One rounding of a depth in metres; no p from roundings."""
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
         yield f"precision at {z_m:g} m", told(precision(hands)["precision_mm"])
@@ -149,7 +189,16 @@ def _all_equal() -> Seen:
     yield "two equal methods", 1 - line.p_corrected
 
 
-def _rounding_alone() -> Seen:
+@hard_case(
+    "methods that differ by rounding alone",
+    kind="derived",
+    bound=0.0,
+    unit="pairs",
+    quantity="differences that are shown",
+    reference="none",
+)
+def test_rounding_alone() -> Seen:
+    """|z − z_ref| of z_ref ± e are one number, rounded twice."""
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
     for captures, error_m in product((1, 5, 8), np.linspace(1e-4, 5e-3, 12)):
@@ -158,7 +207,20 @@ def _rounding_alone() -> Seen:
         yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
 
 
-def _tiny_p() -> Seen:
+@hard_case(
+    "p-values down to 0",
+    kind="measured",
+    # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p falls as t⁻⁴ at most.
+    # 6.9e-15: what Cephes states of its incomplete beta function.
+    bound=4 * 13 * U + 6.9e-15,
+    unit="1",
+    quantity="relative error of p",
+    reference="the incomplete beta function of the same differences, in balls",
+)
+def test_tiny_p() -> Seen:
+    """13 roundings of t, four times as large in p, which falls as t⁻⁴ at most, and 6.9e-15 of
+    the incomplete beta function, the most that Cephes' documentation saw of its own; SciPy's
+    states none; t from 10⁻⁹ to 10⁸."""
     apart = np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) / np.sqrt(5 / 8)  # deviation 1
     for t in (*np.logspace(-9, 3, 37), 37.0, 1e5, 1e8):
         gained = balls(b := t / sqrt(5) + apart)
@@ -168,7 +230,17 @@ def _tiny_p() -> Seen:
     yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
 
 
-def _ties() -> Seen:
+@hard_case(
+    "Holm's correction with ties",
+    kind="derived",
+    bound=0.0,
+    unit="1",
+    quantity="largest difference of a corrected p",
+    reference="closed testing: the largest Bonferroni p of all sets that hold it",
+)
+def test_ties() -> Seen:
+    """Both are products of the same two numbers."""
+
     def closed(p: list[float]) -> list[float]:
         sets = [s for size in range(1, len(p) + 1) for s in combinations(range(len(p)), size)]
         return [max(min(len(s) * min(p[k] for k in s), 1.0) for s in sets if i in s) for i in range(len(p))]
@@ -188,7 +260,17 @@ def _interval(values: np.ndarray) -> tuple[arb, arb]:
     return mean - spread * 3 / skew * (low - 1), mean - spread * 3 / skew * (high - 1)
 
 
-def _any_size() -> Seen:
+@hard_case(
+    "figures of any size",
+    kind="measured",
+    bound=64.0,
+    unit="ε",
+    quantity="relative error of the interval's ends",
+    reference="the interval of the same figures, in balls",
+)
+def test_any_size() -> Seen:
+    """A scale goes through mean, deviation and skewness, some roundings each; cubes of 10⁻¹⁵⁰
+    would underflow."""
     values = np.array([1.0, 4.0, 2.5, 3.5, 9.0])
     for size in (1e-150, 1e-100, 1e-60, 1.0, 1e60, 1e100, 1e150):
         ends = zip(mean_interval(size * values) or (np.nan, np.nan), _interval(size * values), strict=True)
@@ -197,7 +279,16 @@ def _any_size() -> Seen:
         yield f"{gone}", 0.0 if mean_interval([*values[:4], gone]) is None else np.inf
 
 
-def _not_finite() -> Seen:
+@hard_case(
+    "NaN and infinite values",
+    kind="rigorous",
+    bound=1.5 * (pairwise_roundings(SIDE**2) + 1),
+    unit="ε",
+    quantity="relative error of MAE, RMSE, median and precision",
+    reference="the finite values alone, in balls",
+)
+def test_not_finite() -> Seen:
+    """Pairwise sums, and the square root's half; nothing that is not finite may enter."""
     rng, x_m = np.random.default_rng(0), PIXEL_M * np.arange(SIDE)
     for broken, share in product((np.nan, np.inf, -np.inf), (0.01, 0.5, 0.999)):
         z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
@@ -216,7 +307,16 @@ def _not_finite() -> Seen:
         yield f"strongest with {broken}", 0.0 if found_m[0] == strongest_m else np.inf
 
 
-def _empty() -> Seen:
+@hard_case(
+    "empty maps",
+    kind="derived",
+    bound=0.0,
+    unit="figures",
+    quantity="figures that are given all the same",
+    reference="none",
+)
+def test_empty() -> Seen:
+    """Nothing is observed: no figure has anything to stand on."""
     shape, x_m = (40, 40), PIXEL_M * np.arange(40)
     holes, no_pixel, no_row = (a_map(np.full(size, np.nan)) for size in (shape, (0, 0), (0, 5)))
     unobserved = error_map(x_m, x_m, np.full(shape, np.inf), np.full(shape, DEPTH_M), met=np.ones(shape, bool))
@@ -237,7 +337,16 @@ def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
     return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
 
 
-def _one_pixel() -> Seen:
+@hard_case(
+    "one pixel",
+    kind="derived",
+    bound=4 / 2,
+    unit="ε",
+    quantity="relative error of its figures; infinite where an interval is given",
+    reference="its error",
+)
+def test_one_pixel() -> Seen:
+    """Roundings of its square, its root, a quotient and millimetres."""
     for error_m in (1e-12, -1e-6, 1e-3, -0.3, 1e6):
         m, size_m = a_map(np.array([[error_m]])), abs(error_m)
         found = pool([m])

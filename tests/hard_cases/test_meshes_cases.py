@@ -12,12 +12,12 @@ import psutil
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.studies.stability.balls import balls, off
-from handbench.bench.studies.stability.cases import U_SINGLE, Seen, U, Works
 from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.support.rays import Rays
+from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
+from tests.references.balls import balls, off
 
 SLOPES, DEPTH_M = np.array([0.5, -0.3]), 0.3
 
@@ -84,18 +84,19 @@ GRID_M = np.linspace(-0.09, 0.09, 37)
 ROUNDED_M = (2 * 3 + 5 + 1) * U * 0.5
 SHEET_M = 0.13  # furthest from the axis
 FACE_BYTES = 0.5 * 28 + 13  # of a PLY: half a vertex of three doubles and a float, three indices and their count
-BOUNDS = {
-    "grazing": ROUNDED_M,
-    "fins": U_SINGLE * SHEET_M / EDGE_ON,
-    "slivers": ROUNDED_M,
-    "soups": ROUNDED_M,
-    "layers": 4 * U_SINGLE * LARGEST_M[2],
-    "at_edges": 0.5**2,
-    "memory": 8 * FACE_BYTES * 1e7 / 1e9,  # `require_free` asks for 8 times a PLY file
-}
 
 
-def _grazing() -> Seen:
+@hard_case(
+    "grazing planes",
+    kind="rigorous",
+    bound=ROUNDED_M,
+    unit="m",
+    quantity="error of depth, slopes to 10⁴ and past what is shown",
+    reference="the plane, in balls; beyond, nothing",
+)
+def test_grazing() -> Seen:
+    """A plane's depth is formed in double on the triangle that is hit: twelve roundings of 0.5
+    m; steeper than 10⁴ a triangle is on edge, and no depth of it is told."""
     for slope in (1.0, 1e2, 9e3, 1.1e4, 1e6, 1e8):
         half_m, slopes = 0.1 / slope, np.array([slope, 0.0])
         xy = np.array([[-half_m, -0.1], [half_m, -0.1], [half_m, 0.1], [-half_m, 0.1]])
@@ -104,7 +105,16 @@ def _grazing() -> Seen:
         yield f"slope {slope:g}", beyond if slope > 1e4 else plane_error_m(z_m, GRID_M / slope, GRID_M, slopes)
 
 
-def _fins() -> Seen:
+@hard_case(
+    "fins that share an edge with a sheet",
+    kind="rigorous",
+    bound=U_SINGLE * SHEET_M / EDGE_ON,
+    unit="m",
+    quantity="error of depth where a ray may choose a steep face",
+    reference="the plane, in balls",
+)
+def test_fins() -> Seen:
+    """A ray's place rounds by 2⁻²⁴ of 0.13 m, times the steepest slope that is shown, 10⁴."""
     vertices, faces = sheet(30)
     axis = np.linspace(-0.1, 0.1, 61)[1:-1]  # vertices and middles of edges
     for top_m in ([0, 0, 0.9], [0.01, 0.003, 5.0], [1e-6, 1e-5, 50.0]):
@@ -113,7 +123,17 @@ def _fins() -> Seen:
         yield f"fins up to {top_m}", plane_error_m(depth(*mesh, axis, axis), axis, axis)
 
 
-def _slivers() -> Seen:
+@hard_case(
+    "slivers",
+    kind="rigorous",
+    bound=ROUNDED_M,
+    unit="m",
+    quantity="error of depth on triangles of aspect 10² to 10⁸, over the aspect",
+    reference="the plane, in balls",
+)
+def test_slivers() -> Seen:
+    """Their normal is a difference of products that are larger by the aspect, and so are the
+    twelve roundings of 0.5 m."""
     for aspect in (1e2, 1e4, 1e6, 1e8):
         height_m, turn = 0.2 / aspect, Rotation.from_euler("z", 30, degrees=True).as_matrix()[:2, :2]
         rows = np.array([-0.1, -height_m / 2, height_m / 2, 0.1])
@@ -125,7 +145,17 @@ def _slivers() -> Seen:
         yield f"aspect {aspect:g}", error_m / aspect
 
 
-def _soups() -> Seen:
+@hard_case(
+    "soups, doubles and turned faces",
+    kind="rigorous",
+    bound=ROUNDED_M,
+    unit="m",
+    quantity="error of depth of a mesh that no rule of meshes holds for",
+    reference="the plane, in balls",
+)
+def test_soups() -> Seen:
+    """A plane's depth is formed in double on the triangle that is hit: twelve roundings of 0.5
+    m; which of two equal triangles is hit changes nothing."""
     vertices, faces = sheet(30)
     generator = np.random.default_rng(1)
     turned = np.where(generator.random(len(faces))[:, None] < 0.5, faces[:, ::-1], faces)
@@ -141,7 +171,16 @@ def _soups() -> Seen:
     return ((name, plane_error_m(depth(*mesh, GRID_M, GRID_M), GRID_M, GRID_M)) for name, mesh in meshes.items())
 
 
-def _holes() -> Seen:
+@hard_case(
+    "holes",
+    kind="derived",
+    bound=0.0,
+    unit="pixels",
+    quantity="pixels whose depth is invented, lost or of the wrong layer",
+    reference="which squares are left",
+)
+def test_holes() -> Seen:
+    """A ray through a hole has no depth, or that of what lies behind."""
     cells = 36
     vertices, faces = sheet(cells, 0.09)
     middles = between(cells, 0.09) + 3e-4  # off the diagonal
@@ -168,11 +207,34 @@ def _ball_share(rings: int, flip: int, offset_m: float) -> float:
     return float(off(z_m[inside], exact).max() / largest_m)
 
 
-def _far() -> Seen:
+@hard_case(
+    "mesh and grid far from the origin",
+    kind="rigorous",
+    bound=1.0,
+    unit="of the bound on it",
+    quantity="error of a ball's depth, mesh and grid moved together",
+    reference="the sphere, in balls",
+)
+def test_far() -> Seen:
+    """Corners lie on the sphere, faces within it by r(1 − cos π/√2n) at most for n rings, seen
+    under the sphere's slope: over its cosine, 0.31 at 0.95 r, and as much again for how the
+    slope changes there; rays count from the grid, so that single precision does not choose
+    another face."""
     return ((f"offset {offset_m:g} m", _ball_share(40, 1, offset_m)) for offset_m in (1.0, 1e3, 1e5, 1e6))
 
 
-def _layers() -> Seen:
+@hard_case(
+    "layers behind a stray face",
+    kind="rigorous",
+    bound=4 * U_SINGLE * LARGEST_M[2],
+    unit="m",
+    quantity="error of depth of the nearer of two layers",
+    reference="the nearer plane, in balls",
+)
+def test_layers() -> Seen:
+    """Rays start before the stray face and meet the layers after 250 m at most, rounded by a
+    few 2⁻²⁴ of that: layers nearer to each other are not told apart; a mesh that spans more is
+    refused."""
     vertices, faces = sheet(4)
     for far_m, gap_m in product((1.0, 30.0, 249.0), (1e-2, 1e-3, 1e-4, 1e-5)):
         stray = [[0.3, 0.3, -far_m], [0.31, 0.3, -far_m], [0.3, 0.31, -far_m]]
@@ -183,7 +245,10 @@ def _layers() -> Seen:
         yield f"stray by {far_m:g} m, layers {1e3 * gap_m:g} mm apart", error_m
 
 
-def _millimetres() -> Works:
+@refusal("a mesh in millimetres", "in millimetres?", "200 ×")
+def test_millimetres() -> Works:
+    """Its depth would be off by 300 m, or all pixels unobserved: a mean of them is not a
+    figure."""
     vertices, faces = sheet(10)
     yield "1000 times as large", lambda: depth(1e3 * vertices, faces, GRID_M, GRID_M)
 
@@ -191,7 +256,16 @@ def _millimetres() -> Works:
 EYES_M = np.array([[0.07, 0.07, 0.0], [-0.3, 0.2, 0.3], [0.0, 0.0, 20.0]])
 
 
-def _watertight() -> Seen:
+@hard_case(
+    "rays through vertices and edges",
+    kind="derived",
+    bound=0.0,
+    unit="rays",
+    quantity="rays that slip through a closed sheet",
+    reference="none",
+)
+def test_watertight() -> Seen:
+    """The ray caster's edge tests are watertight: neighbours share each edge's sign."""
     for n, half_m in product((7, 30, 128), (0.1, 0.13)):
         corners = np.linspace(-half_m, half_m, n + 1)[1:-1]  # the rim belongs to the sheet only in part
         slipped = (np.isnan(depth(*sheet(n, half_m), axis, axis)).sum() for axis in (corners, between(n, half_m)))
@@ -215,7 +289,17 @@ def _slipped(rings: int, aims: np.ndarray, eye_m: np.ndarray) -> float:
     return float((along[facing] > 1 + 1e-3).mean())
 
 
-def _oblique() -> Seen:
+@hard_case(
+    "oblique rays onto a closed ball",
+    kind="derived",
+    bound=1.0,
+    unit="1",
+    quantity="share of rays that slip through, over that of rays within rounding of an edge",
+    reference="none",
+)
+def test_oblique() -> Seen:
+    """An oblique ray's edge tests round by 2⁻²² of its way: as many rays as pass an edge within
+    that may slip."""
     for rings, eye_m in product((16, 60), EYES_M):
         vertices, faces = ball(rings)
         generator = np.random.default_rng(3)
@@ -226,14 +310,35 @@ def _oblique() -> Seen:
         yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
 
 
-def _at_edges() -> Seen:
+@hard_case(
+    "oblique rays exactly through vertices and edges",
+    kind="measured",
+    bound=0.5**2,
+    unit="1",
+    quantity="share of rays that slip through",
+    reference="none",
+)
+def test_at_edges() -> Seen:
+    """Single precision decides for each of the two faces at an edge by itself whether the ray
+    meets it: both say no in a quarter of the cases, were they independent and even; rays along
+    z, which depth maps are made of, do not slip at all."""
     for rings, eye_m in product((8, 24, 60), EYES_M):
         vertices, faces = ball(rings)
         aims = np.concatenate([vertices, vertices[faces[:, :2]].mean(axis=1)])
         yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m)
 
 
-def _own_surface() -> Seen:
+@hard_case(
+    "points on their own surface",
+    kind="derived",
+    bound=0.0,
+    unit="points",
+    quantity="points that hide themselves, or shine through",
+    reference="n·(eye − p) of a ball",
+)
+def test_own_surface() -> Seen:
+    """Rays start 0.2 mm above the surface, many times single precision's step up to 500 m,
+    where meshes end; points seen within 0.1 rad of grazing are not asked."""
     for range_m in (0.1, 0.3, 2.0, 20.0, 400.0):
         vertices, faces = ball(40, 0.05, (0, 0, range_m))
         corners = vertices[faces]
@@ -246,12 +351,16 @@ def _own_surface() -> Seen:
         yield f"range {range_m:g} m", wrong[np.abs(cosine) > 0.1].sum()
 
 
-def _far_scene() -> Works:
+@refusal("a scene beyond single precision", "single precision")
+def test_far_scene() -> Works:
+    """Half a kilometre away a surface and what hides it round to one place."""
     vertices, faces = sheet(10)
     yield "600 m away", lambda: Rays(vertices + 600, faces)
 
 
-def _beyond_memory() -> Works:
+@refusal("a mesh beyond the memory", "memory are free", "simplify the mesh")
+def test_beyond_memory() -> Works:
+    """Reading takes several times the file's size: what is not free is not begun."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "a.ply"
         with file.open("wb") as stream:
@@ -259,7 +368,16 @@ def _beyond_memory() -> Works:
         yield file.name, lambda: read_triangles(file)
 
 
-def _memory() -> float:
+@hard_case(
+    "memory for 10⁷ faces",
+    kind="derived",
+    bound=8 * FACE_BYTES * 1e7 / 1e9,  # `require_free` asks for 8 times a PLY file
+    unit="GB",
+    quantity="memory that reading takes, for each face of 10⁷",
+    reference="the peak at 5·10⁴ faces, in proportion",
+)
+def test_memory() -> Seen:
+    """8 times the file's 27 bytes a face, what is asked for before reading."""
     vertices, faces = sheet(158)
     with tempfile.TemporaryDirectory() as folder:
         surface(vertices, faces).save(Path(folder) / "a.ply")
@@ -267,4 +385,4 @@ def _memory() -> float:
         read_triangles(Path(folder) / "a.ply")
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    return 1e7 * peak / len(faces) / 1e9
+    yield f"{len(faces)} faces", 1e7 * peak / len(faces) / 1e9
