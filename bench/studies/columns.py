@@ -1,4 +1,4 @@
-"""The tables of a study: records of plain values, columns (columns.toml) that say what they hold, both as Markdown."""
+"""Tables of measurements: records of plain values, columns that define them, both as Markdown."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,15 +6,9 @@ from typing import Any
 
 import pandas as pd
 
-from handbench.bench.results.tables import Column, declared
+from handbench.bench.results.tables import Column
 
 Record = dict[str, Any]
-SCHEMAS = declared(__file__)
-
-
-def columns(name: str) -> tuple[Column, ...]:
-    """The columns of a table of columns.toml, as exact.rows."""
-    return SCHEMAS[name].columns
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from importlib import import_module
 from importlib.metadata import version
 
 from handbench.cli.options import COMMANDS, add_options, declared
-from handbench.cli.study import add_studies
 from handbench.support.errors import HandbenchError
 
 LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 FORMER = {  # commands of earlier versions: what takes their place
-    "stability": "'make hard-cases' in a clone"
+    "stability": "'make hard-cases' in a clone",
+    "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
@@ -99,8 +99,6 @@ def parser() -> argparse.ArgumentParser:
     for name, entry in declared(COMMANDS).items():
         command = commands.add_parser(name, help=entry["help"], description=entry["help"])
         add_options(command, entry["options"])
-        if name == "study":
-            add_studies(command)
         command.set_defaults(module=entry.get("module", name))
     return top
 

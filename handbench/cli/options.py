@@ -1,4 +1,4 @@
-"""Options as commands.toml and studies.toml declare them, and refusals to overwrite."""
+"""Options as commands.toml declares them, and refusals to overwrite."""
 
 import argparse
 import tomllib
@@ -38,7 +38,7 @@ TYPES = {"int": int, "float": float, "path": Path, "str": str, "positive": posit
 
 @cache
 def declared(file: Path) -> dict[str, dict[str, Any]]:
-    """Each command's entry in commands.toml, or study's in studies.toml."""
+    """Each command's entry in commands.toml."""
     return tomllib.loads(file.read_text("utf-8"))
 
 

@@ -1,8 +1,10 @@
 """The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
 axes or centres; and their exact echoes, kept in files: they need not be made again when the simulation changes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,9 @@ from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from handbench.bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, cylinder_echoes
 from handbench.bench.studies.exact.mie_series import Sphere, sphere_echoes
 from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.registry import method
 from handbench.radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from handbench.radar.simulation.scene import Body, Material
 from handbench.support.errors import HandbenchError
@@ -18,6 +23,9 @@ from handbench.support.rays import TriangleMesh, load_open3d
 
 HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
+LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
+TONES = 26  # of broadband: its depths repeat every 375 mm
+METHODS: dict[str, dict[str, Any]] = {"2fsk": {}, "3fsk": {}, "nfsk-plus": {}, "broadband": {"count": TONES}}
 FINGER_M, PALM_M = 8e-3, 25e-3  # radii
 MATERIALS = {
     "metal": Material(),
@@ -152,3 +160,16 @@ def kept_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray, fol
     folder.mkdir(parents=True, exist_ok=True)
     write_npz(path, samples=samples, frequencies_hz=frequencies_hz)
     return samples
+
+
+def tones_hz(which: str = "all") -> np.ndarray:
+    """The tones of the FSK methods, or of all methods, ascending."""
+    ladder = method("nfsk-plus").configure({}, "exact").tones_hz  # type: ignore[attr-defined]
+    return np.unique([*ladder, *(np.linspace(72e9, 82e9, TONES) if which == "all" else ())])
+
+
+def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
+    """Depth maps of the first frame."""
+    return {
+        name: method(name).run(capture, method(name).configure(METHODS[name], "exact"), 0).depth for name in methods
+    }

@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass, replace
 
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
-from handbench.bench.studies.columns import Record, Table, columns
+from handbench.bench.results.tables import declared
+from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.tradeoff.settings import setting_path
 from handbench.support.errors import HandbenchError
 
@@ -150,7 +151,7 @@ def _front(section: Section, settings: tuple[Setting, ...]) -> Table:
     best = [s.name for s in front(settings)]
     unit = next((s.seconds for s in settings if s.name == section.reference), None)
     shown = sorted((s for s in settings if s.name in best or s.on_method_front), key=lambda s: s.seconds)
-    known = [replace(c, heading=section.unit) if c.name == "error" else c for c in columns("tradeoff.front")]
+    known = [replace(c, heading=section.unit) if c.name == "error" else c for c in declared(__file__)["front"].columns]
     records: list[Record] = [
         {
             **asdict(s),

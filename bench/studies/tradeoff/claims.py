@@ -23,7 +23,7 @@ from handbench.bench.pipeline.image import configuration
 from handbench.bench.results import Claim, Setting
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.sweep import ImagingSetting
-from handbench.bench.studies.study import in_turns
+from handbench.bench.studies.tradeoff.measuring import in_turns
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume

@@ -19,9 +19,9 @@ from handbench.bench.results import (
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.planned_cost import of_sweep
 from handbench.bench.run.sweep import Sweep, completed, imaging_settings, known_configs
-from handbench.bench.studies.study import carried_out, stand
 from handbench.bench.studies.tradeoff import imaging_stage
 from handbench.bench.studies.tradeoff.answer import front, rank, with_acquisition
+from handbench.bench.studies.tradeoff.measuring import carried_out, stand
 from handbench.bench.studies.tradeoff.opening import Context, Opened, opened
 from handbench.bench.studies.tradeoff.settings import FOLDER, write_settings
 from handbench.support.config import parse

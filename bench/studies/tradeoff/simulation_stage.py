@@ -9,10 +9,9 @@ from pydantic import AfterValidator, Field, field_validator
 
 from handbench.bench.results import Section, Setting
 from handbench.bench.scenes.scene_file import known_effects
-from handbench.bench.studies.exact.cases import Case, body, cases, kept_echoes
+from handbench.bench.studies.exact.cases import LONG_M, Case, body, cases, kept_echoes, maps, tones_hz
 from handbench.bench.studies.exact.cylinders import ALONG
-from handbench.bench.studies.exact.measure import LONG_M, maps, tones_hz
-from handbench.bench.studies.study import in_turns
+from handbench.bench.studies.tradeoff.measuring import in_turns
 from handbench.bench.studies.tradeoff.opening import Context, line, section
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
@@ -29,7 +28,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class SimulationKnobs(Config):
-    """scenes: of `handbench study exact`, dipoles along the cylinders. Facets' and mirrors' edges that fit into the
+    """scenes: of studies/exact/cases.py, dipoles along the cylinders. Facets' and mirrors' edges that fit into the
     shortest wavelength, at least, and how much farther apart than in every simulation the antennas are for which two
     bounces are traced. without: lists of effects that are left out of all; [] leaves out none. tolerance_mm: of
     `effects = "auto"`. The first of each is combined with the others' first, and facets with all of `without`."""

@@ -1,6 +1,5 @@
 """The predicted cost of a run by what it counts; what is refused, before anything is made of it."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from handbench.bench.pipeline.image import require_near
 from handbench.bench.run import planned_cost
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.studies.study import carried_out
 from handbench.cli.main import main
 from handbench.groundtruth.options import BASE_BYTES, DEPTHS_S, FEATURES_S, PAIR_S
 from handbench.groundtruth.options import predicted as predicted_of_photographs
@@ -124,20 +122,3 @@ def test_photographs_count_themselves_their_pairs_and_their_pixels():
     assert three - 2 * two + one == pytest.approx(PAIR_S)
     small, large = (predicted_of_photographs(2, megapixels, "high")[0] for megapixels in (8.0, 9.0))
     assert large - small == pytest.approx(FEATURES_S + DEPTHS_S["high"])
-
-
-def test_a_study_tells_after_its_first_case_what_the_others_take_and_refuses_too_much(monkeypatch):
-    done: list[int] = []
-
-    def measure(case: int) -> None:
-        done.append(case)
-        time.sleep(0.02)
-
-    carried_out(range(3), measure, str, "few", alike=True)
-    assert done == [0, 1, 2]
-    monkeypatch.setenv("HANDBENCH_HOURS", "0.01")
-    with pytest.raises(HandbenchError, match=r"many: the other 9999 cases, if .* would take about"):
-        carried_out(range(10_000), measure, str, "many", alike=True)
-    assert len(done) == 4
-    carried_out(range(10_000, 10_002), measure, str, "unlike")
-    assert len(done) == 6

@@ -23,7 +23,6 @@ from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.fsk import two_tone
 from handbench.radar.methods.fsk_config import TwoToneConfig
@@ -32,6 +31,7 @@ from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study
 
 STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to the noise
 STEP = "of the iteration, from the closed form of a point scatterer, σ_z = c/(4πΔf)·σ_φ"

@@ -22,7 +22,6 @@ from PIL import Image
 
 from handbench.bench.results.tables import declared
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import pycolmap, registered
 from handbench.groundtruth.options import SparseOptions
@@ -32,6 +31,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import require_folder
 from handbench.support.store import keep
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study
 
 SCHEMAS = declared(__file__)
 Intrinsics = tuple[float, float, float, float]

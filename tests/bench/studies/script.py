@@ -1,4 +1,4 @@
-"""Studies that lie with the tests, as scripts: their options, files and tables are those of `handbench study`."""
+"""Studies as scripts: their common options, and the files that they write."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from handbench.bench.studies.study import Study, run
 from handbench.radar.imaging.device import use_device
 from handbench.support.errors import HandbenchError
+from tests.bench.studies.study import Study, run
 
 
 def measured(

@@ -7,12 +7,8 @@ import json
 import pandas as pd
 import pytest
 
-from handbench.cli.main import main
-from handbench.cli.options import declared
-from handbench.cli.study import STUDIES
 from tests.bench.studies.engine import measure_engine
-
-SMALLEST = {"exact": ["--tones", "few", "--only", "sphere of 2 mm, metal"]}
+from tests.bench.studies.exact import measure_exact
 
 
 @pytest.mark.slow
@@ -29,18 +25,12 @@ def test_the_engine_s_benchmark_runs(tmp_path, capsys, monkeypatch):
     assert "3-FSK frame" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", SMALLEST)
-def test_a_study_runs(name, tmp_path, capsys):
-    assert main(["study", name, *SMALLEST[name], "-o", str(tmp_path)]) == 0
+def test_the_exact_scenes_are_measured(tmp_path, capsys, monkeypatch):
+    smallest = ["--tones", "few", "--only", "sphere of 2 mm, metal"]
+    monkeypatch.setattr("sys.argv", ["measure_exact", *smallest, "-o", str(tmp_path)])
+    measure_exact.main()
     [content] = [json.loads(file.read_text()) for file in tmp_path.glob("*.json")]
     assert content["rows"] and content["failures"] == {}
     assert not pd.read_csv(next(tmp_path.glob("*.csv"))).empty
     assert next(tmp_path.glob("*.md")).read_text().startswith("# ")
     assert "| " in capsys.readouterr().out
-
-
-def test_every_study_is_there(tmp_path, capsys):
-    """--only with a name that no case has: the study is imported and made, and nothing is measured."""
-    for name in declared(STUDIES):
-        assert main(["study", name, "--only", "no such case", "-o", str(tmp_path)]) == 2
-        assert f"no case of '{name}" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import pytest
 
 NEEDED = {
     "registration.measure_registration": ["faults"],
+    "exact.measure_exact": [],
     "renderers.measure_renderers": [],
     "engine.measure_engine": [],
     "engine.foreign_engines": [],

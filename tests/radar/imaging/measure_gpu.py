@@ -20,7 +20,6 @@ import numpy as np
 
 from handbench.bench.results.tables import Column
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
@@ -32,6 +31,7 @@ from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study
 
 TOLERANCE = 1e-3
 SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handbench.bench.studies.study import relative_error
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles, write_mesh
 from handbench.radar.data.arrays import AntennaArray, Aperture, PlanarScan, qar50
@@ -27,6 +26,7 @@ from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.rays import Rays
+from tests.bench.studies.study import relative_error
 from tests.hard_cases.cases import U_SINGLE as U
 from tests.hard_cases.cases import U as U_DOUBLE
 from tests.hard_cases.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array, white_noise

@@ -23,7 +23,6 @@ from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import BLUE, GREY, VERMILION, Study
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -33,6 +32,7 @@ from handbench.radar.simulation.selection import CONTAINED, EFFECTS
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation.ablation_cases import Case, cases, scene_file
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import BLUE, GREY, VERMILION, Study
 
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 REPEATED = ("2fsk", "3fsk")  # methods whose precision is measured

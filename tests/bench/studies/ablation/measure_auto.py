@@ -22,7 +22,6 @@ from handbench.bench.scenes.build import Scene, load_scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
 from handbench.radar.simulation.known_effects import Choice
@@ -35,6 +34,7 @@ from handbench.radar.simulation.triage import LOST_MM
 from handbench.support.errors import HandbenchError
 from tests.bench.studies.ablation.assorted_scenes import assorted_scene
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study
 
 SCHEMAS = declared(__file__)
 SCENES = Path(__file__).parent / "scenes"

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 
 from handbench.bench.results.tables import declared
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Study, relative_error
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.cpu.exact import exact_sums
 from handbench.support.errors import HandbenchError
@@ -26,6 +25,7 @@ from handbench.support.progress import track
 from tests.bench.studies import script
 from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contenders, engines, power
 from tests.bench.studies.engine.scope import Inputs, Scope
+from tests.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Study, relative_error
 
 SCHEMAS = declared(__file__)
 SMALL = Scope(

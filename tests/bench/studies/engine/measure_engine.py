@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 
 from handbench.bench.results.tables import declared, each
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 from tests.bench.studies import script
 from tests.bench.studies.engine.checks import bars, compilation, growth
 from tests.bench.studies.engine.roofline import roofline_rows
 from tests.bench.studies.engine.scope import QUICK, Inputs, Scope
 from tests.bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
+from tests.bench.studies.study import BLUE, GREEN, GREY, VERMILION, Study
 
 SECTIONS = {
     "compilation": compilation,

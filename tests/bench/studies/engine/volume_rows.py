@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.studies.columns import Record
-from handbench.bench.studies.study import relative_error
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume, project_volume
@@ -21,6 +20,7 @@ from tests.bench.studies.engine import textbook
 from tests.bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.turns import Case, Measured, Work, everything, interleaved, named
+from tests.bench.studies.study import relative_error
 
 TOLERANCES = (None, 1e-3, 1e-5)
 FRAMES = 10  # timed together: a radar images frame after frame

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.studies.columns import Record
-from handbench.bench.studies.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes
+from handbench.bench.studies.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes, maps
 from handbench.bench.studies.exact.cylinders import ALONG
-from handbench.bench.studies.exact.measure import REFLECTION, compared, maps
-from handbench.bench.studies.study import relative_error
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
+from tests.bench.studies.exact.measure_exact import REFLECTION, compared
+from tests.bench.studies.study import relative_error
 
 FOLDER = Path(__file__).parent / "echoes"
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])

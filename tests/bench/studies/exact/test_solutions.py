@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from handbench.bench.studies.exact import cases as scenes
-from handbench.bench.studies.exact import measure
 from handbench.bench.studies.exact.cases import SCENES, Case, cases, front_m
-from handbench.bench.studies.exact.measure import draw
 from handbench.radar.data.arrays import AntennaArray
 from handbench.support.errors import HandbenchError
+from tests.bench.studies.exact import measure_exact
+from tests.bench.studies.exact.measure_exact import draw
 
 SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 
@@ -43,11 +43,11 @@ def test_the_front_is_the_nearest_surface():
 
 
 def test_a_case_becomes_records_tables_and_a_picture(tmp_path, monkeypatch):
-    monkeypatch.setattr(measure, "LADDERS", (("obliquity",), ("obliquity", "shadow_centre")))
-    records = measure.compare(SMALL, tmp_path, "few")
+    monkeypatch.setattr(measure_exact, "LADDERS", (("obliquity",), ("obliquity", "shadow_centre")))
+    records = measure_exact.compare(SMALL, tmp_path, "few")
     assert [record["effects"] for record in records] == ["obliquity", "obliquity, shadow_centre"]
     assert all(record["3fsk_mean_mm"] < 1 and record["3fsk_lost"] == 0 for record in records)
-    rows, maps = measure.tables(records)
+    rows, maps = measure_exact.tables(records)
     assert len(rows.records) == 2 and len(maps.records) == 6 and "broadband" not in maps.markdown()
     figure = draw(tmp_path / "maps", ["obliquity", "shadow_centre"])
     assert figure is not None and figure.get_suptitle() == "3-FSK: sphere of 2 mm, skin, along"

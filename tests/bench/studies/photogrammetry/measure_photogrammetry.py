@@ -19,7 +19,6 @@ from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.results.tables import declared
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import BLUE, GREEN, ORANGE, Study
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.cost import measured as costs
@@ -28,6 +27,7 @@ from handbench.support.store import keep
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import score
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import BLUE, GREEN, ORANGE, Study
 
 CASES = {"bars": bars, "sweep": lambda poses: sweep(poses[0])}
 

@@ -27,7 +27,6 @@ from handbench.bench.run.photogrammetry import calibrate_captures
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import BLUE, Study
 from handbench.bench.studies.tradeoff.target_placements import seen_cloud
 from handbench.calibration.registration.register import calibrate
 from handbench.calibration.spheres.description import save_target
@@ -39,6 +38,7 @@ from handbench.support.errors import HandbenchError
 from tests.bench.studies.registration.faulty_placements import Case, case
 from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import BLUE, Study
 
 SCHEMAS = declared(__file__)
 FAULTS = {

@@ -20,7 +20,6 @@ from handbench.bench.datasets.simulated import write_photographs
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.studies.columns import Record
-from handbench.bench.studies.study import Study
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
 from handbench.support.files import content_hash
@@ -30,6 +29,7 @@ from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas
 from tests.bench.studies.renderers.path_tracer import PathTracer
 from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ from handbench.bench.evaluation.metrics import METRICS, TITLES
 from handbench.bench.results.tables import Column, declared
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from tests.bench.studies.script import measured
 from tests.bench.studies.sensitivity.measurement import Measurement
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records
 from tests.bench.studies.sensitivity.sensitivity_cases import joint, one_at_a_time, shown
 from tests.bench.studies.sensitivity.sensitivity_factors import DEFAULT, Factors, FactorsFile, load_factors
 from tests.bench.studies.sensitivity.sensitivity_figure import draw_map, draw_tornadoes
+from tests.bench.studies.study import Study
 
 SCHEMAS = declared(__file__)
 SHOWN = 10  # settings of the joint design on its page

@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.metrics import METRICS, TITLES
-from handbench.bench.studies.study import BLUE, GREY, ORANGE, VERMILION
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER
 from tests.bench.studies.sensitivity.sensitivity_cases import BASE, Value, ranged, shown, titled, unit_of
+from tests.bench.studies.study import BLUE, GREY, ORANGE, VERMILION
 
 MOST = 12  # factors in a tornado
 FEWEST = 3  # settings that a cell of the map is coloured by

@@ -21,7 +21,6 @@ import numpy as np
 
 from handbench.bench.results.tables import declared
 from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.study import Study
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods import trust
 from handbench.radar.methods.registry import method, method_key
@@ -39,6 +38,7 @@ from handbench.support.closure import key_of
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz, write_text
 from tests.bench.studies import script
+from tests.bench.studies.study import Study
 from tests.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
 from tests.bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent
 

@@ -11,28 +11,21 @@ STEM.png, .pdf   the figure, where there is one
 
 import os
 import time
-import traceback
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from handbench.bench.studies.columns import Record, Table
-from handbench.radar.imaging.device import describe
+from handbench.bench.studies.tradeoff.measuring import carried_out, stand
 from handbench.radar.warmup import compile_kernels
-from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_json, write_text
-from handbench.support.parallel import workers
-from handbench.support.progress import say, track
-from handbench.support.store import versions
 
-Key = TypeVar("Key", bound=Hashable)
-T = TypeVar("T")
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160, "pdf.fonttype": 42}
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"  # of Okabe and Ito's palette
 GREY = "0.35"
@@ -83,7 +76,7 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     if not cases:
         known = ", ".join(map(study.label, study.cases))
         raise HandbenchError(f"--only: no case of '{study.name}' holds '{only}'; there are {known}")
-    measured, failures = carried_out(cases, study.measure, study.label, study.name, alike=True)
+    measured, failures = carried_out(cases, study.measure, study.label, study.name)
     if not measured:
         raise HandbenchError(f"every case failed; the first: {next(iter(failures.values()))}")
     found = [record for _, given in measured for record in (given if isinstance(given, list) else [given])]
@@ -94,52 +87,9 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     return result
 
 
-def carried_out(
-    cases: Iterable[Any], measure: Callable[[Any], Any], label: Callable[[Any], str], title: str, alike: bool = False
-) -> tuple[list[tuple[Any, Any]], dict[str, str]]:
-    """Each case with what `measure` gave, and by label the messages of those that failed, which are said and do not end
-    the study; an unknown error's traceback is shown. alike: the first case tells how long the others take, which is
-    said, or refused (`require_time`)."""
-    measured, failures, cases, start = [], {}, list(cases), time.perf_counter()
-    for number, case in enumerate(track(cases, title)):
-        if alike and number == 1:
-            others_s = (time.perf_counter() - start) * (len(cases) - 1)
-            require_time(
-                others_s * workers(), f"{title}: the other {len(cases) - 1} cases, if they are like the first,"
-            )
-        try:
-            measured.append((case, measure(case)))
-        except Exception as error:
-            known = isinstance(error, HandbenchError)
-            failures[label(case)] = str(error) if known else f"{type(error).__name__}: {error}"
-            say(f"{title}: {label(case)} failed: {error}" if known else traceback.format_exc())
-    return measured, failures
-
-
-def in_turns(
-    work: Mapping[Key, Callable[[], T]], rounds: int, title: str
-) -> tuple[dict[Key, list[float]], dict[Key, T]]:
-    """Do each piece of work `rounds` times, in turns, so that a machine that gets slower does so for all of them: the
-    seconds of each, and its last result."""
-    seconds: dict[Key, list[float]] = {key: [] for key in work}
-    results: dict[Key, T] = {}
-    for _ in track(range(rounds), title):
-        for key, once in work.items():
-            start = time.perf_counter()
-            results[key] = once()
-            seconds[key].append(time.perf_counter() - start)
-    return seconds, results
-
-
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
     """L2 of the difference over that of the exact values."""
     return float(np.linalg.norm(found.astype(np.complex128) - exact) / np.linalg.norm(exact))
-
-
-def stand() -> dict[str, Any]:
-    """The ground that figures stand on: the machine, with its rate of float32 matrix products and what it images on,
-    and the versions of what was run."""
-    return {"machine": {**calibrated_machine(), "imaging_device": describe()}, "versions": versions()}
 
 
 def write(found: Found, out: Path) -> Path:

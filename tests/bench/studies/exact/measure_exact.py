@@ -1,32 +1,45 @@
-"""Simulated echoes and the maps that methods make of them, against the exact echoes of the same bodies."""
+"""Simulated echoes and the maps that methods make of them, against the exact echoes of the same bodies.
 
+python -m tests.bench.studies.exact.measure_exact [--polarisations along,across] [--tones few] [--only TEXT]
+"""
+
+import argparse
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from handbench.bench.studies.columns import Record, Table, columns
-from handbench.bench.studies.exact.cases import MATERIALS, Case, body, cases, front_m, kept_echoes
-from handbench.bench.studies.study import Study, relative_error
+from handbench.bench.results.tables import declared
+from handbench.bench.studies.columns import Record, Table
+from handbench.bench.studies.exact.cases import (
+    LONG_M,
+    MATERIALS,
+    METHODS,
+    Case,
+    body,
+    cases,
+    front_m,
+    kept_echoes,
+    maps,
+    tones_hz,
+)
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.registry import method
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
+from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study, relative_error
 
-LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
-TONES = 26  # of broadband: its depths repeat every 375 mm
-METHODS: dict[str, dict[str, Any]] = {"2fsk": {}, "3fsk": {}, "nfsk-plus": {}, "broadband": {"count": TONES}}
+SCHEMAS = declared(__file__)
 LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity",),
     ("obliquity", "shadow_centre"),
@@ -56,7 +69,10 @@ def tables(records: list[Record]) -> list[Table]:
         for record in records
         if f"{name}_mean_mm" in record
     ]
-    return [Table("rows", columns("exact.rows"), records), Table("maps", columns("exact.maps"), by_method, by="method")]
+    return [
+        Table("rows", SCHEMAS["rows"].columns, records),
+        Table("maps", SCHEMAS["maps"].columns, by_method, by="method"),
+    ]
 
 
 def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
@@ -84,19 +100,6 @@ def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
         kept = {"x_m": one.x_m, "y_m": one.y_m, "ours_m": one.z_m, "exact_m": other.z_m}
         write_npz(work / "maps" / f"{case}, {len(found)}.npz", **kept)
     return found
-
-
-def tones_hz(which: str = "all") -> np.ndarray:
-    """The tones of the FSK methods, or of all methods, ascending."""
-    ladder = method("nfsk-plus").configure({}, "exact").tones_hz  # type: ignore[attr-defined]
-    return np.unique([*ladder, *(np.linspace(72e9, 82e9, TONES) if which == "all" else ())])
-
-
-def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
-    """Depth maps of the first frame."""
-    return {
-        name: method(name).run(capture, method(name).configure(METHODS[name], "exact"), 0).depth for name in methods
-    }
 
 
 def compared(ours: dict[str, DepthMap], exact: dict[str, DepthMap], case: Case) -> Record:
@@ -144,9 +147,9 @@ def draw(folder: Path, rungs: Sequence[str]) -> Figure | None:
     depths = (low_mm - 1, high_mm + 1)
     shown = _shown(axes[0, 0], kept[0], kept[0]["exact_m"], depths, "viridis_r", "exact")
     axes[1, 0].set_axis_off()
-    for (above, below), maps, rung in zip(axes.T[1:], kept, rungs, strict=True):
-        _shown(above, maps, maps["ours_m"], depths, "viridis_r", f"ours, {rung}")
-        off = _shown(below, maps, maps["ours_m"] - maps["exact_m"], (-MOST_MM, MOST_MM), "RdBu_r", "ours − exact")
+    for (above, below), pair, rung in zip(axes.T[1:], kept, rungs, strict=True):
+        _shown(above, pair, pair["ours_m"], depths, "viridis_r", f"ours, {rung}")
+        off = _shown(below, pair, pair["ours_m"] - pair["exact_m"], (-MOST_MM, MOST_MM), "RdBu_r", "ours − exact")
     figure.colorbar(shown, ax=axes[0], label="depth, mm")
     figure.colorbar(off, ax=axes[1], label="difference, mm")
     figure.suptitle(f"3-FSK: {case}")
@@ -169,3 +172,16 @@ def _shown(
     image = axes.imshow(1e3 * values_m, colours, extent=ends_mm, origin="lower", vmin=low_mm, vmax=high_mm)
     axes.set(title=title, xlim=(SHOWN_MM, -SHOWN_MM), ylim=(-SHOWN_MM, SHOWN_MM), facecolor="0.92")
     return image
+
+
+def main() -> None:
+    """All scenes from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.studies.exact.measure_exact")
+    parser.add_argument("--polarisations", default="along", help="of the dipoles to the fingers: along,across")
+    tones = "few: those of the FSK methods, without broadband"
+    parser.add_argument("--tones", choices=["all", "few"], default="all", help=tones)
+    measured(parser, study, "exact")
+
+
+if __name__ == "__main__":
+    main()
