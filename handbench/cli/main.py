@@ -18,6 +18,7 @@ LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libr
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 FORMER = {  # commands of earlier versions: what takes their place
     "stability": "'make hard-cases' in a clone",
+    "design": "'handbench compare', which says how many hands show a difference",
     "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works

@@ -27,8 +27,10 @@ def show(compared: Compared) -> None:
     console = wide_console()
     for text in _head(compared):
         console.print(text, markup=False)
-    lines = [(line.title, _metric(line), *_cells(line), line.better) for line in each(compared.differences)]
-    console.print(terminal_table("Differences", ("", "", *HEAD, "better"), lines))
+    lines = [
+        (line.title, _metric(line), *_cells(line), line.better, _needed(line)) for line in each(compared.differences)
+    ]
+    console.print(terminal_table("Differences", ("", "", *HEAD, "better", "needs hands"), lines))
     if len(compared.times):
         lines = [_time(time) for time in each(compared.times)]
         console.print(terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines))
@@ -114,6 +116,11 @@ def _cells(line: Any) -> tuple[str, str, str, str]:
         figure(line.difference, line.low, line.high, line.unit),
         p_text(line.p_corrected),
     )
+
+
+def _needed(line: Any) -> str:
+    """Hands that show the difference, where these do not."""
+    return f"{line.needed:.0f}" if line.needed > 0 else ""
 
 
 def _time(time: Any) -> tuple[str, str, str, str]:

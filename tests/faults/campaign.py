@@ -17,8 +17,8 @@ from tests.faults.commands import COMMANDS, Command, write_inputs
 from tests.faults.disk import Try
 from tests.small_benchmark import write_bench
 
-QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export", "design")  # in well under a second
-EVERY = {"run": 5, "report": 9, "tradeoff": 7, "study": 2}  # of the writes of what takes seconds
+QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export")  # in well under a second
+EVERY = {"run": 5, "report": 9, "tradeoff": 7}  # of the writes of what takes seconds
 LIMITS_MB = (100, 400, 1000, 2000, 2400, 2700, 3000, 4000, 6000, 8000)
 
 
@@ -77,7 +77,7 @@ def _short_files(ground: Ground) -> Iterator[Try]:
 
 
 def _memory(ground: Ground) -> Iterator[Try]:
-    for name in ("run", "simulate", "reconstruct", "report", "design") if ground.every else ("reconstruct",):
+    for name in ("run", "simulate", "reconstruct", "report") if ground.every else ("reconstruct",):
         out = ground.scratch / f"memory-{name}"
         limits_mb = LIMITS_MB if ground.every else LIMITS_MB[1::6]
         yield from processes.short_of_memory(COMMANDS[name].format(i=ground.inputs, o=out), out, limits_mb)

@@ -42,10 +42,8 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "tradeoff": "tradeoff {i}/swept.toml --sections imaging -o {o}/out",
     "import": "import mapping {i}/foreign -o {o}/out",
     "export": "export maroon {i}/capture -o {o}/out",
-    "design": "design {i}/result --effect 0.2mm -o {o}/out.csv",
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",
-    "study": "study exact --tones few --only 'sphere of 2 mm, metal' -o {o}/out",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
 MEASURED = "calibrate_captures", lambda *_, **__: Transform("photo", "radar", np.eye(4), np.diag([1e-5] * 6) ** 2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pytest
 
-from handbench.cli import design
+from handbench.cli import doctor
 from handbench.cli.main import main
 from tests.faults.campaign import KINDS, Ground
 
@@ -42,8 +42,8 @@ def test_what_the_system_refuses_is_one_sentence(
     def refuse(_: object) -> None:
         raise error
 
-    monkeypatch.setattr(design, "run", refuse)
-    assert main(["design", "--tones", "5"]) == 2
+    monkeypatch.setattr(doctor, "run", refuse)
+    assert main(["doctor"]) == 2
     assert words in capsys.readouterr().err
 
 
@@ -51,6 +51,6 @@ def test_a_file_that_is_none_of_the_system_s_keeps_its_traceback(monkeypatch: py
     def broken(_: object) -> None:
         raise FileNotFoundError("a bug")
 
-    monkeypatch.setattr(design, "run", broken)
+    monkeypatch.setattr(doctor, "run", broken)
     with pytest.raises(FileNotFoundError, match="a bug"):
-        main(["design", "--tones", "5"])
+        main(["doctor"])

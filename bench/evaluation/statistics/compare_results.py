@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, of_captures, precision
+from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, deviation, of_captures, precision
 from handbench.bench.evaluation.statistics.intervals import TOO_FEW, figure_interval, note, precision_interval
 from handbench.bench.evaluation.statistics.paired import (
     Tested,
@@ -25,6 +25,7 @@ from handbench.bench.evaluation.statistics.paired import (
     unpaired,
 )
 from handbench.bench.evaluation.statistics.provenance import changes
+from handbench.bench.evaluation.statistics.sample_size import ALPHA, LEAST, hands_needed
 from handbench.bench.results.about import REFERENCES, MethodFacts
 from handbench.bench.results.compared import Compared, Side
 from handbench.bench.results.error_map import ErrorMap
@@ -150,8 +151,16 @@ def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: 
         samples = [found[metric].to_numpy() for found in figures]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
         line = _line(method, metric, samples, [v[metric] for v in values], ends, test(*samples))
-        lines.append({**line, "reference": basis.reference, "paired": basis.paired})
+        spreads = _spreads(samples, basis.paired)
+        lines.append({**line, "reference": basis.reference, "paired": basis.paired, "spreads": spreads})
     return lines
+
+
+def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
+    """Standard deviation of the captures' differences, or of each side's figures; none with fewer than LEAST."""
+    parts = [samples[1] - samples[0]] if paired else samples
+    known = [part[np.isfinite(part)] for part in parts]
+    return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
@@ -190,24 +199,36 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     lines = conform(lines, DIFFERENCES)
     fell = (lines.difference < 0) == lines.metric.map(lambda metric: METRICS[metric].better == "lower")
     lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
+    alpha = ALPHA / max(1, int(lines.p_corrected.notna().sum()))  # the hardest step of the correction
+    lines["needed"] = [
+        _needed(difference, line.get("spreads"), alpha) if not better else np.nan
+        for line, difference, better in zip(found, lines.difference.tolist(), lines.better, strict=True)
+    ]
     lines["sentence"] = [_sentence(line) for line in lines.itertuples()]
     return conform(lines, DIFFERENCES)
+
+
+def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
+    """Captures that show this difference; NaN: not known, or too many."""
+    return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
 def _sentence(line: Any) -> str:
     what = line.metric_title + (f" against {line.reference}" if line.reference else "")
     if np.isnan(line.difference):
         return f"{line.title}: no figures to compare in {what}"
+    each = "" if line.paired else " of each"
+    hands = f"; needs {line.needed:.0f} hands{each} to show this difference" if line.needed > 0 else ""
     none = f"{line.title}: no difference shown between A and B in {what}: "
     if np.isnan(line.p_corrected):
-        return f"{none}{TOO_FEW} (B − A: {amount_text(line.difference, line.unit)})"
+        return f"{none}{TOO_FEW} (B − A: {amount_text(line.difference, line.unit)}){hands}"
     ends = (line.difference, line.low, line.high)
     amount, low, high = ends if line.difference >= 0 else (-line.difference, -line.high, -line.low)
     amounts = amounts_text(amount, low, high, line.unit)
     if line.better:
         worse = "A" if line.better == "B" else "B"
         return f"{line.title}: {line.better} is better than {worse} by {amounts} ({what})"
-    return none + amounts + (" before the correction for all lines" if low > 0 else "")
+    return none + amounts + (" before the correction for all lines" if low > 0 else "") + hands
 
 
 def _side(result: Result) -> Side:

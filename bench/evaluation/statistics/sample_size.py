@@ -5,23 +5,20 @@ free of the capture's part; one between different captures, or different hands, 
 """
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping
-from functools import partial
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
-from scipy import optimize, stats
+from scipy import stats
 
-from handbench.bench.evaluation.metrics import deviation
-from handbench.bench.evaluation.statistics.intervals import FEWEST, TAILS, Interval
-from handbench.bench.results.tables import DESIGN, LEVEL, frame
+from handbench.bench.evaluation.statistics.intervals import FEWEST
+from handbench.bench.results.tables import LEVEL
 from handbench.support.errors import HandbenchError
 
 LEAST = 3  # captures whose variance is worth an answer at all
 MOST = 100_000  # captures: more are told as none
 ALPHA = 1 - LEVEL
+POWER = 0.8  # the chance of showing a difference that there is
 
 
 class Components(NamedTuple):
@@ -91,55 +88,17 @@ def captures_needed(power_of: Callable[[int], float], power: float) -> int | Non
     return few if few <= MOST else None
 
 
-def detectable(spread: float, n: int, power: float, alpha: float = ALPHA) -> float:
-    """The smallest effect that the paired test of n captures shows with this power."""
-    if not spread:
-        return 0.0
-    most = (stats.t.isf(alpha / 2, n - 1) + 40) * spread
-    return float(optimize.brentq(lambda effect: paired_power(effect, spread, n, alpha) - power, 0.0, most))
+def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
+    """Captures, of each side where they differ, that show this difference of two means with a power of POWER.
 
-
-def spread_interval(spread: float, n: int) -> Interval:
-    """Interval of the standard deviation of which n normal values show `spread`."""
-    low, high = (spread * np.sqrt((n - 1) / stats.chi2.ppf(tail, n - 1)) for tail in TAILS[::-1])
-    return Interval(float(low), float(high))
-
-
-def design(figures: Mapping[str, np.ndarray], effect: float, power: float = 0.8) -> pd.DataFrame:
-    """Every pair of methods as `DESIGN`: the captures that show an effect with this power. figures: method → a metric
-    of the same captures [n]. No answer is below FEWEST, for fewer are not tested. Raises HandbenchError for fewer than
-    LEAST captures that all methods have."""
-    table = np.stack(list(figures.values()), axis=1)
-    table = table[np.isfinite(table).all(axis=1)]
-    n = components(table).captures
-    pairs = list(combinations(zip(figures, table.T, strict=True), 2))
-
-    def paired(spread: float, alpha: float = ALPHA) -> int | None:
-        return _tested(captures_needed(lambda n: paired_power(effect, spread, n, alpha), power))
-
-    lines = []
-    for (a, of_a), (b, of_b) in pairs:
-        spread, alone = deviation(of_b - of_a), (deviation(of_a), deviation(of_b))
-        low, high = map(paired, spread_interval(spread, n))
-        apart = captures_needed(partial(welch_power, effect, alone), power)
-        lines.append(
-            {
-                "a": a,
-                "b": b,
-                "difference": float((of_b - of_a).mean()),
-                "spread": spread,
-                "needed": paired(spread),
-                "needed_low": low,
-                "needed_high": high,
-                "needed_corrected": paired(spread, ALPHA / len(pairs)),
-                "needed_apart": _tested(apart),
-                "detectable": detectable(spread, n, power),
-                "n_captures": n,
-            }
-        )
-    return frame(DESIGN, lines)
-
-
-def _tested(captures: int | None) -> int | None:
-    """As many captures as are tested at all."""
-    return None if captures is None else max(captures, FEWEST)
+    spreads: the standard deviation of the captures' differences (paired), or one for each side (Welch). None: more
+    than MOST, or no difference. Never fewer than FEWEST, which are tested at all.
+    """
+    if not difference or not np.isfinite(difference):
+        return None
+    if len(spreads) == 1:
+        needed = captures_needed(lambda n: paired_power(abs(difference), spreads[0], n, alpha), POWER)
+    else:
+        one, other = spreads
+        needed = captures_needed(lambda n: welch_power(abs(difference), (one, other), n, alpha), POWER)
+    return None if needed is None else max(needed, FEWEST)

@@ -124,7 +124,31 @@ def test_three_captures_are_too_few_to_tell(tmp_path):
     a, b = (result(tmp_path / str(add), errors_mm + add, NAMES[:3]) for add in (0, 1))
     d = line(compare_results(a, b))
     assert d.difference == pytest.approx(1) and np.isnan([d.low, d.p_corrected]).all() and d.better == ""
-    assert d.sentence.endswith("in MAE against truth: too few captures to tell (B − A: 1.0 mm)")
+    told = "in MAE against truth: too few captures to tell (B − A: 1.0 mm)"
+    assert d.sentence.endswith(f"{told}; needs 5 hands to show this difference") and d.needed == 5
+
+
+@pytest.mark.parametrize(("shift_m", "each"), [(0.0, ""), (5e-3, " of each")])
+def test_a_difference_that_is_not_shown_says_how_many_hands_it_needs(tmp_path, shift_m, each):
+    """Against the power of the t test of the spread between captures, at 5 % over both lines that are tested."""
+    base = np.abs(speckle(0))
+    a = result(tmp_path / "a", base)
+    b = result(tmp_path / "b", base + 0.2 + np.arange(-3, 3)[:, None, None], shift_m=shift_m)
+    d = line(compare_results(a, b))
+    assert d.better == "" and d.needed > 6
+    assert f"; needs {d.needed:.0f} hands{each} to show this difference" in d.sentence
+    figures = [[np.abs(r.errors(n, "3fsk", "truth").error_m).mean() * 1e3 for n in NAMES] for r in (a, b)]
+    squares = np.var(figures, axis=1, ddof=1)
+    tests = compare_results(a, b).differences.p_corrected.notna().sum()
+
+    def power(n: float) -> float:
+        if each:  # Welch
+            freedom, error = (n - 1) * squares.sum() ** 2 / (squares**2).sum(), np.sqrt(squares.sum() / n)
+        else:
+            freedom, error = n - 1, np.std(np.subtract(*figures), ddof=1) / np.sqrt(n)
+        return stats.nct.sf(stats.t.isf(0.025 / tests, freedom), freedom, abs(d.difference) / error)
+
+    assert power(d.needed - 1) < 0.8 < power(d.needed)
 
 
 def test_precisions_are_compared_by_the_f_test():

@@ -14,10 +14,8 @@ from handbench.bench.evaluation.statistics.sample_size import (
     Components,
     captures_needed,
     components,
-    design,
-    detectable,
+    hands_needed,
     paired_power,
-    spread_interval,
     variance_facts,
     welch_power,
 )
@@ -80,19 +78,6 @@ def test_components_are_those_that_were_drawn() -> None:
     assert without.interaction == pytest.approx(np.hypot(0.5, 0.3), rel=0.1)  # one frame: the repeats' scatter is in it
 
 
-def test_the_spreads_interval_holds_it() -> None:
-    drawn = np.random.default_rng(0).normal(0.0, 2.0, (4000, 7)).std(axis=1, ddof=1)
-    held = [low < 2.0 < high for low, high in (spread_interval(spread, 7) for spread in drawn)]
-    assert np.mean(held) == pytest.approx(0.95, abs=0.015)
-
-
-@given(st.floats(1e-3, 10), st.integers(3, 40), st.floats(0.3, 0.99))
-def test_what_is_detectable_has_the_power(spread: float, n: int, power: float) -> None:
-    effect = detectable(spread, n, power)
-    assert paired_power(effect, spread, n) == pytest.approx(power, abs=1e-6)
-    assert captures_needed(lambda m: paired_power(1.001 * effect, spread, m), power) in (n, n - 1)
-
-
 @given(st.floats(0.05, 5), st.floats(0.05, 0.95))
 def test_the_fewest_are_enough_and_one_less_is_not(effect: float, power: float) -> None:
     found = captures_needed(lambda n: paired_power(effect, 1.0, n), power)
@@ -100,34 +85,19 @@ def test_the_fewest_are_enough_and_one_less_is_not(effect: float, power: float) 
     assert found == 2 or paired_power(effect, 1.0, found - 1) < power
 
 
-def test_design_of_pairs() -> None:
-    rng, n = np.random.default_rng(1), 8
-    hand = rng.normal(0.0, 1.0, n)
-    figures = {name: 2 + hand + 0.2 * rng.normal(size=n) for name in "ab"} | {"c": 5 + 3 * rng.normal(size=n)}
-    lines = design(figures, 0.3, 0.9).set_index(["a", "b"])
-    near, far = lines.loc[("a", "b")], lines.loc[("a", "c")]
-    assert len(lines) == 3 and near.spread == pytest.approx(np.std(figures["b"] - figures["a"], ddof=1))
-    assert near.needed_low <= near.needed <= near.needed_high and near.needed <= near.needed_corrected
-    assert near.needed < near.needed_apart  # the hands' own part cancels in pairs alone
-    assert near.needed < far.needed and near.detectable < far.detectable
-    assert design(figures, 30.0).needed.tolist() == [5.0] * 3  # fewer are not tested
-    assert design({"a": hand, "b": hand + 1}, 0.1).spread.max() < 1e-12
-    assert np.isnan(design(figures, 1e-6).needed).all()
+def test_hands_of_a_difference() -> None:
+    assert hands_needed(-0.5, [1.0]) == hands_needed(0.5, [1.0]) == 34  # as published, above
+    assert hands_needed(0.5, [1.0, 1.0]) == 64
+    assert hands_needed(0.5, [1.0], 0.01) > 34
+    assert hands_needed(30.0, [1.0]) == hands_needed(0.1, [0.0]) == 5  # fewer are not tested
+    assert hands_needed(1e-6, [1.0]) is hands_needed(0.0, [0.0]) is None
 
 
 def test_too_few_captures_are_refused_in_one_line() -> None:
-    for figures in ({"a": np.arange(2.0), "b": np.ones(2)}, {"a": np.array([1, 2, np.nan]), "b": np.ones(3)}):
-        with pytest.raises(HandbenchError, match=r"^variance components: 2 captures of 2 methods"):
-            design(figures, 0.1)
+    with pytest.raises(HandbenchError, match=r"^variance components: 2 captures of 2 methods"):
+        components(np.array([[1.0, 1], [2, 1], [np.nan, 1]]))
     with pytest.raises(HandbenchError, match="of 1 methods"):
         components(np.ones((5, 1)))
-
-
-@pytest.mark.parametrize(("n", "low", "high"), [(2, 0.4461, 31.910), (10, 0.6878, 1.8256), (31, 0.7991, 1.3367)])
-def test_the_interval_of_a_standard_deviation_is_the_table_s(n, low, high):
-    """√((n − 1)/χ²) of the 2.5 % and 97.5 % points of tables of χ² with n − 1 degrees of freedom."""
-    found = spread_interval(2.0, n)
-    assert (found.low, found.high) == (pytest.approx(2 * low, rel=2e-4), pytest.approx(2 * high, rel=2e-4))
 
 
 @pytest.mark.parametrize(("first", "expected"), [(1, 2), (3, 3), (99_999, 99_999), (100_000, 100_000), (100_001, None)])
@@ -148,10 +118,5 @@ def test_components_by_hand() -> None:
 
 def test_without_scatter_every_difference_is_shown_by_the_fewest() -> None:
     assert paired_power(0.1, 0.0, 5) == welch_power(0.1, (0.0, 0.0), 5) == 1.0
-    assert detectable(0.0, 5, 0.8) == 0.0
     assert paired_power(1.0, 1e-3, 5) == 1.0  # √5·1000 standard errors, of which scipy's noncentral t is NaN
     assert welch_power(0.0, (1.0, 1.0), 8) == pytest.approx(0.05, abs=1e-9)  # no effect: as often as by chance
-    figures = {name: np.array([1.0, 2, 3, np.nan]) + more for name, more in (("a", 0.0), ("b", 0.25), ("c", 0.5))}
-    lines = design(figures, 0.1)
-    assert lines.difference.tolist() == [0.25, 0.5, 0.25] and (lines.n_captures == 3).all()
-    assert (lines.needed == 5).all() and (lines.needed_apart > 1000).all()
