@@ -62,7 +62,7 @@ PROJECTIONS = ("broadband", "narrowband")
 
 class Metadata(Config, extra="ignore"):
     """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under xmin … zmax;
-    handbench_echo_scale: what an export of ours multiplied the echoes by."""
+    handbench_echo_scale: what exports of version 0.2 multiplied the echoes by."""
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.maroon_pickle import read_dictionary, write_dictionary
+from handbench.bench.datasets.maroon_pickle import read_dictionary
 from handbench.radar.data.capture import single
 from handbench.support.errors import HandbenchError
 
 ANTENNAS, USED = 96, slice(1, 95)
 RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between
 MOST = 1_000_000  # frames that six digits number
-FRAME_S = 0.1  # between the frames that we write; theirs is not known
 
 
 @dataclass(frozen=True)
@@ -42,15 +41,6 @@ def read_frame(file: Path) -> Frame:
         raise HandbenchError(f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}")
     samples = single(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
-
-
-def write_frame(file: Path, number: int, frame: Frame) -> None:
-    """Write a frame as theirs are; the antennas that are not used get zeros."""
-    xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
-    xr[USED, USED] = frame.samples.transpose(2, 1, 0)
-    fvec, timestamp_us = frame.frequencies_hz.astype(np.float64), np.array([round(1e6 * number * FRAME_S)])
-    content = {"fvec": fvec, "xr": xr, "number_of_measurements": frame.count, "timestamp_us": timestamp_us}
-    write_dictionary(file, content)
 
 
 def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:

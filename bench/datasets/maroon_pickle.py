@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, read_bytes
+from handbench.support.files import read_bytes
 from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
 
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
@@ -38,12 +38,6 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
-
-
-def write_dictionary(path: str | Path, content: dict[str, Any]) -> None:
-    """Write a dictionary as MAROON's files hold it, atomically."""
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.save(stream, np.array(content, dtype=object), allow_pickle=True)
 
 
 def _unpickle(content: bytes) -> dict[str, Any]:

@@ -87,12 +87,6 @@ def test_a_capture_without_some_pairs_is_imaged_validated_and_calibrated(lacking
     assert json.loads(capsys.readouterr().out)["mae_mm"] < 1.0  # as of all pairs: 0.28 mm was measured, by the filters
 
 
-def test_a_layout_without_a_place_for_missing_pairs_is_refused(lacking, tmp_path, capsys):
-    assert main(["export", "maroon", str(lacking[0]), "-o", str(tmp_path / "out")]) == 2
-    assert "antennas are not those of MAROON's radar" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_run_takes_such_captures_thinned_and_whole(lacking, tmp_path):
     shutil.copytree(lacking[0], tmp_path / "ball")
     axis = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"

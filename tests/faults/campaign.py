@@ -17,7 +17,7 @@ from tests.faults.commands import COMMANDS, Command, write_inputs
 from tests.faults.disk import Try
 from tests.small_benchmark import write_bench
 
-QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import", "export")  # in well under a second
+QUICK = ("simulate", "groundtruth", "calibrate", "reconstruct", "import")  # in well under a second
 EVERY = {"run": 5, "report": 9, "tradeoff": 7}  # of the writes of what takes seconds
 LIMITS_MB = (100, 400, 1000, 2000, 2400, 2700, 3000, 4000, 6000, 8000)
 

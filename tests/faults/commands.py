@@ -41,7 +41,6 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "report": "report {i}/result -o {o}/out",
     "tradeoff": "tradeoff {i}/swept.toml --sections imaging -o {o}/out",
     "import": "import mapping {i}/foreign -o {o}/out",
-    "export": "export maroon {i}/capture -o {o}/out",
     "compare": "compare {i}/result {i}/other -o {o}/out",
     "draw": "draw target -o {o}/out.svg",
 }

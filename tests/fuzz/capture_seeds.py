@@ -165,8 +165,9 @@ def mapping(folder: Path) -> None:
 def maroon(folder: Path) -> None:
     """One object at one distance of MAROON."""
     from handbench.bench.datasets.maroon_alignment import save_alignment
-    from handbench.bench.datasets.maroon_frame import Frame, write_frame
+    from handbench.bench.datasets.maroon_frame import Frame
     from handbench.support.files import write_json
+    from tests.bench.datasets.maroon_writer import write_frame
 
     at = folder.joinpath(*MAROON)
     write_frame(at / "calibrated_data" / "000000.npy", 0, Frame(np.ones((2, 94, 94)), np.array([72e9, 82e9]), 1))
@@ -187,9 +188,9 @@ def maroon_sensors(folder: Path) -> None:
     import cv2
 
     from handbench.bench.datasets.maroon_alignment import save_alignment
-    from handbench.bench.datasets.maroon_export import KINECT
     from handbench.calibration.transforms import Transform
     from handbench.support.files import write_json
+    from tests.bench.datasets.maroon_writer import KINECT
 
     matrix = np.diag([1e-3, 1e-3, 1e-3, 1.0])
     others = {name: Transform(name, "radar", matrix) for name in ("kinect", "realsense")}

@@ -9,12 +9,12 @@ import pytest
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.mapping import Mapping, Pairs
-from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.run.benchmark_file import BenchFile, Source, load_benchmark
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import echoes, write_native
+from tests.bench.datasets.maroon_writer import write_maroon
 
 BENCH = """
 version = 1
@@ -32,7 +32,7 @@ def data_set(tmp_path_factory):
     """Two objects at two distances, and a capture folder beside them."""
     folder = tmp_path_factory.mktemp("set")
     native = write_native(folder / "native", echoes(1))
-    written = export_maroon(native, folder / "maroon")
+    written = write_maroon(native, folder / "maroon")
     for other in ("patch/40", "cup/30", "cup/40"):
         shutil.copytree(written, folder / "maroon" / other)
     return folder

@@ -9,14 +9,13 @@ import pytest
 from handbench.bench.datasets.dataset import captures, import_capture, open_capture
 from handbench.bench.datasets.maroon import MESHES, MaroonCapture
 from handbench.bench.datasets.maroon_alignment import save_alignment
-from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.maroon_mask import eroded, radar_kernel_px
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.score import reference_of_file
 from handbench.bench.run.reconstruct_stage import Imager
 from handbench.calibration.transforms import Transform, identity
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
@@ -24,6 +23,7 @@ from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
+from tests.bench.datasets.maroon_writer import write_maroon
 from tests.radar.exact import backproject
 
 
@@ -34,7 +34,7 @@ def written(tmp_path_factory):
     native = write_native(folder / "native", echoes())
     room = echoes()
     save_capture(native / "empty.h5", RadarCapture(0.25 * room.samples, room.frequencies_hz, room.aperture))
-    return native, export_maroon(native, folder / "maroon")
+    return native, write_maroon(native, folder / "maroon")
 
 
 @pytest.fixture
@@ -263,30 +263,6 @@ def test_an_object_becomes_a_capture_folder(written, tmp_path):
     np.testing.assert_allclose(*depths, atol=1e-7)  # the mesh is written in float32
     with pytest.raises(HandbenchError, match="is no capture of 'mapping' but of MaroonCapture"):
         import_capture("mapping", written[1], tmp_path / "other")
-
-
-def test_what_was_exported_is_not_replaced_unasked(written, tmp_path):
-    folder = export_maroon(written[0], tmp_path)
-    (folder / "notes.txt").write_text("mine")
-    with pytest.raises(HandbenchError, match="exists already"):
-        export_maroon(written[0], tmp_path)
-    assert (folder / "notes.txt").exists()
-    export_maroon(written[0], tmp_path, overwrite=True)
-    assert not (folder / "notes.txt").exists()
-
-
-def test_other_radars_and_captures_without_distance_are_not_exported(tmp_path):
-    array = write_native(
-        tmp_path / "scan", RadarCapture(np.ones((1, 2, 3), np.complex64), np.array([1e10, 2e10]), PlanarScan(np.eye(3)))
-    )
-    with pytest.raises(HandbenchError, match="antennas are not those of MAROON's radar"):
-        export_maroon(array, tmp_path / "out")
-    native = write_native(tmp_path / "native", echoes(1))
-    file = native / "capture.toml"
-    file.write_text(file.read_text().replace("distance_m = 0.3\n", ""))
-    with pytest.raises(HandbenchError, match="gives no distance_m"):
-        export_maroon(native, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 def test_captures_of_a_data_set(written, tmp_path):

@@ -11,7 +11,6 @@ import pytest
 
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon_alignment import handedness_of
-from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.pipeline.score import reference_of_file
 from handbench.cli.main import main
 from handbench.radar.data.arrays import qar50
@@ -21,6 +20,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, PLACE_M, TONES_HZ, echoes, patch_m, write_native
+from tests.bench.datasets.maroon_writer import write_maroon
 
 BENCH = """version = 1
 name = "hand"
@@ -43,7 +43,7 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hands")
     native = write_native(folder / "native", echoes(1))
     return {
-        mirrored: export_maroon(native, folder / name, mirrored=mirrored, kinect=True)
+        mirrored: write_maroon(native, folder / name, mirrored=mirrored, kinect=True)
         for mirrored, name in FRAMES.items()
     }
 

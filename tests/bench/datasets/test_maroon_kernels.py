@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.pipeline.score import reference_of_file
 from handbench.bench.run.reconstruct_stage import Imager
@@ -23,6 +22,7 @@ from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import PixelGrid
 from tests.bench.datasets.foreign_captures import METHODS, PLACE_M, TONES_HZ, echoes, write_native
+from tests.bench.datasets.maroon_writer import write_maroon
 
 C = 299792458.0
 WEAK = 1e-6  # of the echoes: far below their offset
@@ -34,7 +34,7 @@ def written(tmp_path_factory):
     """The same weak echoes exported with their scale and as they are."""
     folder, loud = tmp_path_factory.mktemp("weak"), echoes(1)
     native = write_native(folder / "native", RadarCapture(WEAK * loud.samples, TONES_HZ, qar50()))
-    return {exact: export_maroon(native, folder / f"exact-{exact}", exact=exact) for exact in (False, True)}
+    return {exact: write_maroon(native, folder / f"exact-{exact}", exact=exact) for exact in (False, True)}
 
 
 def frame(folder):

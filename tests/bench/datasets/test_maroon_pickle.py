@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.datasets.maroon_pickle import read_dictionary, write_dictionary
+from handbench.bench.datasets.maroon_pickle import read_dictionary
 from handbench.support.errors import HandbenchError
 from handbench.support.limits import PICKLE_BYTES
 from tests.strategies import examples
@@ -45,14 +45,6 @@ def test_arrays_come_through_as_numpy_wrote_them(tmp_path_factory, dtype, shape,
     np.testing.assert_array_equal(read.pop("xr"), values)
     assert read == {key: content[key] for key in read}
     assert read.keys() == content.keys() - {"xr"}
-
-
-def test_what_we_write_numpy_reads(tmp_path):
-    content = {"fvec": np.linspace(72e9, 82e9, 5), "xr": np.ones((2, 3), np.complex64), "number_of_measurements": 1}
-    write_dictionary(tmp_path / "a.npy", content)
-    theirs = np.load(tmp_path / "a.npy", allow_pickle=True).item()
-    np.testing.assert_array_equal(theirs["fvec"], content["fvec"])
-    np.testing.assert_array_equal(read_dictionary(tmp_path / "a.npy")["xr"], theirs["xr"])
 
 
 def test_names_of_numpy_1_are_known_too(tmp_path):

@@ -13,7 +13,6 @@ import pytest
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import save_alignment
-from handbench.bench.datasets.maroon_export import export_maroon
 from handbench.bench.datasets.maroon_sensors import kinect_camera
 from handbench.bench.run.reconstruct_stage import Imager
 from handbench.calibration.transforms import Transform
@@ -22,6 +21,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import PIXELS, PLACE_M, echoes, write_native
+from tests.bench.datasets.maroon_writer import write_maroon
 
 GRID = PixelGrid(np.linspace(-0.038, -0.022, 9), np.linspace(0.012, 0.028, 9))
 ROUNDED_M = 0.5e-3 * 1.1  # depths are whole millimetres; the plane leans by 0.2
@@ -37,7 +37,7 @@ def plane_m(x_m):
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sensors")
     native = write_native(folder / "native", echoes(2))
-    return native, export_maroon(native, folder / "maroon", kinect=True)
+    return native, write_maroon(native, folder / "maroon", kinect=True)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The way back: a capture as one object at one distance of MAROON, for their tools and for tests of ours."""
+"""A capture written as one object at one distance of MAROON, in the layout that their loaders open."""
 
 import json
 import shutil
@@ -9,8 +9,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from handbench.bench.datasets.maroon_alignment import ALIGNMENT, read_table, save_alignment
-from handbench.bench.datasets.maroon_frame import FRAME_S, Frame, write_frame
+from handbench.bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
+from handbench.bench.datasets.maroon_frame import ANTENNAS, USED, Frame
 from handbench.bench.datasets.maroon_sensors import kinect_camera
 from handbench.bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
 from handbench.calibration.array.array_file import with_calibration
@@ -18,61 +18,57 @@ from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.mesh.mesh_files import read_triangles
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.registry import method
-from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, atomic_path, write_json, write_text
+from handbench.support.files import write_json, write_text
 from handbench.support.rays import Rays
 
-SAME_M = 1e-7  # positions that agree to this are the same
+FRAME_S = 0.1  # between frames
 CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))
 PHOTO_M, KINECT_M = np.array([0.0, -0.05, 0.0]), np.array([0.0, 0.05, 0.0])  # beside the radar's origin
 FACING = np.diag([-1.0, -1.0, 1.0])  # camera from radar: x right, y down
-SCALE = "handbench_echo_scale"  # of metadata.json
 BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
-def export_maroon(
-    path: Path, root: Path, overwrite: bool = False, exact: bool = False, mirrored: bool = True, kinect: bool = False
-) -> Path:
-    """Write the capture at `path` as ROOT/NAME/CENTIMETRES, all or nothing, and return that folder.
+def write_maroon(path: Path, root: Path, exact: bool = False, mirrored: bool = True, kinect: bool = False) -> Path:
+    """Write the capture at `path`, of the 94 + 94 antennas, as ROOT/NAME/CENTIMETRES, and return that folder.
 
-    Echoes come back bit for bit: their scale is a power of two that metadata.json tells, or 1 if exact. mirrored: x of
-    the radar frame to the right, as their code draws it. kinect: with one that sees the true surface. docs/maroon.md
-    has what the layout has no place for. Where the echoes of the empty room are known, NNNNNN_emptyfiltered.npy are
-    without them. A simulated capture without transform of its own gets the true one. Raises HandbenchError for another
-    array than the radar's, without a distance, and for a folder that is there already, if not to be overwritten.
+    Echoes are multiplied by a power of two that metadata.json has, as large as MAROON's kernels take it; exact: by 1.
+    mirrored: x of the radar frame to the right, as their code draws it. kinect: with one that sees the true surface.
+    Where the echoes of the empty room are known, NNNNNN_emptyfiltered.npy are without them. A simulated capture
+    without a transform gets the true one.
     """
     capture = open_capture(path)
     about, echoes = capture.about, capture.echoes()
-    _require_radar(capture, echoes)
-    if about.distance_m is None:
-        raise HandbenchError(f"{capture.folder}: gives no distance_m, after which MAROON names its folders; add it")
+    assert about.distance_m is not None
     folder = root / about.name / f"{100 * about.distance_m:.0f}"
-    if folder.exists() and not overwrite:
-        raise HandbenchError(f"{folder}: exists already; choose another -o, or --overwrite to replace it")
-    if folder.exists() and not ((folder / METADATA).is_file() and SCALE in read_table(folder / METADATA)):
-        raise HandbenchError(f"{folder}: is no export of handbench's, and is not replaced; choose another -o")
     low_ghz, high_ghz = echoes.frequencies_hz.min() / 1e9, echoes.frequencies_hz.max() / 1e9
-    with atomic_folder(folder) as temporary:
-        radar = temporary / f"radar_{low_ghz:.1f}_{high_ghz:.1f}_{len(echoes.frequencies_hz)}"
-        scale = 1.0 if exact else _scale(echoes.samples)
-        _write_frames(radar / FRAMES, replace(echoes, samples=scale * echoes.samples), "")
-        empty = capture.folder / EMPTY
-        if empty.is_file():
-            room, _ = with_calibration(load_capture(empty), capture.folder / ARRAY)
-            if room.samples.shape[1:] != echoes.samples.shape[1:] or len(room.samples) not in (1, len(echoes.samples)):
-                raise HandbenchError(f"{empty}: has {room.samples.shape} samples; expected {echoes.samples.shape}")
-            filtered = replace(echoes, samples=scale * (echoes.samples - room.samples))
-            _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
-        write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
-        box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
-        facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
-        write_json(temporary / METADATA, facts | {SCALE: scale})
-        _write_surfaces(capture, temporary, mirrored, len(echoes.samples) if kinect else 0)
+    radar = folder / f"radar_{low_ghz:.1f}_{high_ghz:.1f}_{len(echoes.frequencies_hz)}"
+    scale = 1.0 if exact else _scale(echoes.samples)
+    _write_frames(radar / FRAMES, replace(echoes, samples=scale * echoes.samples), "")
+    empty = capture.folder / EMPTY
+    if empty.is_file():
+        room, _ = with_calibration(load_capture(empty), capture.folder / ARRAY)
+        filtered = replace(echoes, samples=scale * (echoes.samples - room.samples))
+        _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
+    write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
+    box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
+    facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
+    write_json(folder / METADATA, facts | {"handbench_echo_scale": scale})
+    _write_surfaces(capture, folder, mirrored, len(echoes.samples) if kinect else 0)
     return folder
+
+
+def write_frame(file: Path, number: int, frame: Frame) -> None:
+    """Write a frame as theirs are; the antennas that are not used get zeros."""
+    xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
+    xr[USED, USED] = frame.samples.transpose(2, 1, 0)
+    timestamp_us = np.array([round(1e6 * number * FRAME_S)])
+    content = {"fvec": frame.frequencies_hz.astype(np.float64), "xr": xr, "number_of_measurements": frame.count}
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("wb") as stream:
+        np.save(stream, np.array({**content, "timestamp_us": timestamp_us}, dtype=object), allow_pickle=True)
 
 
 def _scale(samples: np.ndarray) -> float:
@@ -80,20 +76,6 @@ def _scale(samples: np.ndarray) -> float:
     1e-3 (1 + j) at which each of their 32 threads starts its sum."""
     most = float(np.abs(samples).mean(axis=(2, 3), dtype=np.float64).sum(axis=1).max())
     return float(2.0 ** np.clip(np.floor(np.log2(BRIGHTEST / most)), -99, 99)) if most > 0 else 1.0
-
-
-def _require_radar(capture: NativeCapture, echoes: RadarCapture) -> None:
-    ours, radar = echoes.aperture, qar50()
-    if (
-        not isinstance(ours, AntennaArray)
-        or ours.channels != radar.channels
-        or max(np.abs(ours.tx_m - radar.tx_m).max(), np.abs(ours.rx_m - radar.rx_m).max()) > SAME_M
-        or ours.measured is not None
-        or echoes.wave_speed_m_s != SPEED_OF_LIGHT_M_S
-    ):
-        raise HandbenchError(
-            f'{capture.folder}: its antennas are not those of MAROON\'s radar, array = "qar50", all pairs'
-        )
 
 
 def _write_frames(folder: Path, echoes: RadarCapture, suffix: str) -> None:
@@ -121,8 +103,6 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
     elif transform is None and measured is None and capture.photos is None:
         transform = Transform("photo", "radar", np.eye(4))
     surfaces = {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
-    if kinect_frames and (transform is None or true is None):
-        raise HandbenchError(f"{capture.folder}: has no truth.ply and transform; --kinect needs them: leave it out")
     if transform is not None:
         others = {}
         if true is not None:
@@ -136,7 +116,8 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
             _write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
     for kind, (vertices_m, faces) in surfaces.items():
         file = folder / PHOTOGRAMMETRY / MESHES[kind]
-        with atomic_path(file) as temporary, temporary.open("w", encoding="ascii") as stream:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("w", encoding="ascii") as stream:
             np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
             np.savetxt(stream, faces + 1, "f %d %d %d")
 
