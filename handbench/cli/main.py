@@ -19,6 +19,7 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 FORMER = {  # commands of earlier versions: what takes their place
     "stability": "'make hard-cases' in a clone",
     "design": "'handbench compare', which says how many hands show a difference",
+    "draw": "'handbench show'",
     "export": "not there any more: handbench reads MAROON's data and writes its own captures, 'handbench import'",
     "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
 }

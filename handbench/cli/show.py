@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -13,18 +14,23 @@ import numpy as np
 from handbench.bench.results import ErrorMap, Surface, load, load_tradeoff
 from handbench.cli.options import free
 from handbench.radar.data.capture import evenly
+from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, read_npz, write_text
+from handbench.support.progress import say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from matplotlib.figure import Figure
 
+    from handbench.calibration.spheres.description import Target
+    from handbench.groundtruth.board.board import Board
     from handbench.reports.figures.style import Picture
 
-KNOWN = "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json"
+KNOWN = "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json, board.toml or target.toml"
 MESHES = (".ply", ".obj", ".stl")
+SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in a drawing's title
 VIEWED_PX = 320  # of a mesh, along its longest side
 RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
 MAPS = ("z_m", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
@@ -36,11 +42,16 @@ TURNS = {  # of a mesh: axes to the left, up and away from the eye, the last one
 
 
 def run(options: argparse.Namespace) -> None:
-    """File → picture, or a page that turns; the path of what was written on stdout."""
+    """File → picture, drawing or page that turns; the path of a picture or a page on stdout."""
+    path: Path = options.path
+    if path.suffix == ".toml" or not path.exists():
+        _drawing(options)
+        return
     from handbench.reports.figures.single import save
     from handbench.reports.page.single_scene import page
 
-    path: Path = options.path
+    if options.paper or (options.out is not None and options.out.suffix.lower() == ".toml"):
+        raise HandbenchError(f"{path}: is neither target nor board; --paper and -o FILE.toml are for these")
     out = options.out or Path(path.resolve().name).with_suffix(".html" if options.turned else ".png")
     free(out, options.overwrite)
     if options.turned != (out.suffix == ".html"):
@@ -51,6 +62,56 @@ def run(options: argparse.Namespace) -> None:
         drawn = {".npz": _maps, ".json": _frames, ".h5": _recording} | dict.fromkeys(MESHES, _mesh)
         save(drawn.get(path.suffix.lower(), _folder)(path), out)
     print(out)
+
+
+def _drawing(options: argparse.Namespace) -> None:
+    """Draw a board or a target at true scale, or write its description where -o ends in .toml."""
+    from handbench.calibration.spheres.description import Target, save_target
+    from handbench.groundtruth.board.board import save_board
+    from handbench.reports.drawings.board_drawing import board_sheets
+    from handbench.reports.drawings.sheets import check_suffix, save
+    from handbench.reports.drawings.target_drawing import target_sheets
+
+    path: Path = options.path
+    if options.turned:
+        raise HandbenchError(f"{path}: has no surface to turn; leave out --3d")
+    out = options.out or Path(path.name).with_suffix(".pdf")
+    check_suffix(out, (".svg", ".pdf", ".toml"))
+    free(out, options.overwrite)
+    thing, title = _described(path)
+    if out.suffix.lower() == ".toml":
+        if isinstance(thing, Target):
+            save_target(out, thing)
+        else:
+            save_board(out, thing)
+        say(f"{out}: {title}")
+        return
+    paper = options.paper or ("fit" if out.suffix.lower() == ".svg" else "A4")
+    figures = target_sheets(thing, title, paper) if isinstance(thing, Target) else board_sheets(thing, title, paper)
+    save(out, figures)
+    width, height = figures[0].get_size_inches() * 25.4
+    say(f"{out}: {title}, {len(figures)} sheet(s) of {width:.0f} × {height:.0f} mm; print at 100 %")
+
+
+def _described(path: Path) -> tuple[Target | Board, str]:
+    """The target or board to draw, and its title: a file's with the first digits of its SHA-256."""
+    from handbench.bench.scenes.stand import stand_board
+    from handbench.calibration.spheres.description import Target, default_target
+    from handbench.groundtruth.board.board import Board
+
+    if str(path) == "target":
+        return default_target(), "Calibration target, built in"
+    if str(path) == "stand":
+        return stand_board(), "Board of the simulated stand, built in"
+    values = read_toml(path, "board.toml or target.toml") if path.is_file() else {}
+    if not values.keys() & {"element", "marker", "charuco"}:
+        raise HandbenchError(f"{path}: is nothing that can be shown; expected {KNOWN}")
+    name = "".join(c if c.isprintable() else "?" for c in path.name)  # it goes to the terminal too
+    name = name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 3]}..."
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:SHA_DIGITS]
+    if "element" in values:
+        return parse(Target, values, str(path)), f"Calibration target, {name} (SHA-256 {digest})"
+    return parse(Board, values, str(path)), f"Board, {name} (SHA-256 {digest})"
 
 
 def _folder(path: Path) -> Figure:

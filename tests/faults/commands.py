@@ -42,7 +42,7 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "tradeoff": "tradeoff {i}/swept.toml --sections imaging -o {o}/out",
     "import": "import mapping {i}/foreign -o {o}/out",
     "compare": "compare {i}/result {i}/other -o {o}/out",
-    "draw": "draw target -o {o}/out.svg",
+    "show": "show target -o {o}/out.svg",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
 MEASURED = "calibrate_captures", lambda *_, **__: Transform("photo", "radar", np.eye(4), np.diag([1e-5] * 6) ** 2)

@@ -1,4 +1,4 @@
-"""Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench draw`."""
+"""Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench show` of a board."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from handbench.bench.scenes.stand import stand_board
 from handbench.calibration.spheres.description import default_target, load_target
-from handbench.cli import draw as drawing_command
+from handbench.cli import show
 from handbench.cli.main import parser
 from handbench.groundtruth.board.board import Board, Charuco, Marker, load_board
 from handbench.reports.drawings.board_drawing import board_drawing, board_sheets
@@ -175,7 +175,7 @@ def test_what_cannot_be_printed_is_refused():
 
 
 def draw(*arguments):
-    drawing_command.run(parser().parse_args(["draw", *map(str, arguments)]))
+    show.run(parser().parse_args(["show", *map(str, arguments)]))
 
 
 def test_descriptions_are_written_and_drawn(tmp_path):
@@ -189,6 +189,16 @@ def test_descriptions_are_written_and_drawn(tmp_path):
     assert b'width="410mm" height="322mm"' in (tmp_path / "board.svg").read_bytes()
 
 
+def test_a_folder_named_as_a_built_in_thing_is_shown_itself(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    draw("target")
+    assert (tmp_path / "target.pdf").read_bytes().startswith(b"%PDF")
+    (tmp_path / "target").mkdir()
+    with pytest.raises(HandbenchError, match="target"):
+        draw("target", "-o", "folder.pdf")
+    assert not (tmp_path / "folder.pdf").exists()
+
+
 def test_mistakes_are_one_line_and_leave_no_file(tmp_path):
     kept, strange = tmp_path / "kept.pdf", tmp_path / "strange.toml"
     kept.write_text("kept")
@@ -197,8 +207,10 @@ def test_mistakes_are_one_line_and_leave_no_file(tmp_path):
         (("target", "-o", kept), "exists already"),
         (("target", "-o", tmp_path / "a.png"), r"ends in '\.png'; expected \.svg, \.pdf, \.toml"),
         (("stand", "-o", tmp_path / "a.svg", "--paper", "A4"), "one page, the drawing 4 sheets"),
-        (("tarjet", "-o", tmp_path / "a.pdf"), "tarjet: expected 'target', 'stand', "),
-        ((strange, "-o", tmp_path / "a.pdf"), "describes neither"),
+        (("tarjet", "-o", tmp_path / "a.pdf"), "tarjet: is nothing .* board.toml or target.toml"),
+        (("target", "--3d", "-o", tmp_path / "a.html"), "leave out --3d"),
+        ((strange.parent, "--paper", "A4"), "is neither target nor board"),
+        ((strange, "-o", tmp_path / "a.pdf"), "is nothing that can be shown"),
     ):
         with pytest.raises(HandbenchError, match=complaint) as caught:
             draw(*arguments)
