@@ -32,7 +32,7 @@ from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
 
 FENCES = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NOT_RUN = {  # how a block begins → why it is not executed here
-    "import sys\nimport time": "docs/submissions.md: takes arguments; run in tests/bench/submissions/test_entering.py",
+    "import sys\n\nimport h5py": "docs/submissions.md: takes arguments; run in tests/bench/run/test_foreign_methods.py",
     "import subprocess\nfrom dask_jobqueue": "docs/cluster.md: starts jobs on a SLURM cluster",
     '        "within_2mm": observed': "CONTRIBUTING.md: an entry of a dictionary inside a function",
     '            "within_2mm_percent": 100': "CONTRIBUTING.md: an entry of a dictionary inside a function",

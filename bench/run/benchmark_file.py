@@ -1,5 +1,6 @@
 """Benchmark files: what a run does, and the protocol by which it is scored."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -9,15 +10,16 @@ from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure
 from handbench.bench.run.sweep import Sweep, imaging_settings, known_configs
 from handbench.bench.scenes.people import MOST_PEOPLE
-from handbench.bench.submissions.submission import load_submission
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, methods
-from handbench.support.config import Config, Name, load, suggest
+from handbench.support.config import Config, Name, checked_name, load, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside
+from handbench.support.files import inside, require_folder
 from handbench.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
+PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file to write
+EXAMPLE = "python mine.py {capture} {depth}"
 
 
 Item = TypeVar("Item")
@@ -97,19 +99,52 @@ class GroundTruth(Config):
 
 class MethodEntry(Config):
     """A method with what its configuration changes; precision = true measures its precision too; every_nth_antenna: of
-    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`). submission: the folder with
-    the depth maps of a method that is not ours (docs/submissions.md), relative to the benchmark file."""
+    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`).
+
+    A method that handbench does not have (`bench.run.foreign`) has `maps`, the folder of its depth maps, CAPTURE.npz,
+    relative to the benchmark file; or `command`, a line that makes one, with the places {capture} and {depth}, and the
+    command's limits for each capture: seconds, and megabytes of addresses (0: none)."""
 
     id: str
-    submission: str | None = None
     config: dict[str, Any] = Field(default_factory=dict)
     precision: bool = False
     every_nth_antenna: int = Field(default=1, ge=1)
+    maps: str | None = None
+    command: str | None = None
+    limit_s: float | None = Field(default=None, gt=0)
+    limit_mb: int | None = Field(default=None, ge=0)
+
+    @property
+    def foreign(self) -> bool:
+        """True for a method that handbench does not have."""
+        return self.maps is not None or self.command is not None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_submission(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "submission" in given:
+            raise ValueError('submission is gone; give maps = "FOLDER", with a depth map CAPTURE.npz for each capture')
+        return given
 
     @model_validator(mode="after")
-    def _submitted_as_it_is(self) -> "MethodEntry":
-        if self.submission is not None and (self.config or self.precision or self.every_nth_antenna > 1):
-            raise ValueError(f"method '{self.id}' is a submission, which is taken as it is; leave out all but id")
+    def _foreign_as_it_is(self) -> "MethodEntry":
+        where = f"method '{self.id}'"
+        if self.maps is not None and self.command is not None:
+            raise ValueError(f"{where} has maps and a command; give one of them")
+        if self.command is None and (self.limit_s is not None or self.limit_mb is not None):
+            raise ValueError(f"{where} has limit_s or limit_mb but no command; leave them out")
+        if not self.foreign:
+            return self
+        checked_name(self.id)
+        if self.config or self.precision or self.every_nth_antenna > 1:
+            raise ValueError(f"{where} is taken as it is; leave out config, precision and every_nth_antenna")
+        if self.command is not None:
+            try:
+                words = shlex.split(self.command)
+            except ValueError as error:
+                raise ValueError(f"{where}: command is not readable ({error}); quote it as for a shell") from None
+            if missing := [place for place in PLACES if not any(place in word for word in words)]:
+                raise ValueError(f"{where}: command lacks {' and '.join(missing)}; expected '{EXAMPLE}'")
         return self
 
 
@@ -192,18 +227,13 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
 
 
 def checked(entry: MethodEntry, path: Path) -> MethodEntry:
-    """The entry of a benchmark file; HandbenchError where its method, configuration or submission is not there."""
-    if entry.submission is None:
-        method(entry.id).configure(entry.config, f"{path}: method '{entry.id}'")
-        return entry
-    return submitted(inside(path.parent, entry.submission, f"{path}: submission"), entry.id)
-
-
-def submitted(folder: Path, id: str | None = None) -> MethodEntry:
-    """The entry of a submission, which holds a method `id` if one is named, and none that handbench has."""
-    name = load_submission(folder)[0].method
-    if id is not None and name != id:
-        raise HandbenchError(f"{folder}: is of the method '{name}'; expected '{id}', as the benchmark names it")
-    if name in {known.id for known in methods()}:
-        raise HandbenchError(f"{folder}: '{name}' is one of handbench's own methods; give yours another name")
-    return MethodEntry(id=name, submission=str(folder))
+    """The entry of a benchmark file; HandbenchError where its method, configuration or maps are not there."""
+    where = f"{path}: method '{entry.id}'"
+    if not entry.foreign:
+        method(entry.id).configure(entry.config, where)
+    elif entry.id in {known.id for known in methods()}:
+        given = "maps" if entry.command is None else "command"
+        raise HandbenchError(f"{where}: has {given}, but handbench has this method; give yours another id")
+    elif entry.maps is not None:
+        require_folder(inside(path.parent, entry.maps, f"{where}: maps"), "a depth map for each capture, CAPTURE.npz")
+    return entry

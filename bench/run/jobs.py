@@ -6,26 +6,28 @@ each other; last `scoring`, of the captures that have a reference.
 """
 
 from pathlib import Path
+from typing import Any
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
+from handbench.bench.run import foreign
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.photogrammetry import photographs
-from handbench.bench.run.submitted_stage import grid_of
 from handbench.bench.run.tasks import HASH
 from handbench.bench.scenes.build import named_files
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.submissions.submission import load_submission
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.dense_stage import CLOUD
+from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.imaging.device import chosen
+from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.radar.methods.registry import method_key
 from handbench.radar.simulation.causes import Noise
-from handbench.support.config import load
+from handbench.support.config import load, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside
+from handbench.support.files import content_hash, inside
 from handbench.support.store import Stage, stage
 
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
@@ -84,11 +86,11 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
     return clouds(bench, capture, work) if carried and data.photos is not None and data.mesh() is None else None
 
 
-def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stage]:
+def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> list[Stage]:
     """To image the capture by one method: for the accuracy the benchmark's frames, for the precision, where the method
-    has one, all repeats."""
-    if entry.submission is not None:
-        return [_submitted(bench, capture, entry.id, Path(entry.submission))]
+    has one, all repeats. Paths start from `base`."""
+    if entry.foreign:
+        return [_foreign(bench, base, capture, entry)] if "accuracy" in capture.measures else []
     given = {
         "capture": str(capture.folder),
         "method": entry.id,
@@ -109,15 +111,34 @@ def imaging(bench: BenchFile, capture: Capture, entry: MethodEntry) -> list[Stag
     ]
 
 
-def _submitted(bench: BenchFile, capture: Capture, id: str, submission: Path) -> Stage:
-    """To take a submitted depth map of the capture, which is scored as if it had been imaged here."""
-    about, rows = load_submission(submission)
-    if capture.name not in rows:
-        raise HandbenchError(f"{submission}: has no depth map of '{capture.name}'")
-    grid, config = grid_of(bench, capture.folder), about.model_dump(mode="json")
-    given = {"submission": str(submission), "capture": capture.name, "x_m": grid.x_m, "y_m": grid.y_m, "config": config}
-    depends_on = [capture.key, vars(rows[capture.name]), grid.x_m, grid.y_m]
-    return stage("reconstruct", "handbench.bench.run.submitted_stage:take", depends_on, given, capture.name, id)
+def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
+    """To take a foreign method's depth map of the capture, or to have its command make one."""
+    grid = foreign_grid(bench, capture)
+    given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
+    if entry.command is not None:
+        maker, key = "run", foreign.program_key(entry.command, base)
+        given |= {"capture": str(capture.folder), "command": foreign.words(entry.command, base)}
+        limit_mb = foreign.LIMIT_MB if entry.limit_mb is None else entry.limit_mb
+        given |= {"limits": (entry.limit_s or foreign.LIMIT_S, limit_mb), "config": {"command": entry.command}}
+    else:
+        folder = inside(base, entry.maps or "", "method.maps")
+        file = inside(folder, f"{capture.name}.npz", "method.maps")
+        if not file.is_file():
+            there = suggest(capture.name, [found.stem for found in folder.glob("*.npz")]) or "none"
+            raise HandbenchError(f"{file}: expected the depth map of '{capture.name}', found nothing; {there}")
+        maker, key = "take", [content_hash(file)]
+        given |= {"file": str(file), "config": {"maps": entry.maps}}
+    depends_on = [capture.key, maker, key, grid.x_m, grid.y_m]
+    return stage("reconstruct", f"handbench.bench.run.foreign:{maker}", depends_on, given, capture.name, entry.id)
+
+
+def foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
+    """The pixels that foreign depth maps of a capture have: those of the benchmark's first own method, or else the
+    paper's."""
+    entry = next((entry for entry in bench.method if not entry.foreign), None)
+    chosen = PixelsConfig() if entry is None else configured(capture.about, entry.id, entry.config)
+    grid = chosen.grid() if hasattr(chosen, "grid") else PixelsConfig().grid()
+    return grid.pixels if isinstance(grid, VoxelGrid) else grid
 
 
 def scoring(

@@ -80,7 +80,7 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
         parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
         about = open_capture(folder).about if folder and bench.method else None
-        for entry in (e for e in bench.method if measures and e.submission is None):
+        for entry in (e for e in bench.method if measures and not e.foreign):
             values = entry.config if about is None else configured(about, entry.id, entry.config).model_dump()
             settings = method(entry.id).configure(values, entry.id)
             wanted = {"accuracy": bench.frames} | ({"precision": bench.repeats} if entry.precision else {})

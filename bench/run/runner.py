@@ -100,7 +100,7 @@ class Run:
         stages += self.reconstructed(clouds, len(targets))
         for capture, entry in product(captures, self.bench.method):
             with failing(self.failures, capture.name, "reconstruct", entry.id):
-                stages += plan.imaging(self.bench, capture, entry)
+                stages += plan.imaging(self.bench, self.base, capture, entry)
         meshes: dict[str, Path] = {}
         registration = None
         for stage, done in zip(stages, self.perform(stages), strict=True):

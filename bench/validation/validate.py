@@ -183,9 +183,9 @@ def _methods(found: Sheet) -> Found[dict[str, dict[str, Any]]]:
     """Method id → its entry, of those that are well formed."""
     good = {}
     for at, entry in _tables(found, "method"):
-        if isinstance(entry.get("id"), str) and "submission" in entry:
-            checks = partial(checked, MethodEntry.model_construct(**entry), found.file)
-            yield from found.attempt((*at, "submission"), checks)
+        if isinstance(entry.get("id"), str) and {"maps", "command", "submission"} & entry.keys():
+            if not list(found.complaints(MethodEntry, entry)):  # those of the file as a whole name them
+                yield from found.attempt(at, partial(checked, MethodEntry.model_validate(entry), found.file))
         elif isinstance(entry.get("id"), str):
             values = entry.get("config", {})
             config = yield from method_problems(found, entry["id"], values, (*at, "id"), (*at, "config"))

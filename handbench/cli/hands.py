@@ -18,5 +18,4 @@ def run(options: argparse.Namespace) -> None:
         secret = read_secret(options.hidden, options.out, options.truth)
         chosen = hidden(chosen, secret)
         names = write_set(options.out, chosen, base, options.limit, secret, options.truth)
-    then = "submit" if options.hidden and not options.truth else "run"
-    print(f"{chosen.name}: {len(names)} captures; handbench {then} {options.out / BENCH} -o DIR")
+    print(f"{chosen.name}: {len(names)} captures; handbench run {options.out / BENCH} -o DIR")

@@ -67,7 +67,7 @@ def kept_stages(bench: BenchFile, capture: Capture) -> list[Stage]:
     """The stages of a capture that a run of the copies finds done."""
     return [
         jobs.inspection(capture),
-        *(stage for entry in bench.method for stage in jobs.imaging(bench, capture, entry)),
+        *(stage for entry in bench.method for stage in jobs.imaging(bench, Path(), capture, entry)),
     ]
 
 

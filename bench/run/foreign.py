@@ -1,0 +1,193 @@
+"""Methods that handbench does not have: depth maps from a folder, or a program that makes them from the echoes.
+
+A program sees a folder with capture.toml and the echoes of one frame, a few variables of our environment, and nothing
+else of the capture; its time and memory are limited, and it ends with handbench. This keeps honest programs apart; it
+does not stop a program that means harm.
+"""
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import ECHOES, FAR_M, CaptureFile, save_capture_file
+from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods.fsk_config import PixelsConfig
+from handbench.support.errors import HandbenchError
+from handbench.support.files import content_hash, read_npz, write_json
+
+LIMIT_S, LIMIT_MB = 600.0, 16384  # for one capture; megabytes of addresses
+SAME_M = 1e-6  # pixels of two grids that are the same
+LAST_BYTES = 4096  # of the program's output, where its last line is looked for
+VARIABLES = (
+    *("PATH", "HOME", "LANG", "USER", "TMPDIR", "LD_LIBRARY_PATH"),
+    *("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS"),
+)
+# The program's parent, in a process group with it: ends the group when handbench ends, however that happens.
+SUPERVISOR = """
+import ctypes, os, resource, signal, subprocess, sys
+signal.signal(signal.SIGTERM, lambda *_: os.killpg(0, signal.SIGKILL))
+ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+parent, limit = int(sys.argv[1]), int(sys.argv[2])
+if os.getppid() != parent:
+    os.killpg(0, signal.SIGKILL)
+hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+if limit:
+    limit = limit if hard < 0 else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+code = subprocess.call(sys.argv[3:])
+sys.exit(code if code >= 0 else 128 - code)
+"""
+
+
+def words(command: str, base: Path) -> list[str]:
+    """The words of a command line. Names of files in the benchmark's folder, `base`, become paths."""
+    split = shlex.split(command)
+    return [str(base / word) if os.path.isfile(base / word) else word for word in split]
+
+
+def program_key(command: str, base: Path) -> list[str]:
+    """The values that a command's depth maps depend on: the line, and the content of the files in it."""
+    return [command, *(_file_hash(word) for word in words(command, base) if os.path.isfile(word))]
+
+
+def _file_hash(file: str) -> str:
+    facts = os.stat(file)
+    return _hash_of_version(file, facts.st_mtime_ns, facts.st_size)
+
+
+@lru_cache
+def _hash_of_version(file: str, modified_ns: int, size: int) -> str:
+    return content_hash(Path(file))
+
+
+def take(folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any) -> None:
+    """Copy a depth map, checked, into the folder of a stage, with the seconds that it says it took."""
+    depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
+    _save(folder, depth, [] if seconds is None else [seconds])
+
+
+def run(
+    folder: Path,
+    command: list[str],
+    capture: str,
+    method: str,
+    x_m: np.ndarray,
+    y_m: np.ndarray,
+    limits: tuple[float, int],
+    config: Any,
+) -> None:
+    """Have a program image the capture's first frame into the folder of a stage; its seconds are those of the whole
+    command. limits: seconds, and megabytes of addresses (0: none)."""
+    data = open_capture(capture)
+    with tempfile.TemporaryDirectory(prefix="handbench-foreign-") as temporary:
+        room = Path(temporary)
+        echoes, file = room / "capture", room / "depth.npz"
+        echoes.mkdir()
+        save_capture(echoes / ECHOES, data.echoes(1))
+        save_capture_file(echoes, CaptureFile(name=data.about.name, kind="other", contains=(ECHOES,)))
+        places = {"{capture}": str(echoes), "{depth}": str(file)}
+        for name, place in places.items():
+            command = [word.replace(name, place) for word in command]
+        seconds = _run(command, room, *limits)
+        if not file.is_file():
+            raise HandbenchError("the command ended well but wrote no {depth}; expected an .npz file there")
+        depth, _ = read_map(file, method, PixelGrid(x_m, y_m))
+    _save(folder, depth, [seconds])
+
+
+def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
+    """Write what a method of our own leaves. Pixels that the method itself has averaged stay averaged."""
+    write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
+    depth.save(folder / DEPTH)
+    write_json(folder / TIMING, {"seconds": seconds})
+
+
+def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float:
+    """Run a command in the folder `room`; returns the seconds that it took."""
+    environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
+    if shutil.which(command[0], path=environment.get("PATH")) is None:
+        raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
+    supervised = [sys.executable, "-ISc", SUPERVISOR, str(os.getpid()), str(limit_mb * 2**20), *command]
+    output = room / "output"
+    start = time.perf_counter()
+    with output.open("wb") as stream:
+        child = subprocess.Popen(
+            supervised,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            cwd=room,
+            env=environment,
+            start_new_session=True,
+        )
+        try:
+            code = child.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            raise HandbenchError(f"the command took more than {limit_s:g} s; raise limit_s") from None
+        finally:
+            with suppress(ProcessLookupError):  # what it left running ends too
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+    seconds = time.perf_counter() - start
+    if code != 0:
+        last = _last_line(output)
+        raise HandbenchError(f"the command ended with exit code {code}; its last line: {last}")
+    return seconds
+
+
+def _last_line(output: Path) -> str:
+    with output.open("rb") as stream:
+        stream.seek(max(output.stat().st_size - LAST_BYTES, 0))
+        lines = stream.read(LAST_BYTES).decode("utf-8", "replace").strip().splitlines()
+    text = lines[-1][:300] if lines else "none"
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
+    """A foreign method's depth map on the grid that was asked for, float32, and its `seconds`, where the file has
+    them. HandbenchError for what cannot be scored."""
+    content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
+    for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
+        if content[name].shape != expected.shape or not _same(content[name], expected):
+            given = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
+            raise HandbenchError(f"{file}: {name} is another grid than the benchmark's, {given}; image on that")
+    for name in ("z_m", "amplitude_db"):
+        if content[name].shape != grid.shape or content[name].dtype.kind != "f":
+            found = f"{content[name].dtype} {content[name].shape}"
+            raise HandbenchError(f"{file}: {name} is {found}; expected real numbers {grid.shape}")
+    z_m = content["z_m"].astype(np.float32)
+    seen = np.isfinite(z_m)
+    if np.isinf(z_m).any():
+        raise HandbenchError(f"{file}: z_m has infinite depths; write NaN off target")
+    if not seen.any():
+        raise HandbenchError(f"{file}: z_m has no depth at all; a capture without any cannot be scored")
+    if not np.isfinite(content["amplitude_db"][seen]).all():
+        raise HandbenchError(f"{file}: amplitude_db is not finite where z_m has a depth; give every depth one")
+    if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
+        raise HandbenchError(f"{file}: z_m reaches {far_m:g} m; expected metres: are these millimetres?")
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, content["amplitude_db"].astype(np.float32), method)
+    seconds = content.get("seconds")
+    if seconds is None:
+        return depth, None
+    if seconds.shape != () or seconds.dtype.kind not in "fiu" or not 0 < seconds < np.inf:
+        raise HandbenchError(f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all")
+    return depth, float(seconds)
+
+
+def _same(found: np.ndarray, expected: np.ndarray) -> bool:
+    return found.dtype.kind == "f" and bool(np.abs(found - expected).max() <= SAME_M)  # NaN is not near
