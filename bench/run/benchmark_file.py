@@ -196,6 +196,12 @@ class BenchFile(Config):
                 raise ValueError(f"method '{entry.id}' is listed twice; list it once")
         return self
 
+    def frames_of(self, source: Source) -> int:
+        """The frames of a capture that the methods image."""
+        frames = self.frames if "accuracy" in source.measures else 1
+        repeated = "precision" in source.measures and any(entry.precision for entry in self.method)
+        return max(frames, self.repeats) if repeated else frames
+
 
 def embedded() -> dict[str, Path]:
     """The embedded benchmarks by name: those of the files that say which methods to run."""
@@ -205,7 +211,7 @@ def embedded() -> dict[str, Path]:
 def find_benchmark(name: str) -> Path:
     """The file of a benchmark given by path, or by the name of an embedded one."""
     path = Path(name)
-    if path.suffix == ".toml" or path.exists():
+    if path.suffix == ".toml" or path.is_file():
         return path
     known = embedded()
     if name not in known:

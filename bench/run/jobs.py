@@ -39,17 +39,25 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
         return Stage(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
+    scene, path = scene_of(bench, base, source)
+    if not photos:
+        scene = scene.model_copy(update={"photos": None})
+    given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
+    depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
+    return stage("simulate", "handbench.bench.run.simulate_stage:simulate", depends_on, given, scene.name)
+
+
+def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
+    """The scene that a benchmark asks for, and its file; paths start from `base`."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
     if isinstance(source, Source) and source.persons:
         scene = scene.of_person(*source.persons)
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
-    if not (photos and source.photos):
+    if not source.photos:
         scene = scene.model_copy(update={"photos": None})
-    given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
-    depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
-    return stage("simulate", "handbench.bench.run.simulate_stage:simulate", depends_on, given, scene.name)
+    return scene, path
 
 
 def inspection(capture: Capture) -> Stage:

@@ -174,13 +174,10 @@ class Run:
 
     def open(self) -> tuple[list[Capture], list[Capture]]:
         """The first round: those of the benchmark's captures that can be opened, and all of the calibration's."""
-        repeated = any(entry.precision for entry in self.bench.method)
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with failing(self.failures, source.scene or source.path or "", "open"):
-                frames = self.bench.frames if "accuracy" in source.measures else 1
-                if repeated and "precision" in source.measures:
-                    frames = max(frames, self.bench.repeats)
+                frames = self.bench.frames_of(source)
                 stage = plan.opening(self.bench, self.base, source, frames, photos="accuracy" in source.measures)
                 opening.append((source, stage))
         names = [stage.capture for _, stage in opening]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from handbench.bench.datasets.checksums import require_unchanged
 from handbench.bench.datasets.dataset import open_capture
 from handbench.radar.methods.registry import method_key
 from handbench.support.errors import HandbenchError
@@ -36,7 +37,9 @@ def perform(root: Path, stage: Stage) -> Done:
 
 def _perform(root: Path, stage: Stage) -> Done:
     if stage.name == HASH:
-        return Done(key=open_capture(stage.arguments["folder"]).key(stage.arguments["frames"]))
+        key = open_capture(stage.arguments["folder"]).key(stage.arguments["frames"])
+        require_unchanged(Path(stage.arguments["folder"]))
+        return Done(key=key)
     if not root.is_dir():
         raise HandbenchError(f"{root}: is not there on this machine; expected the result folder, shared by all workers")
     if _code_here(stage.maker, stage.method) != stage.code:

@@ -23,6 +23,7 @@ FORMER = {  # commands of earlier versions: what takes their place
     "export": "not there any more: handbench reads MAROON's data and writes its own captures, 'handbench import'",
     "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
     "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
+    "hands": "'handbench simulate hands'",
     "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} {depth}\"",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works

@@ -1,20 +1,32 @@
-"""`handbench simulate`: a scene's capture, and the table of its effects."""
+"""`handbench simulate`: a scene's capture and the table of its effects, or the captures of a benchmark."""
 
 import argparse
+from pathlib import Path
 
 from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.run.benchmark_file import embedded
+from handbench.bench.run.capture_set import BENCH, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
 from handbench.bench.scenes.photo_pilot import choose
 from handbench.bench.scenes.photographs import Studio
 from handbench.cli.options import free_folder
 from handbench.radar.simulation.known_effects import Choice
+from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder; or what its echoes and photographs would show, and why."""
+    """Scene → capture folder; or what its echoes and photographs would show, and why; benchmark → set of captures."""
+    if _is_benchmark(options.scene):
+        if options.explain or options.frames > 1 or options.out is None:
+            raise HandbenchError(
+                "simulate: a benchmark takes -o DIR, without --explain and --frames; name a scene file"
+            )
+        count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
+        print(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
+        return
     if options.explain:
         scene = load_scene(options.scene)
         photographs = choose(Studio(scene), explain=True)[1] if scene.cameras else ()
@@ -25,6 +37,13 @@ def run(options: argparse.Namespace) -> None:
     free_folder(options.out, options.overwrite, "capture.toml")
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")
+
+
+def _is_benchmark(path: Path) -> bool:
+    """True for the name of an embedded benchmark and for a file that lists methods."""
+    if not path.is_file():
+        return str(path) in embedded()
+    return "method" in read_toml(path, "a scene or a benchmark")
 
 
 def show(rows: tuple[Choice, ...]) -> None:
