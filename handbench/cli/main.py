@@ -24,6 +24,7 @@ FORMER = {  # commands of earlier versions: what takes their place
     "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
     "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
     "hands": "'handbench simulate hands'",
+    "leaderboard": "'handbench report A B', of two result folders or more",
     "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} {depth}\"",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works

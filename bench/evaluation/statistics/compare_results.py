@@ -54,7 +54,7 @@ class Basis:
 def compare_results(a: Result, b: Result) -> Compared:
     """Every method that both have, by the protocol's compared metrics, the precision and the time. Results of different
     protocols or definitions, or without a method and a reference in common, are a HandbenchError."""
-    _require_alike(a, b)
+    require_alike(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
     bases = [basis for reference in REFERENCES if (basis := _basis(a, b, reference))]
@@ -72,7 +72,8 @@ def compare_results(a: Result, b: Result) -> Compared:
     return Compared(_side(a), _side(b), said, _corrected(lines), times, changes(a, b))
 
 
-def _require_alike(a: Result, b: Result) -> None:
+def require_alike(a: Result, b: Result) -> None:
+    """HandbenchError where two results were scored by different protocols or definitions."""
     ours, theirs = (f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b))
     if ours != theirs:
         raise HandbenchError(

@@ -1,0 +1,100 @@
+"""Methods of several results, ranked on the captures that all of the results have.
+
+The ranking follows the share of the surface that is right within 2 mm: it counts holes as wrong, and does not depend on
+the other methods of a run, as figures under equal treatment do.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from handbench.bench.evaluation.statistics.compare_results import require_alike
+from handbench.bench.evaluation.statistics.intervals import mean_interval
+from handbench.bench.evaluation.statistics.paired import compare
+from handbench.bench.results import HEADLINE, REFERENCES
+from handbench.bench.results.result_folder import Result, shown
+from handbench.bench.results.tables import RANKING, conform
+from handbench.support.errors import HandbenchError
+
+BY = "complete_2mm_percent"
+OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps averaged
+
+
+def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
+    """`RANKING`, the best method first, and a sentence on the captures. A method's rank is one more than the number of
+    methods that are shown to be better on the same captures (95 %, Holm); 0: too few captures to test. HandbenchError
+    where the results have no capture and reference in common, or other protocols."""
+    for result in results[1:]:
+        require_alike(results[0], result)
+    reference, captures = _common(results)
+    values: dict[str, np.ndarray] = {}
+    lines = []
+    for number, result in enumerate(results):
+        for method in result.about.methods:
+            key = f"{number}/{method.name}"
+            values[key] = _figures(result, BY, "", method.name, reference, captures)
+            equal = result.equal[(result.equal.method == method.name) & (result.equal.treatment == EQUAL)]
+            share = equal[equal.metric == "aurc_to_percent"].value
+            time = result.time(method.name)
+            low, high = mean_interval(values[key]) or (np.nan, np.nan)
+            line = {
+                "key": key,
+                "result": str(result.folder),
+                "method": method.title,
+                "complete_2mm_percent": values[key].mean(),
+                "low": low,
+                "high": high,
+                "mae_mm": _figures(result, HEADLINE, "", method.name, reference, captures).mean(),
+                "aurc_mm": _figures(result, OVER, EQUAL, method.name, reference, captures).mean(),
+                "aurc_to_percent": share.iloc[0] if len(share) else np.nan,
+                "seconds": np.nan if time is None else time.value,
+            }
+            lines.append(line)
+    compared = compare(values, reference, BY)
+    tested = bool(compared.p_corrected.notna().any())
+    beaten = compared[shown(compared)].worse.value_counts()
+    table = pd.DataFrame(lines).sort_values(BY, ascending=False, kind="stable")
+    table["rank"] = [1 + int(beaten.get(key, 0)) if tested else 0 for key in table.key]
+    return conform(table, RANKING), _about(results, reference, captures, tested)
+
+
+def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
+    """The reference with the most surface that all results have, and their captures that have it."""
+    for reference in ("completed", *REFERENCES):
+        names = [_captures(result, reference) for result in results]
+        if common := [name for name in names[0] if all(name in other for other in names)]:
+            return reference, common
+    folders = ", ".join(str(result.folder) for result in results)
+    raise HandbenchError(f"{folders}: have no capture in common; run the methods on the same captures")
+
+
+def _captures(result: Result, reference: str) -> list[str]:
+    lines = result.captures[(result.captures.metric == BY) & (result.captures.reference == reference)]
+    return list(dict.fromkeys(lines.capture))
+
+
+def _figures(
+    result: Result, metric: str, treatment: str, method: str, reference: str, captures: Sequence[str]
+) -> np.ndarray:
+    """A method's figure of each capture [n], NaN where there is none."""
+    lines = result.captures
+    lines = lines[(lines.metric == metric) & (lines.treatment == treatment) & (lines.method == method)]
+    lines = lines[lines.reference == reference].drop_duplicates("capture").set_index("capture")
+    return lines.value.reindex(list(captures)).to_numpy(float)
+
+
+def _about(results: Sequence[Result], reference: str, captures: Sequence[str], tested: bool) -> str:
+    hashes = {name: {result.about.inputs.get(name, "") for result in results} for name in captures}
+    changed = [name for name, found in hashes.items() if len(found) > 1]
+    few = ", ".join(changed[:3]) + (", …" if len(changed) > 3 else "")
+    parts = [
+        f"{len(captures)} captures that all results have, against {reference}.",
+        "Sorted by the share of the surface that is right within 2 mm, each method as it is.",
+        "The rank is one more than the number of methods that are shown to be better (95 %, Holm)."
+        if tested
+        else "These are too few captures to test, so there are no ranks.",
+        "Errors over completeness, all maps averaged, are comparable only between methods of one result.",
+        *([f"Captures whose content differs between the results: {few}."] if changed else []),
+    ]
+    return " ".join(parts)

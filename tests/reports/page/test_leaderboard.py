@@ -1,0 +1,29 @@
+"""The report of several results: one table, and the report of each."""
+
+import shutil
+
+import pandas as pd
+
+from handbench.cli.main import main
+
+
+def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_path, capsys):
+    shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))
+    shutil.copytree(small_result, tmp_path / "B <b>", ignore=shutil.ignore_patterns("work"))
+    captures = pd.read_csv(tmp_path / "B <b>" / "captures.csv", keep_default_na=False)
+    right = (captures.metric == "complete_2mm_percent") & (captures.method == "2fsk")
+    captures.loc[right, "value"] = 99.5
+    captures.to_csv(tmp_path / "B <b>" / "captures.csv", index=False)
+    results = [str(tmp_path / "A"), str(tmp_path / "B <b>")]
+    assert main(["report", *results, "-o", str(tmp_path / "out")]) == 0
+    table = pd.read_csv(tmp_path / "out" / "leaderboard.csv")
+    assert len(table) == 4 and table.complete_2mm_percent.is_monotonic_decreasing
+    assert (table.method[0], table.result[0]) == ("2-FSK", results[1]) and table.complete_2mm_percent[0] == 99.5
+    text = (tmp_path / "out" / "leaderboard.md").read_text()
+    assert "too few captures to test" in text and "<b>" not in text and "| 99.50 |" in text
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert 'href="report-1/index.html"' in page and "B <b>" not in page
+    for number in (1, 2):
+        assert (tmp_path / "out" / f"report-{number}" / "table.csv").is_file()
+    assert main(["report", *results, "-o", str(tmp_path / "out"), "--tradeoff", results[0]]) == 2
+    assert "belongs to one result" in capsys.readouterr().err
