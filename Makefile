@@ -45,7 +45,7 @@ test-random: setup
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
 	  { echo "Property tests failed with seed $(SEED); $(AGAIN)"; exit 1; }
 
-# The hard cases on this machine, with their table; GROUPS="phase data" runs two groups, HANDBENCH_DEVICE=cuda a GPU.
+# The hard cases on this machine, its GPU too where there is one, with their table; GROUPS="phase data" runs two groups.
 hard-cases: setup
 	$(BIN)/python -m tests.hard_cases $(GROUPS)
 

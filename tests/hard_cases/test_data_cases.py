@@ -337,8 +337,8 @@ def test_projections_drown() -> Seen:
     reference="none",
 )
 def test_nothing_left() -> Seen:
-    """What may have wrapped is dropped; what is left of nothing is an empty map, not an
-    error."""
+    """The method drops pixels that may have wrapped; a map without any pixel left is empty, not
+    an error."""
     for seed in range(6):
         noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
         depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))

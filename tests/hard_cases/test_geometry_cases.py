@@ -263,7 +263,7 @@ def test_voxels_beyond() -> Works:
 
 @refusal("antennas at NaN, infinity and beyond 10⁷ m", "tx_m", "metres")
 def test_antennas() -> Works:
-    """As of voxels."""
+    """No phase, or one that rounding spoils, as for voxels."""
     return (
         (f"at {value}", partial(AntennaArray, _with(value), _with(0.0))) for value in (1e300, 1.1e7, np.inf, np.nan)
     )
@@ -279,5 +279,5 @@ def test_unordered() -> Works:
 
 @refusal("an axis with NaN", "x_m")
 def test_axis_nowhere() -> Works:
-    """As of voxels."""
+    """No phase, as for voxels."""
     return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))

@@ -332,8 +332,8 @@ def test_at_the_edge() -> Seen:
     reference="the sphere of the point's range",
 )
 def test_outside() -> Seen:
-    """What is seen inside is the point's sidelobe, whose range is the point's own within a
-    cell: no period off."""
+    """The pixels inside see the point's sidelobe, whose range is the point's own within a cell:
+    no period off."""
     for id, beside_mm in product(FSK, (13, 15, 20, 30, 50, 80)):
         point = np.array([beside_mm / 1000, 0.0, 0.28])
         depth = depth_map(id, recorded(point, LADDER_HZ))

@@ -91,7 +91,7 @@ def test_nearly_collinear() -> Seen:
     reference="closed form √(a² + b²)/b, in balls",
 )
 def test_condition() -> Seen:
-    """b² is told from sums of a² by eight roundings, which the square root halves: ε·κ² of
+    """b² comes from sums of a² by eight roundings, which the square root halves: ε·κ² of
     itself; infinite where that is all."""
     for half_m in HALF_M * np.logspace(0, -12, 49):
         points_m = _rectangle(half_m)
@@ -111,8 +111,8 @@ def test_condition() -> Seen:
     reference="the pair's own standard deviation",
 )
 def test_shrinking_mirror() -> Seen:
-    """What is given must agree within the limit of a wrong pair; a plane is its own mirror
-    image."""
+    """The pairs of a given transform must agree within the limit of a wrong pair; a plane is
+    its own mirror image."""
     for height_m in (0, 1e-6, 1e-5, *np.logspace(-4, -1, 25)):
         points_m = np.array([*PLANE[:4], [*PLANE[4, :2], height_m]])
         try:

@@ -110,8 +110,8 @@ def test_lone() -> Seen:
     reference="direct sums without them, in balls",
 )
 def test_infinities() -> Seen:
-    """What is not finite is a hole and reaches no neighbour; 2k + 10 roundings of 2⁻⁵³ each: k
-    products and k sums along each axis at most, the offset and the quotient."""
+    """A value that is not finite is a hole and reaches no neighbour. 2k + 10 roundings of 2⁻⁵³
+    each: k products and k sums along each axis at most, the offset and the quotient."""
     values = _map(7, 0.1)
     values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf
     return ((f"size {size}", _error(values, size)) for size in (3, 9))
