@@ -23,7 +23,7 @@ from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from handbench.support.folder import MARKER
 from tests.bench.datasets import test_mapping as foreign
-from tests.bench.studies.stability.faults import content
+from tests.bench.run.faults import content
 from tests.reports.synthetic_result import write_synthetic
 from tests.small_benchmark import BENCH, SCENE
 

@@ -12,7 +12,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
-from tests.bench.studies.stability.faults import DISK
+from tests.bench.run.faults import DISK
 from tests.faults.commands import PRINTING, Command, Ended
 
 SIZES = (0, 1, 100, 700, 3000, 10_000, 40_000, 200_000)  # bytes that fit into a file

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.bench.run.faults import content
 from tests.bench.run.photographed import RUN
-from tests.bench.studies.stability.faults import content
 from tests.faults.commands import Ended
 from tests.faults.disk import Try
 
@@ -30,7 +30,7 @@ LIMITED = (
     "from handbench.cli.main import main; sys.exit(main())"
 )
 WITHOUT_RIGHTS = (
-    "from tests.bench.studies.stability.faults import nobody_s_rights\n"
+    "from tests.bench.run.faults import nobody_s_rights\n"
     "import sys\nwith nobody_s_rights():\n from handbench.cli.main import main; sys.exit(main())"
 )
 

@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 from unittest.mock import patch
 
-from tests.bench.studies.stability.faults import content
+from tests.bench.run.faults import content
 from tests.faults.commands import Command, once
 from tests.faults.disk import Try
 

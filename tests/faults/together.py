@@ -14,7 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from tests.bench.run import test_schedule as cluster
-from tests.bench.studies.stability.faults import content
+from tests.bench.run.faults import content
 from tests.faults.commands import Ended
 from tests.faults.disk import Try
 from tests.faults.processes import HANG_S, ROOT, Runs

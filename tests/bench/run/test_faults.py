@@ -37,7 +37,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.folder import claimed
 from handbench.support.store import MANIFEST, keep, kept_stage
-from tests.bench.studies.stability.faults import DISK, content, instant, nobody_s_rights
+from tests.bench.run.faults import DISK, content, instant, nobody_s_rights
 from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
 

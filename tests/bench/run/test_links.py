@@ -14,7 +14,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
 from handbench.support.folder import MARKER, claimed, drop
 from handbench.support.store import MANIFEST, kept, stage
-from tests.bench.studies.stability.faults import content, instant
+from tests.bench.run.faults import content, instant
 
 NAMES = (
     *(MARKER, "work", "errors", "depth", "photos", "settings", "result.json", "table.csv", "tasks.csv"),
