@@ -80,9 +80,9 @@ class Seen:
         return None
 
 
-def capture_problems(folder: Path, scored: bool = True) -> Found[Seen]:
+def capture_problems(folder: Path, scored: bool | None = True) -> Found[Seen]:
     """All problems of a capture folder; what is missing is one only where something needs it. scored: whether a
-    reference is needed."""
+    reference is needed; None: its absence is a warning."""
     found, about = yield from parsed(CaptureFile, folder / "capture.toml", "a capture description")
     if isinstance(found.values, dict):
         yield from _described(folder, found)
@@ -102,8 +102,9 @@ def capture_problems(folder: Path, scored: bool = True) -> Found[Seen]:
     if kind == "target" and TARGET in lacks:
         yield Problem(folder, None, f"is a target's capture without {TARGET}; copy the target's description here")
     measured = any((folder / name).exists() for name in (MESH, PHOTOS))
-    if scored and kind != "target" and not measured and TRUTH not in surfaces:
-        yield Problem(folder, None, f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}")
+    if scored is not False and kind != "target" and not measured and TRUTH not in surfaces:
+        text = f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}"
+        yield Problem(folder, None, text, warning=scored is None)
     true, carried = TRUTH in surfaces, measured and (folder / TRANSFORM).exists()
     return Seen.of(about, echoes, (true or carried, true or measured), lacks)
 

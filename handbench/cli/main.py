@@ -26,6 +26,7 @@ FORMER = {  # commands of earlier versions: what takes their place
     "hands": "'handbench simulate hands'",
     "leaderboard": "'handbench report A B', of two result folders or more",
     "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} {depth}\"",
+    "validate": "'handbench inspect'",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 

@@ -164,18 +164,18 @@ def test_interrupt_is_one_line(capture, tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err.startswith("handbench: interrupted")
 
 
-def test_validate_reports_every_problem(capture, small_bench, tmp_path, capsys):
-    assert main(["validate", str(capture), str(small_bench), "paper_table"]) == 0
+def test_inspect_reports_every_problem(capture, small_bench, tmp_path, capsys):
+    assert main(["inspect", str(capture), str(small_bench), "paper_table"]) == 0
     broken = tmp_path / "broken"
     broken.mkdir()
     save_capture(broken / "echoes.h5", RadarCapture(np.ones((1, 1, 94, 94), np.complex64), np.ones(1), qar50()))
     capsys.readouterr()
-    assert main(["validate", str(broken), str(tmp_path / "missing.toml")]) == 2
+    assert main(["inspect", str(broken), str(tmp_path / "missing.toml")]) == 2
     said = capsys.readouterr()
     assert [line.split(": ")[0] for line in said.out.splitlines()] == [
         str(broken / "capture.toml"), str(broken / "echoes.h5"), str(broken), str(tmp_path / "missing.toml")
     ]  # fmt: skip
-    last = "handbench: validate: 3 problems, 1 warning, 2 inputs; what is wrong is listed above"  # 1 Hz is suspect
+    last = "handbench: inspect: 2 problems, 2 warnings, 2 inputs; what is wrong is listed above"  # 1 Hz is suspect
     assert said.err.strip() == last
 
 

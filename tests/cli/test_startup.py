@@ -34,8 +34,7 @@ def folder(tmp_path_factory) -> Path:
     ("command", "needed"),
     [
         (["list"], set()),
-        (["validate", "bench/ball.toml"], set()),
-        (["validate", "capture"], {"h5py"}),
+        (["inspect", "bench/ball.toml"], set()),
         (["evaluate", "depth.npz", "--mesh", "capture/truth.ply"], {"open3d", "scipy"}),
         (["reconstruct", "capture", "--method", "3fsk", "-o", "again.npz", *PIXELS], {"numba", "scipy", "h5py"}),
     ],

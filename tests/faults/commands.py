@@ -49,7 +49,7 @@ MEASURED = "calibrate_captures", lambda *_, **__: Transform("photo", "radar", np
 PRINTING = {  # those that print alone
     "evaluate": "evaluate {i}/depth.npz --mesh {i}/capture/truth.ply",
     "list": "list",
-    "validate": "validate {i}/one.toml {i}/capture",
+    "inspect": "inspect {i}/one.toml {i}/capture",
 }
 
 

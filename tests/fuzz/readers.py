@@ -76,7 +76,7 @@ def _benchmark(folder: Path) -> None:
 
 
 def _validate(folder: Path) -> None:
-    from handbench.bench.validation.validate import problems_of
+    from handbench.bench.validation.inspection import problems_of
 
     for problem in problems_of(str(folder / "bench.toml")):
         str(problem)

@@ -17,7 +17,7 @@ from handbench.bench.run.benchmark_file import BenchFile, DataSet, load_benchmar
 from handbench.bench.run.runner import run
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
 from handbench.bench.studies.tradeoff.opening import opened
-from handbench.bench.validation.validate import problems_of
+from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
 from tests.bench.studies import measure_noise_fit

@@ -10,7 +10,7 @@ from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import BenchFile, embedded, load_benchmark
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
-from handbench.bench.validation.validate import problems_of
+from handbench.bench.validation.inspection import problems_of
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 

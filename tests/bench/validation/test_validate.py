@@ -1,4 +1,4 @@
-"""`handbench validate`: every problem, in the file and on the line where it stands."""
+"""`handbench inspect`: every problem, in the file and on the line where it stands."""
 
 import json
 import re
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
+from handbench.bench.validation.inspection import problems_of, show
 from handbench.bench.validation.problems import line_of, lines_of
-from handbench.bench.validation.validate import problems_of, show
 from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
@@ -89,7 +89,7 @@ def test_what_is_fine_is_said_to_be(tmp_path, small_bench, capsys):
     make_capture(tmp_path / "data" / "a", "a")
     make_capture(tmp_path / "data" / "b", "b")
     show([str(tmp_path / "data"), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
-    assert capsys.readouterr().out.count(": fine\n") == 4
+    assert capsys.readouterr().out.count(": nothing looks wrong\n") == 4
 
 
 def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
@@ -272,7 +272,7 @@ def test_the_command_counts_and_fails(tmp_path, capsys):
         folder = make_capture(tmp_path / "data" / f"c{number:02}", name=f"c{number // 2}")
         if number % 10 == 0:
             (folder / "truth.ply").write_bytes(b"")
-    with pytest.raises(HandbenchError, match="validate: 2 problems, 10 warnings, 1 input"):
+    with pytest.raises(HandbenchError, match="inspect: 2 problems, 10 warnings, 1 input"):
         show([str(tmp_path / "data")])
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 12 and sum("no benchmark can hold both" in line for line in out) == 10

@@ -1,30 +1,39 @@
-"""Everything that can be wrong with a benchmark or a data set, found before hours are spent."""
+"""Everything that can be wrong with any file that handbench reads, found before hours are spent."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
+from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
+from handbench.bench.results import load as load_result
 from handbench.bench.results.about import MEASURES
-from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark
+from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark, load_benchmark
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
+from handbench.bench.validation.file_doubts import of_mesh, of_result
+from handbench.bench.validation.map_doubts import of_map
 from handbench.bench.validation.photo_problems import is_of_photographs, photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
 from handbench.calibration.spheres.description import Target, load_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.arrays import load_positions
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.registry import method
-from handbench.support.config import Config, load
+from handbench.radar.methods.trust import FLAGGED
+from handbench.support.config import Config, load, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.limits import MOST_TABLES
-from handbench.support.progress import track
+from handbench.support.progress import say, track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
@@ -32,27 +41,97 @@ READERS: dict[str, Callable[[Path], Any]] = {".h5": load_capture, ".json": load_
 MESHES = (".ply", ".obj", ".stl")
 
 
-def show(inputs: Sequence[str], scored: bool = True) -> None:
-    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many there are. Raises
-    HandbenchError if there is one that is more than a warning."""
+def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
+    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many there are.
+
+    mesh, transform: the surface of a depth map, and what carries it into the radar frame. Raises HandbenchError if
+    there is a problem that is more than a warning.
+    """
     problems = warnings = 0
     for name in inputs:
-        found = list(dict.fromkeys(problems_of(name, scored)))
+        found = dict.fromkeys(inspect(name, mesh, transform))
         for problem in found:
             print(problem)
         if not found:
-            print(f"{name}: fine")
+            print(f"{name}: nothing looks wrong")
         warnings += sum(problem.warning for problem in found)
         problems += sum(not problem.warning for problem in found)
     counts = ((problems, "problem"), (warnings, "warning"), (len(inputs), "input"))
     counted = ", ".join(f"{count} {what}{'s' * (count > 1)}" for count, what in counts if count)
     if problems:
-        raise HandbenchError(f"validate: {counted}; what is wrong is listed above")
+        raise HandbenchError(f"inspect: {counted}; what is wrong is listed above")
     if warnings:
         print(f"{counted}; fine, if meant so")
 
 
-def problems_of(name: str, scored: bool = True) -> Iterator[Problem]:
+def inspect(name: str, mesh: Path | None = None, transform: Path | None = None) -> Iterator[Problem]:
+    """Everything that is wrong with an input; where no run would fail, what the data themselves show, as warnings."""
+    path = Path(name)
+    if path.suffix == ".npz":
+        yield from _depth_map(path, mesh, transform)
+        return
+    if (path / "result.json").is_file():
+        result = yield from attempt(path, partial(load_result, path))
+        if result is not None:
+            yield from _warnings(path, of_result(result))
+        return
+    found = list(problems_of(name, scored=None))
+    yield from found
+    if not all(problem.warning for problem in found):
+        return
+    if path.suffix.lower() in MESHES:
+        yield from _warnings(path, of_mesh(read_surface(path)))
+    told = {problem.text for problem in found}
+    for folder in _captures(name):
+        yield from (p for p in _capture_warnings(folder) if p.text not in told)
+
+
+def _captures(name: str) -> Sequence[Path]:
+    """The capture folders of an input: a folder of them, or a benchmark's."""
+    path = Path(name)
+    if path.is_dir():
+        return () if is_of_photographs(path) else captures(path)
+    file = find_benchmark(name)
+    if file.suffix != ".toml" or "method" not in read_toml(file, "a benchmark"):
+        return ()
+    bench, base = load_benchmark(name)
+    return [inside(base, source.path, "capture.path") for source in bench.capture if source.path]
+
+
+def _capture_warnings(folder: Path) -> Iterator[Problem]:
+    """Warnings about the images of a capture; the note on the handedness of a foreign transform goes to stderr."""
+    from handbench.bench.validation.doubts import of_capture
+
+    recorded = open_capture(folder)
+    yield from _warnings(folder, of_capture(recorded))
+    transform = recorded.transform()
+    if transform is not None and transform.note:
+        say(f"{folder}: {transform.note}")
+
+
+def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
+    """A depth map by itself, and against a surface."""
+    depth = yield from attempt(path, partial(load_depthmap, path))
+    if depth is None:
+        return
+    on_target = np.isfinite(depth.z_m)
+    of_these = "" if depth.p_gross is None else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
+    print(f"{path}: {depth.method}, {int(on_target.sum())} of {depth.z_m.size} pixels on target{of_these}")
+    yield from _warnings(path, of_map(depth))
+    if mesh is not None:
+        from handbench.bench.validation import surface_fit
+
+        surface = yield from attempt(mesh, partial(read_surface, mesh))
+        if surface is not None:
+            carried = surface.moved(load_any_transform(transform))
+            yield from _warnings(path, surface_fit.findings(depth, carried))
+
+
+def _warnings(path: Path, texts: Iterable[str]) -> Iterator[Problem]:
+    return (Problem(path, None, text, warning=True) for text in texts)
+
+
+def problems_of(name: str, scored: bool | None = True) -> Iterator[Problem]:
     """The problems of one input: a capture folder or a folder of them; a benchmark, by file or name; the file of a
     scene, a target, a board, a mesh, echoes or a transform."""
     path = Path(name)
@@ -82,12 +161,12 @@ def problems_of(name: str, scored: bool = True) -> Iterator[Problem]:
         yield from _benchmark(found)
 
 
-def _folder(path: Path, scored: bool) -> Iterator[Problem]:
+def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
         yield from _capture(path, scored)
         return
     if is_of_photographs(path):
-        yield from photo_problems(path, scored)
+        yield from photo_problems(path, bool(scored))
         return
     folders = yield from attempt(path, lambda: captures(path))
     names: dict[str, Path] = {}
@@ -98,7 +177,7 @@ def _folder(path: Path, scored: bool) -> Iterator[Problem]:
             yield Problem(folder / DESCRIPTION, None, text, warning=True)
 
 
-def _capture(path: Path, scored: bool = True) -> Found[Seen]:
+def _capture(path: Path, scored: bool | None = True) -> Found[Seen]:
     """A capture of any form; of those that are not ours, what their adapters complain of. scored: it needs a
     reference."""
     if (path / ECHOES).exists() or (path / DESCRIPTION).exists():
