@@ -170,17 +170,18 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
         if content[name].shape != grid.shape or content[name].dtype.kind != "f":
             found = f"{content[name].dtype} {content[name].shape}"
             raise HandbenchError(f"{file}: {name} is {found}; expected real numbers {grid.shape}")
-    z_m = content["z_m"].astype(np.float32)
+    with np.errstate(over="ignore"):  # too large a number becomes infinite, which is refused below
+        z_m, amplitude_db = (content[name].astype(np.float32) for name in ("z_m", "amplitude_db"))
     seen = np.isfinite(z_m)
     if np.isinf(z_m).any():
         raise HandbenchError(f"{file}: z_m has infinite depths; write NaN off target")
     if not seen.any():
         raise HandbenchError(f"{file}: z_m has no depth at all; a capture without any cannot be scored")
-    if not np.isfinite(content["amplitude_db"][seen]).all():
+    if not np.isfinite(amplitude_db[seen]).all():
         raise HandbenchError(f"{file}: amplitude_db is not finite where z_m has a depth; give every depth one")
     if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
         raise HandbenchError(f"{file}: z_m reaches {far_m:g} m; expected metres: are these millimetres?")
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, content["amplitude_db"].astype(np.float32), method)
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method)
     seconds = content.get("seconds")
     if seconds is None:
         return depth, None

@@ -121,7 +121,7 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
 
 def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
     """To take a foreign method's depth map of the capture, or to have its command make one."""
-    grid = foreign_grid(bench, capture)
+    grid = _foreign_grid(bench, capture)
     given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
     if entry.command is not None:
         maker, key = "run", foreign.program_key(entry.command, base)
@@ -140,7 +140,7 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
     return stage("reconstruct", f"handbench.bench.run.foreign:{maker}", depends_on, given, capture.name, entry.id)
 
 
-def foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
+def _foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
     """The pixels that foreign depth maps of a capture have: those of the benchmark's first own method, or else the
     paper's."""
     entry = next((entry for entry in bench.method if not entry.foreign), None)

@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> None:
                 "simulate: a benchmark takes -o DIR, without --explain and --frames; name a scene file"
             )
         count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
-        print(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
+        print(f"{count} capture{'s' * (count > 1)}: handbench run {options.out / BENCH} -o RESULT")
         return
     if options.explain:
         scene = load_scene(options.scene)

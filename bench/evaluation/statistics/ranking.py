@@ -89,12 +89,12 @@ def _about(results: Sequence[Result], reference: str, captures: Sequence[str], t
     changed = [name for name, found in hashes.items() if len(found) > 1]
     few = ", ".join(changed[:3]) + (", …" if len(changed) > 3 else "")
     parts = [
-        f"{len(captures)} captures that all results have, against {reference}.",
+        f"{len(captures)} capture{'s' * (len(captures) > 1)} that all results have, against {reference}.",
         "Sorted by the share of the surface that is right within 2 mm, each method as it is.",
         "The rank is one more than the number of methods that are shown to be better (95 %, Holm)."
         if tested
         else "These are too few captures to test, so there are no ranks.",
         "Errors over completeness, all maps averaged, are comparable only between methods of one result.",
-        *([f"Captures whose content differs between the results: {few}."] if changed else []),
+        *([f"Captures with different content hashes in the results: {few}."] if changed else []),
     ]
     return " ".join(parts)

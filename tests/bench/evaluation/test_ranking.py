@@ -57,7 +57,7 @@ def test_captures_that_one_result_lacks_are_left_out(result):
     table, about = ranked([a, b])
     assert table.method.tolist() == ["ONE", "TWO"] and table.complete_2mm_percent.tolist() == [90, 80]
     assert table["rank"].tolist() == [0, 0] and "too few captures to test" in about
-    assert "content differs between the results: B." in about
+    assert "different content hashes in the results: B." in about
 
 
 def test_results_that_share_nothing_are_refused(result):

@@ -197,7 +197,6 @@ MAPS = {
 
 
 @pytest.mark.parametrize(("changed", "words"), MAPS.values(), ids=MAPS)
-@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
 def test_maps_that_cannot_be_scored_are_refused(tmp_path, changed, words):
     np.savez(tmp_path / "a.npz", **content(**changed))
     with pytest.raises(HandbenchError, match=words):
