@@ -44,7 +44,7 @@ def figures(result):
 @pytest.mark.usefixtures("no_settling")
 def test_it_is_scored_as_the_benchmark_is(folder, small_result, tmp_path, capsys):
     """Of all its frames: the small benchmark has the precision of one method, by three frames."""
-    assert main(["validate", str(folder / "set" / "bench.toml")]) == 0
+    assert main(["inspect", str(folder / "set" / "bench.toml")]) == 0
     assert main(["run", str(folder / "set" / "bench.toml"), "-o", str(tmp_path / "r")]) == 0
     assert figures(tmp_path / "r").equals(figures(small_result))
     capsys.readouterr()
@@ -92,7 +92,7 @@ def test_captures_that_no_set_lists_are_not_compared(changed, tmp_path, capsys):
     lines = (changed / "checksums.txt").read_text().replace("captures/ball/", "captures/other/")
     (changed / "checksums.txt").write_text(lines)
     append(changed / "captures" / "ball" / "echoes.h5")
-    assert main(["validate", str(changed / "bench.toml")]) == 0
+    assert main(["inspect", str(changed / "bench.toml")]) == 0
     capsys.readouterr()
     about = {"folder": str(changed / "captures" / "ball"), "frames": 1}
     assert perform(tmp_path, Stage(HASH, "ball", arguments=about)).failure is None

@@ -255,7 +255,7 @@ def stages(result):
 @pytest.mark.usefixtures("no_settling")
 def test_they_are_scored_beside_our_own(folder, capsys):
     bench, result = str(folder / "bench.toml"), folder / "result"
-    assert main(["validate", bench]) == 0
+    assert main(["inspect", bench]) == 0
     assert main(["run", bench, "-o", str(result)]) == 0
     table = load(result).table.set_index(["method", "metric"]).value
     x_m = np.linspace(-0.02, 0.02, 21)
@@ -309,7 +309,7 @@ def test_entries_that_cannot_work_are_refused_before_anything_runs(folder, capsy
     with pytest.raises(HandbenchError) as error:
         load_benchmark(str(file))
     assert words in str(error.value)
-    assert main(["validate", str(file)]) == 2
+    assert main(["inspect", str(file)]) == 2
     assert words in capsys.readouterr().out
 
 
