@@ -1,5 +1,6 @@
 """Everything that can be wrong with any file that handbench reads, found before hours are spent."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -232,6 +233,7 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
         below = yield from found.attempt((*at, "path"), partial(dataset.sources, found.file.parent))
         sources += [(at, source.model_dump()) for source in below or ()]
     names: dict[str, str] = {}
+    scored: list[str] = []
     for at, source in track(sources, "captures"):
         seen = yield from _source(found, source, at)
         if seen is None or seen.name is None:
@@ -242,10 +244,24 @@ def _benchmark(found: Sheet) -> Iterator[Problem]:
                 text = f"capture '{name}' in {here} is named as the one in {names[name]}; give one another name"
                 yield found.problem(at, text)
             names.setdefault(name, here)
+            scored += [name] if "accuracy" in _measures(source) else []
         if "accuracy" in _measures(source) and not seen.scored[calibrated]:
             text = f"capture '{seen.name}': nothing carries its surface into the radar frame"
             yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
         yield from _imaged(found, seen, at, configs, _measures(source))
+    for at, entry in _tables(found, "method"):
+        yield from _missing_maps(found, at, entry.get("maps"), scored)
+
+
+def _missing_maps(found: Sheet, at: Location, maps: Any, captures: Sequence[str]) -> Iterator[Problem]:
+    """Captures of which a folder of depth maps has none."""
+    if not isinstance(maps, str) or not os.path.isdir(folder := f"{found.file.parent}/{maps}"):
+        return
+    missing = [name for name in captures if not os.path.isfile(f"{folder}/{name}.npz")]
+    if missing:
+        few = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
+        text = f"{maps} has no depth map of {len(missing)} of {len(captures)} captures: {few}; add NAME.npz for each"
+        yield found.problem((*at, "maps"), text)
 
 
 def _tables(found: Sheet, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:

@@ -281,6 +281,8 @@ def test_a_map_that_is_missing_is_a_failure_of_its_capture(folder, tmp_path, cap
     (folder / "other").mkdir()
     (folder / "other" / "bull.npz").write_bytes((folder / "maps" / "ball.npz").read_bytes())
     (folder / "hole.toml").write_text(text.replace('"maps"', '"other"'))
+    assert main(["inspect", str(folder / "hole.toml")]) == 2
+    assert "other has no depth map of 1 of 1 captures: ball" in capsys.readouterr().out
     assert main(["run", str(folder / "hole.toml"), "-o", str(tmp_path / "r")]) == 0
     [failure] = load(tmp_path / "r").about.failures
     assert (failure.capture, failure.method) == ("ball", "given")
