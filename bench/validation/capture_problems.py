@@ -20,7 +20,7 @@ from handbench.bench.datasets.native import (
     TRUTH,
     CaptureFile,
 )
-from handbench.bench.validation.array_doubts import array_doubts, lacking
+from handbench.bench.validation.checks import array_warnings, pair_warnings, surface_warnings, transform_warnings
 from handbench.bench.validation.photo_problems import photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from handbench.calibration.array.array_file import with_calibration
@@ -35,8 +35,6 @@ from handbench.radar.methods.registry import Method, method
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
-
-SMALL_M = 5e-3  # a surface that small is likelier to be told in another unit
 
 
 @dataclass(frozen=True)
@@ -147,39 +145,23 @@ def _echoes(folder: Path) -> Found[RadarCapture | None]:
     yield from attempt(calibration, lambda: with_calibration(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
-    for text in array_doubts(echoes):
-        yield Problem(folder / ECHOES, None, text, warning=True)
-    for text in lacking(echoes):
+    for text in (*array_warnings(echoes), *pair_warnings(echoes)):
         yield Problem(folder / ECHOES, None, text, warning=True)
     return echoes
-
-
-def _doubt(file: Path, odd: bool, text: str) -> Iterator[Problem]:
-    """A warning about a file, if it is odd."""
-    if odd:
-        yield Problem(file, None, text, warning=True)
 
 
 def surface_problems(file: Path) -> Found[Surface | None]:
     """Problems of a surface's file."""
     surface = yield from attempt(file, lambda: read_surface(file))
-    if surface is not None:
-        longest_m = float(np.ptp(surface.vertices_m[np.unique(surface.faces)], axis=0).max())
-        text = f"is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over"
-        yield from _doubt(file, not SMALL_M <= longest_m <= FAR_M, text)
+    for text in surface_warnings(surface) if surface is not None else ():
+        yield Problem(file, None, text, warning=True)
     return surface
 
 
-def _transform(file: Path, surface: Surface | None) -> Iterator[Problem]:
+def _transform(file: Path, mesh: Surface | None) -> Iterator[Problem]:
     transform = yield from attempt(file, lambda: load_transform(file).require("photo", "radar", file))
-    if transform is None:
-        return
-    offset_m = float(np.abs(transform.matrix[:3, 3]).max())
-    yield from _doubt(file, offset_m > FAR_M, f"it moves by {offset_m:g} m; are these millimetres?")
-    odd = not 0.5 < transform.scale < 2
-    yield from _doubt(file, odd, f"its scale is {transform.scale:g}; are both frames in metres?")
-    behind = surface is not None and bool((transform.points(surface.vertices_m)[:, 2] <= 0).all())
-    yield from _doubt(file, behind, f"it carries all of {MESH} behind the radar; is it the inverse?")
+    for text in transform_warnings(transform, mesh) if transform is not None else ():
+        yield Problem(file, None, text, warning=True)
 
 
 def _target(file: Path) -> Iterator[Problem]:

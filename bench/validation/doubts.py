@@ -11,8 +11,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.validation import focus, surface_fit
-from handbench.bench.validation.array_doubts import array_doubts
-from handbench.bench.validation.map_doubts import of_map as of_map
+from handbench.bench.validation.checks import array_warnings, map_warnings
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
@@ -48,7 +47,7 @@ def make(folder: Path, capture: str) -> None:
 def of_capture(recorded: NativeCapture) -> Iterator[str]:
     """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface, its frames."""
     capture = recorded.echoes(1)
-    plain = list(array_doubts(capture))
+    plain = list(array_warnings(capture))
     yield from plain
     if plain:
         return  # all that follows would be about these
@@ -62,7 +61,7 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if wrong or imaged is None:
         return
     depth, config = imaged
-    yield from of_map(with_trust(depth, capture, config))
+    yield from map_warnings(with_trust(depth, capture, config))
     if surface is None or as_is is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
@@ -117,7 +116,7 @@ def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, Rada
 
 def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
     """Doubts about a depth map and, where there are some, about the echoes that it was imaged from."""
-    about = list(of_map(depth))
+    about = list(map_warnings(depth))
     yield from about
     try:
         yield from focus.findings(capture) if about else ()

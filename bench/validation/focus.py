@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.bench.validation.array_doubts import places_m
+from handbench.bench.validation.checks import places_m
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture, evenly
 from handbench.radar.data.grid import VoxelGrid

@@ -16,8 +16,7 @@ from handbench.bench.results.about import MEASURES
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark, load_benchmark
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import Seen, capture_problems, method_problems, surface_problems
-from handbench.bench.validation.file_doubts import of_mesh, of_result
-from handbench.bench.validation.map_doubts import of_map
+from handbench.bench.validation.checks import map_warnings, mesh_warnings, result_warnings
 from handbench.bench.validation.photo_problems import is_of_photographs, photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
 from handbench.calibration.spheres.description import Target, load_target
@@ -34,7 +33,7 @@ from handbench.support.config import Config, load, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.limits import MOST_TABLES
-from handbench.support.progress import say, track
+from handbench.support.progress import track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
@@ -74,14 +73,14 @@ def inspect(name: str, mesh: Path | None = None, transform: Path | None = None) 
     if (path / "result.json").is_file():
         result = yield from attempt(path, partial(load_result, path))
         if result is not None:
-            yield from _warnings(path, of_result(result))
+            yield from _warnings(path, result_warnings(result))
         return
     found = list(problems_of(name, scored=None))
     yield from found
     if not all(problem.warning for problem in found):
         return
     if path.suffix.lower() in MESHES:
-        yield from _warnings(path, of_mesh(read_surface(path)))
+        yield from _warnings(path, mesh_warnings(read_surface(path)))
     told = {problem.text for problem in found}
     for folder in _captures(name):
         yield from (p for p in _capture_warnings(folder) if p.text not in told)
@@ -100,14 +99,10 @@ def _captures(name: str) -> Sequence[Path]:
 
 
 def _capture_warnings(folder: Path) -> Iterator[Problem]:
-    """Warnings about the images of a capture; the note on the handedness of a foreign transform goes to stderr."""
+    """Warnings about the images of a capture; reading it says which hand a foreign radar frame has."""
     from handbench.bench.validation.doubts import of_capture
 
-    recorded = open_capture(folder)
-    yield from _warnings(folder, of_capture(recorded))
-    transform = recorded.transform()
-    if transform is not None and transform.note:
-        say(f"{folder}: {transform.note}")
+    yield from _warnings(folder, of_capture(open_capture(folder)))
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
@@ -118,7 +113,7 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
     on_target = np.isfinite(depth.z_m)
     of_these = "" if depth.p_gross is None else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
     print(f"{path}: {depth.method}, {int(on_target.sum())} of {depth.z_m.size} pixels on target{of_these}")
-    yield from _warnings(path, of_map(depth))
+    yield from _warnings(path, map_warnings(depth))
     if mesh is not None:
         from handbench.bench.validation import surface_fit
 

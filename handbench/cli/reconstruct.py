@@ -9,9 +9,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
-from handbench.bench.validation.array_doubts import array_doubts, lacking
+from handbench.bench.validation.checks import array_warnings, flagged, pair_warnings
 from handbench.bench.validation.doubts import of_image
-from handbench.bench.validation.map_doubts import flagged
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging import api
@@ -42,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
-    for doubt in (*array_doubts(echoes), *lacking(echoes)):
+    for doubt in (*array_warnings(echoes), *pair_warnings(echoes)):
         say(f"{options.capture}: {doubt}")
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)

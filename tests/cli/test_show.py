@@ -159,12 +159,12 @@ def test_doubts_come_first(made, tmp_path, capsys):
 def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
     from handbench.bench.evaluation.depth_errors import error_map
     from handbench.bench.evaluation.metrics import pool
-    from handbench.bench.validation.figure_doubts import of_figures
+    from handbench.bench.validation.checks import figure_warnings
 
     axis_m = np.linspace(-0.05, 0.05, 40)
     truth = np.where(np.isfinite(hand_m(axis_m, axis_m)), 0.29, np.nan)
     depth = DepthMap(axis_m, axis_m, np.full((40, 40), z_m), np.zeros((40, 40), np.float32), "broadband", config)
-    [*found] = of_figures(depth, pool([error_map(axis_m, axis_m, depth.z_m, truth)]))
+    [*found] = figure_warnings(depth, pool([error_map(axis_m, axis_m, depth.z_m, truth)]))
     assert len(found) == bool(said) and all(said in doubt for doubt in found)
 
 

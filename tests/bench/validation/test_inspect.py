@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.validation import doubts, focus
+from handbench.bench.validation import checks, focus
+from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -188,11 +190,11 @@ def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
     axis = np.arange(-5, 6) * 1e-2
     z_m = np.full((11, 11), 0.3)
     full = DepthMap(axis, axis, z_m, np.zeros_like(z_m), "m", p_gross=np.full_like(z_m, 0.9))
-    assert [text.split()[0:2] for text in doubts.of_map(full)] == [["100", "%"], ["100", "%"]]
+    assert [text.split()[0:2] for text in checks.map_warnings(full)] == [["100", "%"], ["100", "%"]]
     z_m[:, 3:] = np.nan
-    assert list(doubts.of_map(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
+    assert list(checks.map_warnings(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
     cropped = replace(full, x_m=axis / 10, y_m=axis / 10, z_m=np.full_like(z_m, 0.3), p_gross=np.full_like(z_m, 0.1))
-    assert list(doubts.of_map(cropped)) == []
+    assert list(checks.map_warnings(cropped)) == []
 
 
 def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):
@@ -250,3 +252,23 @@ def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, c
         assert "conjugate the samples" in told
     assert "plate: the echoes focus better" in said(capsys, str(tmp_path / "out"))
     assert "conjugate the samples" in said(capsys, str(tmp_path / "bench.toml"))
+
+
+def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monkeypatch):
+    """With checks that always find something, each says its advice once."""
+    always = tuple(check._replace(found=lambda facts: True) for check in checks.CHECKS)
+    monkeypatch.setattr(checks, "CHECKS", always)
+    surface = read_surface(written(tmp_path / "plate", right) / "truth.ply")
+    depth = DepthMap(np.arange(3.0), np.arange(2.0), np.full((2, 3), 0.3), np.zeros((2, 3)), "3fsk")
+    figures = {"mae_mm": 1.0, "relative_accuracy_percent": 99.0}
+    said = [
+        *checks.array_warnings(right),
+        *checks.pair_warnings(right),
+        *checks.surface_warnings(surface),
+        *checks.mesh_warnings(surface),
+        *checks.transform_warnings(Transform("photo", "radar", np.eye(4)), surface),
+        *checks.map_warnings(depth),
+        *checks.figure_warnings(depth, figures),
+    ]
+    assert len(said) == sum(check.of != "result" for check in always) and "{" not in "".join(said)
+    assert len({check.name for check in always}) == len(always)

@@ -1,0 +1,295 @@
+"""Every check of numbers that can be read and can hardly be meant, in one list: its subject, when it warns, advice.
+
+The facts of a thing (an array, a depth map, a surface, …) are a dictionary of plain values; a check's `found` and its
+advice, a format string, take them by name. What only images show is in doubts.py, focus.py and surface_fit.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from handbench.bench.datasets.native import FAR_M
+from handbench.bench.results.about import HEADLINE
+from handbench.radar.methods.trust import FLAGGED
+
+if TYPE_CHECKING:
+    from handbench.bench.results import Result
+    from handbench.calibration.transforms import Transform
+    from handbench.groundtruth.mesh.surface import Surface
+    from handbench.radar.data.capture import RadarCapture
+    from handbench.radar.data.depthmap import DepthMap
+
+LOWEST_HZ = 3e8  # of radars whose arrays have a size in metres
+HIGH_HZ = 1e12  # more is likelier a wrong unit
+MOST_WAVELENGTHS, LEAST_WAVELENGTHS = 1000.0, 0.25  # of an array's extent; beyond, it is most likely in another unit
+FEWEST_PLACES = 4  # antennas that may span less than LEAST_WAVELENGTHS
+FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
+SMALL_M = 5e-3  # a surface that small is likelier in another unit
+OPEN_PERCENT = 10  # of a surface's edges at its rim
+CROWDED_PERCENT, WIDE_M = 50, 0.1  # of an image that nothing near a hand fills, if it is that wide and high
+FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
+FARTHEST_MM = 50.0  # mean error of what may still be an image
+CURE = "is the surface in metres, and in the radar's frame? `handbench inspect` both"
+
+Facts = Mapping[str, Any]
+
+
+class Check(NamedTuple):
+    """A warning about one kind of thing: found(facts) is true where the advice applies."""
+
+    of: str
+    name: str
+    found: Callable[[Facts], Any]
+    advice: str
+
+
+CHECKS = (
+    Check(
+        "array",
+        "frequencies in GHz",
+        lambda f: f["highest_hz"] < 1e3,
+        "its highest frequency is {highest_hz:g} Hz: are these gigahertz? multiply them by 1e9",
+    ),
+    Check(
+        "array",
+        "frequencies in MHz",
+        lambda f: 1e3 <= f["highest_hz"] < 1e6,
+        "its highest frequency is {highest_hz:g} Hz: are these megahertz? multiply them by 1e6",
+    ),
+    Check(
+        "array",
+        "positions in millimetres",
+        lambda f: f["far_m"] > FAR_M,
+        "an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply them by 1e-3",
+    ),
+    Check(
+        "array",
+        "frequencies a thousand times too high",
+        lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] > HIGH_HZ,
+        "its highest frequency is {highest_hz:g} Hz: is that a thousand times too much? multiply them by 1e-3",
+    ),
+    Check(
+        "array",
+        "positions in centimetres",
+        lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] <= HIGH_HZ,
+        f"the antennas span {{extent_m:g}} m, over {MOST_WAVELENGTHS:g} wavelengths: are their positions centimetres? "
+        "multiply them by 1e-2; or inches? by 0.0254",
+    ),
+    Check(
+        "array",
+        "frequencies in kHz, positions in kilometres",
+        lambda f: 0 < f["waves"] < LEAST_WAVELENGTHS and f["places"] > FEWEST_PLACES,
+        "the antennas span {extent_m:g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz: are the {too_small}? multiply "
+        "them by 1e3",
+    ),
+    Check(
+        "array",
+        "plane along z",
+        lambda f: f["looks_along"],
+        "the array lies in the plane of {beside} and z, so that it looks along {looks_along}: z is to point away from "
+        "it; exchange the axes",
+    ),
+    Check(
+        "array",
+        "tones twice",
+        lambda f: f["twice"],
+        "{twice} of {tones} tones are there twice: leave them out, or mend frequencies_hz",
+    ),
+    Check(
+        "pairs",
+        "pairs missing",
+        lambda f: f["missing"],
+        "{missing} of its {pairs} pairs were not measured; images do without",
+    ),
+    Check(
+        "surface",
+        "size",
+        lambda f: not SMALL_M <= f["longest_m"] <= FAR_M,
+        "is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over",
+    ),
+    Check(
+        "mesh",
+        "inside out",
+        lambda f: f["rim_percent"] == 0 and f["volume"] < 0,
+        "its triangles are inside out: reverse the order of each one's vertices",
+    ),
+    Check(
+        "mesh",
+        "holes",
+        lambda f: f["rim_percent"] > OPEN_PERCENT,
+        "{rim_percent:.0f} % of its edges belong to one triangle alone: fill its holes, or merge equal vertices",
+    ),
+    Check(
+        "transform",
+        "offset in millimetres",
+        lambda f: f["offset_m"] > FAR_M,
+        "it moves by {offset_m:g} m; are these millimetres?",
+    ),
+    Check(
+        "transform", "scale", lambda f: not 0.5 < f["scale"] < 2, "its scale is {scale:g}; are both frames in metres?"
+    ),
+    Check(
+        "transform", "inverse", lambda f: f["behind"], "it carries all of mesh.ply behind the radar; is it the inverse?"
+    ),
+    Check(
+        "depth map",
+        "nothing focuses",
+        lambda f: f["on_target_percent"] > CROWDED_PERCENT and f["wide_m"] >= WIDE_M,
+        "{on_target_percent:.0f} % of the image is on target: does nothing focus? `handbench inspect` the capture",
+    ),
+    Check(
+        "depth map",
+        "depths in millimetres",
+        lambda f: f["far_m"] > FAR_M,
+        f"depths lie further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
+    ),
+    Check(
+        "depth map",
+        "pixels likelier wrong than right",
+        lambda f: f["flagged_percent"] > CROWDED_PERCENT,
+        f"{{flagged_percent:.0f}} % of the pixels on target are likelier wrong than right (p_gross > {FLAGGED:g})",
+    ),
+    Check(
+        "figures",
+        "nothing before the surface",
+        lambda f: f["mean_mm"] is None,
+        f"no pixel of the map lies before or behind the surface: {CURE}",
+    ),
+    Check(
+        "figures",
+        "relative accuracy",
+        lambda f: f["mean_mm"] is not None and not 0 <= f["accuracy"] <= 100,
+        f"the relative accuracy is {{accuracy:.4g}} %, which lies outside 0 to 100 %: {CURE}",
+    ),
+    Check(
+        "figures",
+        "mean error beyond the box",
+        lambda f: f["mean_mm"] is not None and 0 <= f["accuracy"] <= 100 and f["mean_mm"] > f["box_mm"],
+        f"the mean error, {{mean_mm:.3g}} mm, is longer than the depth box, {{box_mm:.3g}} mm: {CURE}",
+    ),
+    Check(
+        "figures",
+        "mean error beside the distance",
+        lambda f: f["mean_mm"] is not None and 0 <= f["accuracy"] < 100 - FAR_PERCENT and f["mean_mm"] <= f["box_mm"],
+        f"the mean error, {{mean_mm:.3g}} mm, is more than {FAR_PERCENT} % of the distance: {CURE}",
+    ),
+    Check(
+        "result",
+        "a figure that no image has",
+        lambda f: (
+            (f["metric"].startswith("relative_") and not 0 <= f["value"] <= 100)
+            or (f["metric"] == HEADLINE and f["value"] > FARTHEST_MM)
+        ),
+        "{method}: {title} is {value:.4g} {unit}: `handbench inspect` the captures",
+    ),
+)
+
+
+def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
+    """The advice of every check of this kind of thing that finds something in the facts."""
+    return (check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts))
+
+
+def array_warnings(capture: RadarCapture) -> Iterator[str]:
+    """Warnings about the antennas' positions and the tones."""
+    places = places_m(capture)
+    tones_hz = capture.frequencies_hz
+    highest_hz = float(tones_hz.max())
+    far_m = float(np.abs(places).max())
+    extent_m = np.ptp(places, axis=0)
+    flat = int(extent_m.argmin())
+    upright = flat != 2 and extent_m[flat] < FLAT * extent_m.max() < extent_m[2]
+    sized = highest_hz >= 1e6 and far_m <= FAR_M  # else no wavelength is known
+    facts = {
+        "highest_hz": highest_hz,
+        "far_m": far_m,
+        "extent_m": float(extent_m.max()),
+        "waves": float(extent_m.max()) * highest_hz / capture.wave_speed_m_s if sized else np.nan,
+        "places": len(places),
+        "too_small": "frequencies kilohertz" if highest_hz < LOWEST_HZ else "positions kilometres",
+        "looks_along": "xy"[flat] if upright else "",
+        "beside": "xy"[1 - flat] if upright else "",
+        "tones": len(tones_hz),
+        "twice": len(tones_hz) - len(np.unique(tones_hz)),
+    }
+    return warnings_of("array", facts)
+
+
+def pair_warnings(capture: RadarCapture) -> Iterator[str]:
+    """A warning about pairs of antennas that were not measured."""
+    measured = getattr(capture.aperture, "measured", None)
+    missing, pairs = (0, 0) if measured is None else (int((~measured).sum()), measured.size)
+    return warnings_of("pairs", {"missing": missing, "pairs": pairs})
+
+
+def surface_warnings(surface: Surface) -> Iterator[str]:
+    """Warnings about a surface's unit."""
+    used_m = surface.vertices_m[np.unique(surface.faces)]
+    return warnings_of("surface", {"longest_m": float(np.ptp(used_m, axis=0).max())})
+
+
+def mesh_warnings(surface: Surface) -> Iterator[str]:
+    """Warnings about a surface by itself: inside out, if it is closed; full of holes, if it is not."""
+    edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
+    facts = {
+        "rim_percent": 100 * float((np.unique(edges, axis=0, return_counts=True)[1] == 1).mean()),
+        "volume": float(np.einsum("ij,ij->", a, np.cross(b, c))),  # six times the volume
+    }
+    return warnings_of("mesh", facts)
+
+
+def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[str]:
+    """Warnings about radar_from_photo, and about where it carries the mesh."""
+    facts = {
+        "offset_m": float(np.abs(transform.matrix[:3, 3]).max()),
+        "scale": transform.scale,
+        "behind": mesh is not None and bool((transform.points(mesh.vertices_m)[:, 2] <= 0).all()),
+    }
+    return warnings_of("transform", facts)
+
+
+def map_warnings(depth: DepthMap) -> Iterator[str]:
+    """Warnings about a depth map by itself."""
+    facts = {
+        "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
+        "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
+        "far_m": float(np.nanmax(np.abs(depth.z_m), initial=0.0)),
+        "flagged_percent": 100 * (flagged(depth) or 0.0),
+    }
+    return warnings_of("depth map", facts)
+
+
+def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
+    """Warnings about the figures of a map against a surface."""
+    mean_mm, accuracy, z = values[HEADLINE], values["relative_accuracy_percent"], depth.config.get("z")
+    bounded = isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys()
+    facts = {
+        "mean_mm": None if accuracy is None else mean_mm,
+        "accuracy": accuracy,
+        "box_mm": 1e3 * (z["stop_m"] - z["start_m"]) if bounded else np.inf,
+    }
+    return warnings_of("figures", facts)
+
+
+def result_warnings(result: Result) -> Iterator[str]:
+    """Warnings that a run has recorded, what failed, and figures that no image has."""
+    for capture, texts in result.about.facts.get("doubts", {}).items():
+        yield from (f"{capture}: {text}" for text in texts)
+    yield from (failure.line for failure in result.about.failures)
+    for row in result.table.to_dict("records"):
+        yield from warnings_of("result", {**row, "title": result.title(row["metric"])})
+
+
+def flagged(depth: DepthMap) -> float | None:
+    """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or without pixels."""
+    seen = np.isfinite(depth.z_m)
+    return None if depth.p_gross is None or not seen.any() else float((depth.p_gross[seen] > FLAGGED).mean())
+
+
+def places_m(capture: RadarCapture) -> np.ndarray:
+    """Positions [n, 3] of the antennas."""
+    return np.concatenate([leg.position_m for leg in capture.aperture.legs])
