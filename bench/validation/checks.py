@@ -13,6 +13,7 @@ import numpy as np
 
 from handbench.bench.datasets.native import FAR_M
 from handbench.bench.results.about import HEADLINE
+from handbench.bench.results.tables import each
 from handbench.radar.methods.trust import FLAGGED
 
 if TYPE_CHECKING:
@@ -266,11 +267,11 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
     """Warnings about the figures of a map against a surface."""
     mean_mm, accuracy, z = values[HEADLINE], values["relative_accuracy_percent"], depth.config.get("z")
-    bounded = isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys()
+    box = z if isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys() else {"start_m": 0.0, "stop_m": np.inf}
     facts = {
         "mean_mm": None if accuracy is None else mean_mm,
         "accuracy": accuracy,
-        "box_mm": 1e3 * (z["stop_m"] - z["start_m"]) if bounded else np.inf,
+        "box_mm": 1e3 * (box["stop_m"] - box["start_m"]),
     }
     return warnings_of("figures", facts)
 
@@ -280,8 +281,10 @@ def result_warnings(result: Result) -> Iterator[str]:
     for capture, texts in result.about.facts.get("doubts", {}).items():
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
-    for row in result.table.to_dict("records"):
-        yield from warnings_of("result", {**row, "title": result.title(row["metric"])})
+    for row in each(result.table):
+        title, unit = result.title(row.metric), row.unit
+        facts = {"metric": row.metric, "method": row.method, "title": title, "value": row.value, "unit": unit}
+        yield from warnings_of("result", facts)
 
 
 def flagged(depth: DepthMap) -> float | None:
