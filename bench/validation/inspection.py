@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures, open_capture
-from handbench.bench.datasets.maroon_alignment import load_any_transform
+from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TARGET, TRANSFORM
 from handbench.bench.results import load as load_result
+from handbench.bench.results import load_tradeoff
 from handbench.bench.results.about import MEASURES
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, checked, find_benchmark, load_benchmark
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
@@ -19,9 +20,11 @@ from handbench.bench.validation.capture_problems import Seen, capture_problems, 
 from handbench.bench.validation.checks import map_warnings, mesh_warnings, result_warnings
 from handbench.bench.validation.photo_problems import is_of_photographs, photo_problems
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed, sheet
+from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import Target, load_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.arrays import load_positions
@@ -31,13 +34,12 @@ from handbench.radar.methods.registry import method
 from handbench.radar.methods.trust import FLAGGED
 from handbench.support.config import Config, load, read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside
+from handbench.support.files import inside, read_json
 from handbench.support.limits import MOST_TABLES
 from handbench.support.progress import track
 
 # A key that tells what a TOML file is, if it is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
-READERS: dict[str, Callable[[Path], Any]] = {".h5": load_capture, ".json": load_transform}
 MESHES = (".ply", ".obj", ".stl")
 
 
@@ -75,6 +77,9 @@ def inspect(name: str, mesh: Path | None = None, transform: Path | None = None) 
         if result is not None:
             yield from _warnings(path, result_warnings(result))
         return
+    if (path / "tradeoff.json").is_file():
+        yield from attempt(path, partial(load_tradeoff, path))
+        return
     found = list(problems_of(name, scored=None))
     yield from found
     if not all(problem.warning for problem in found):
@@ -102,7 +107,8 @@ def _capture_warnings(folder: Path) -> Iterator[Problem]:
     """Warnings about the images of a capture; reading it says which hand a foreign radar frame has."""
     from handbench.bench.validation.doubts import of_capture
 
-    yield from _warnings(folder, of_capture(open_capture(folder)))
+    found = yield from attempt(folder, lambda: list(of_capture(open_capture(folder))))
+    yield from _warnings(folder, found or ())
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
@@ -129,7 +135,7 @@ def _warnings(path: Path, texts: Iterable[str]) -> Iterator[Problem]:
 
 def problems_of(name: str, scored: bool | None = True) -> Iterator[Problem]:
     """The problems of one input: a capture folder or a folder of them; a benchmark, by file or name; the file of a
-    scene, a target, a board, a mesh, echoes or a transform."""
+    scene, a target, a board, a mesh, echoes, cameras, an array's calibration or a transform."""
     path = Path(name)
     if path.is_dir():
         yield from _folder(path, scored)
@@ -142,8 +148,8 @@ def problems_of(name: str, scored: bool | None = True) -> Iterator[Problem]:
     if path.suffix.lower() in MESHES:
         yield from surface_problems(path)
         return
-    if path.suffix.lower() in READERS:
-        yield from attempt(path, lambda: READERS[path.suffix.lower()](path))
+    if path.suffix.lower() in (".h5", ".json"):
+        yield from attempt(path, partial(load_capture if path.suffix.lower() == ".h5" else _read_json, path))
         return
     found = yield from sheet(path, "a benchmark or a scene")
     if found.values is None:
@@ -155,6 +161,17 @@ def problems_of(name: str, scored: bool | None = True) -> Iterator[Problem]:
         yield from found.complaints(kind, found.values)
     else:
         yield from _benchmark(found)
+
+
+def _read_json(path: Path) -> Any:
+    """Cameras, an array's calibration, or a transform."""
+    content = read_json(path, "cameras, an array's calibration or a transform")
+    keys = content.keys() if isinstance(content, dict) else set()
+    if "cameras" in keys:
+        return load_cameras(path)
+    if keys & {"tx", "rx"}:
+        return load_array(path)
+    return load_alignment(path) if path.name == ALIGNMENT else load_transform(path)
 
 
 def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:

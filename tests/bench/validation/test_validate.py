@@ -276,3 +276,20 @@ def test_the_command_counts_and_fails(tmp_path, capsys):
         show([str(tmp_path / "data")])
     out = capsys.readouterr().out.splitlines()
     assert len(out) == 12 and sum("no benchmark can hold both" in line for line in out) == 10
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"cameras": [{"name": "a.jpg"}]}, "cameras.0"),
+        ({"format": "handbench-array", "tx": {}}, "tx"),
+        ({"from": "photo", "to": "radar"}, "matrix"),
+        ([1], "expected"),
+    ],
+    ids=["cameras", "array", "transform", "list"],
+)
+def test_a_json_file_is_read_as_what_its_keys_say(tmp_path, content, words):
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps(content))
+    [found] = told(file)
+    assert words in found
