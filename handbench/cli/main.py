@@ -20,7 +20,7 @@ FORMER = {  # commands of earlier versions: what takes their place
     "stability": "'make hard-cases' in a clone",
     "design": "'handbench compare', which says how many hands show a difference",
     "draw": "'handbench show'",
-    "export": "not there any more: handbench reads MAROON's data and writes its own captures, 'handbench import'",
+    "export": "gone: handbench reads MAROON's layout ('handbench import') and does not write it",
     "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
     "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
     "hands": "'handbench simulate hands'",
