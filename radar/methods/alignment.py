@@ -23,7 +23,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.methods.confidence import beside_nearer, speckle_spread_m
+from handbench.radar.methods.depth_uncertainty import beside_nearer, speckle_spread_m
 from handbench.radar.methods.fsk_config import AgreementConfig
 from handbench.radar.methods.smoothing import masked_mean
 

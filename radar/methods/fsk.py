@@ -22,62 +22,58 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.cpu.steering import mean_rise
-from handbench.radar.methods.confidence import Review
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
-from handbench.radar.methods.fsk_config import TwoToneConfig as TwoToneConfig  # which plug-ins import from here
 from handbench.radar.methods.smoothing import masked_mean
-
-Step = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 
 
 def fsk(
-    capture: RadarCapture, config: AnyConfig, frame: int = 0, review: Callable[[Look], np.ndarray] | None = None
-) -> DepthMap:
-    """The paper's 2-FSK and 3-FSK, and the same with further tones. `review` hears of every look at the target and
-    says with which depths [ny, nx] to go on; None: with those that the look tells."""
-    tones, grid, review = Tones.of(capture, config, frame), config.grid(), review or (lambda look: look.z_m)
-    look = first_look(tones, config)
+    capture: RadarCapture, config: AnyConfig, frame: int = 0, on_step: Callable[[FskStep], np.ndarray] | None = None
+) -> tuple[DepthMap, list[FskStep]]:
+    """Depth map of a frame by 2-FSK, 3-FSK or a longer ladder (Bräunig et al., section II), and the
+    imaging steps that led to it, from which `radar.methods.depth_uncertainty` computes σ and flags.
+
+    on_step: called after each imaging step; returns the depths [ny, nx] in metres for the next one
+    (default: the step's own).
+    """
+    tones, grid = Tones.of(capture, config, frame), config.grid()
+    # 1 to 3: the plane at f1 and f2, z_e corrected once, depths above the threshold.
+    step = first_step(tones, config)
     if isinstance(config, RefinedConfig):
-        z_m = review(look := look.cropped())
+        step = step.cropped()
+    steps = [step]
+    z_m = on_step(step) if on_step else step.z_m
+    if isinstance(config, RefinedConfig):
         for count in range(3, len(tones) + 1):
-            z_m = look.smoothed(z_m, config.coarse_filter_px)
+            z_m = step.filtered(z_m, config.coarse_filter_px)
             for _ in range(config.fine_refinements):
-                if not np.isfinite(z_m).any():  # `review` has dropped them all
+                if not np.isfinite(z_m).any():  # on_step has dropped every pixel
                     break
-                # Step 4: the curved surface found so far is imaged at f3, too.
-                look = tones.first(count).surface(look.grid, z_m)
-                # Step 5: the phases between f3 and the others correct every point; an averaging filter comes last.
-                z_m = review(look)
-        z_m = look.smoothed(z_m, config.fine_filter_px)
-    else:
-        z_m = review(look)
-    z_m, amplitude = grid.placed(look.grid, z_m), grid.placed(look.grid, look.amplitude, 0.0)
-    return DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db(amplitude), f"{len(tones)}fsk", config.model_dump())
+                # 4: the curved surface found so far is imaged at all tones up to this one.
+                step = tones.first(count).surface(step.grid, z_m)
+                # 5: the mean of the two corrections between the new tone and the first two.
+                z_m = on_step(step) if on_step else step.z_m
+                steps.append(step)
+        z_m = step.filtered(z_m, config.fine_filter_px)
+    z_m = grid.placed(step.grid, z_m)
+    db = amplitude_db(grid.placed(step.grid, step.amplitude, 0.0))
+    name = f"{len(tones)}fsk"
+    return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump()), steps
 
 
-def first_look(tones: Tones, config: FskConfig) -> Look:
-    """Steps 1 to 3: the look at the pixels on target in the plane that the first two tones find."""
-    # Step 1: the plane z_e is imaged at f1 and f2.
-    grid, z_e = config.grid(), config.first_depth_m
-    plane = tones.first(2).plane(grid, z_e)
+def first_step(tones: Tones, config: FskConfig) -> FskStep:
+    """Steps 1 to 3: the pixels on target, imaged in the plane that the first two tones find."""
+    # 1: the plane z_e is imaged at f1 and f2.
+    pair, grid, z_e = tones.first(2), config.grid(), config.first_depth_m
+    plane = pair.plane(grid, z_e)
     for done in range(config.corrections):
-        # Step 2: the phase at the strongest pixel corrects z_e, in the paper once, and the plane there is imaged.
+        # 2: the phase at the strongest pixel corrects z_e, in the paper once.
         [correction_m] = plane.only(np.array([plane.amplitude.argmax()])).correction_m
         if done > 0 and abs(correction_m) < config.settled_m:
             break
         z_e += correction_m
-        plane = tones.first(2).plane(grid, z_e)
-    # Step 3: every pixel above the threshold takes the depth that its phase tells.
+        plane = pair.plane(grid, z_e)
+    # 3: every pixel above the threshold takes the depth of its own phase.
     return plane.only(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
-
-
-def n_tone(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
-    """The depth map of `fsk` with its predicted error and its flags."""
-    review = Review(config)
-    return review.added_to(fsk(capture, config, frame, review))
-
-
-two_tone = three_tone = n_tone  # the paper's, by their configurations
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
@@ -110,7 +106,7 @@ class Tones:
 
     @classmethod
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
-        """The tones that are configured."""
+        """The configured tones of a frame."""
         samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
         return cls(near_one(samples), frequencies_hz, capture.aperture, config)
 
@@ -130,27 +126,31 @@ class Tones:
         """Every tone at points [n, 3]: complex64 [f, n]."""
         return image_points(self.samples, self.frequencies_hz, self.aperture, points_m, tolerance, apart=True)
 
-    def plane(self, grid: PixelGrid, z_m: float) -> Look:
-        """The look at all pixels of a plane, but for a phase that the tones share."""
+    def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
+        """The step at all pixels of a plane, without the phase that all tones share."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
             self.samples, self.frequencies_hz, self.aperture, plane, tolerance, apart=True, carrier=False
         )
         images = images.reshape(len(images), -1)
         magnitude, index = np.abs(images), np.arange(images.shape[1])
-        return Look(self, grid, index, z_m, images, magnitude.mean(axis=0).reshape(grid.shape), magnitude[0].max())
+        return FskStep(self, grid, index, z_m, images, magnitude.mean(axis=0).reshape(grid.shape), magnitude[0].max())
 
-    def surface(self, grid: PixelGrid, z_m: np.ndarray) -> Look:
-        """The look at a grid's pixels whose depth z_m [ny, nx] is known, from there."""
+    def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
+        """The step at those pixels of a grid whose depth z_m [ny, nx] is finite, imaged there."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
-        return _look(self, grid, index, formed_m, self.images(grid.points_at_m(index, formed_m), self.config.tolerance))
+        return _step(self, grid, index, formed_m, self.images(grid.points_at_m(index, formed_m), self.config.tolerance))
 
 
 @dataclass(frozen=True)
-class Look:
-    """Images [f, n] of `tones` at those pixels of a grid whose flat indices are index [n], formed at the depths
-    formed_m, one or [n]; amplitude: the images' mean [ny, nx]; peak: the highest of the first tone's whole image."""
+class FskStep:
+    """One imaging step: images [f, n] of `tones` at the pixels index [n] (flat) of a grid.
+
+    formed_m: depths before the step, one or [n], where the images are formed; z_m: depths after
+    it; amplitude: mean magnitude of the images [ny, nx]; peak: the highest magnitude of the first
+    tone's whole image.
+    """
 
     tones: Tones
     grid: PixelGrid
@@ -169,37 +169,37 @@ class Look:
 
     @cached_property
     def correction_m(self) -> np.ndarray:
-        """The error [n], as the phases tell it, of the depths that the images were formed at."""
+        """Correction [n], metres, of the depths that the images were formed at, from the phases."""
         return self.steps_m().mean(axis=0) * self.factor
 
     @cached_property
     def z_m(self) -> np.ndarray:
-        """The corrected depths [ny, nx], NaN off target."""
+        """Depths after the step [ny, nx], metres, NaN off target."""
         return self.on_map(self.formed_m + self.correction_m)
 
-    def steps_m(self, step: Step = depth_step_m) -> np.ndarray:
+    def steps_m(self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m) -> np.ndarray:
         """The last tone's steps from the first two (of two tones, from the other): [1 or 2, n]."""
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
-        return np.array([step(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))])
+        return np.array([step_m(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))])
 
-    def only(self, index: np.ndarray) -> Look:
-        """A plane's look at some of its pixels."""
+    def only(self, index: np.ndarray) -> FskStep:
+        """The step at some of a plane's pixels."""
         return replace(self, index=index, images=self.images[:, index])
 
-    def cropped(self) -> Look:
-        """The look on the smallest part of its grid: a target fills little of an image."""
+    def cropped(self) -> FskStep:
+        """The step on the smallest part of its grid that holds the target."""
         on_target = self.on_map(np.array(True), False)
         box = bounding_box(on_target)
         index, amplitude = np.flatnonzero(on_target[box]), self.amplitude[box]
         return replace(self, grid=self.grid.part(box), index=index, amplitude=amplitude)
 
-    def below(self) -> Look:
-        """The same look without its last tone."""
-        return _look(self.tones.first(len(self.tones) - 1), self.grid, self.index, self.formed_m, self.images[:-1])
+    def below(self) -> FskStep:
+        """The same step without its last tone."""
+        return _step(self.tones.first(len(self.tones) - 1), self.grid, self.index, self.formed_m, self.images[:-1])
 
-    def smoothed(self, values: np.ndarray, size_px: int) -> np.ndarray:
-        """The averaging filter for a map [ny, nx], weighted with power if so configured."""
+    def filtered(self, values: np.ndarray, size_px: int) -> np.ndarray:
+        """The averaging filter over a map [ny, nx], weighted with power if so configured."""
         weighted = isinstance(self.tones.config, RefinedConfig) and self.tones.config.weighted
         return masked_mean(values, size_px, self.amplitude**2 if weighted else None)
 
@@ -212,6 +212,8 @@ class Look:
         return self.grid.on_map(self.index, values, elsewhere)
 
 
-def _look(tones: Tones, grid: PixelGrid, index: np.ndarray, formed_m: float | np.ndarray, images: np.ndarray) -> Look:
+def _step(
+    tones: Tones, grid: PixelGrid, index: np.ndarray, formed_m: float | np.ndarray, images: np.ndarray
+) -> FskStep:
     amplitude = grid.on_map(index, np.abs(images).mean(axis=0), elsewhere=0.0)
-    return Look(tones, grid, index, formed_m, images, amplitude)
+    return FskStep(tones, grid, index, formed_m, images, amplitude)

@@ -18,8 +18,8 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.methods.alignment import agreed
-from handbench.radar.methods.confidence import quadrature_m, spread_m, wrap_probability
-from handbench.radar.methods.fsk import Look, Tones, first_look
+from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
+from handbench.radar.methods.fsk import FskStep, Tones, first_step
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.support.errors import HandbenchError
@@ -33,18 +33,18 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     from the echoes' own depth, on the whole, that its pixels would be taken for those of another period."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
     grid, first_m = _first_depths(tones, config, capture, frame)
-    look = tones.surface(grid, first_m)
-    seen = look.at(amplitude_db(look.amplitude)) >= config.threshold_db
-    look = replace(
-        look, index=look.index[seen], formed_m=first_m.ravel()[look.index[seen]], images=look.images[:, seen]
+    step = tones.surface(grid, first_m)
+    seen = step.at(amplitude_db(step.amplitude)) >= config.threshold_db
+    step = replace(
+        step, index=step.index[seen], formed_m=first_m.ravel()[step.index[seen]], images=step.images[:, seen]
     )
     placed = functools.partial(whole.placed, grid)
-    db, half_period_m = amplitude_db(placed(look.amplitude, 0.0)), tones.period_m / 2
-    sigma_m = spread_m(quadrature_m(look), look.amplitude, config.spread_px)
+    db, half_period_m = amplitude_db(placed(step.amplitude, 0.0)), tones.period_m / 2
+    sigma_m = spread_m(quadrature_m(step), step.amplitude, config.spread_px)
     depth = DepthMap(
-        *(whole.x_m, whole.y_m, placed(look.z_m), db, "prior-2fsk", config.model_dump(mode="json")),
+        *(whole.x_m, whole.y_m, placed(step.z_m), db, "prior-2fsk", config.model_dump(mode="json")),
         sigma_m=placed(sigma_m),
-        wrapped=placed(_another_period(look, half_period_m, config), False) > 0,
+        wrapped=placed(_another_period(step, half_period_m, config), False) > 0,
     )
     return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
 
@@ -66,8 +66,8 @@ def _first_depths(tones: Tones, config: PriorConfig, capture: RadarCapture, fram
     """The part of the grid where the prior tells a depth, and these [ny, nx]: a file's, sensor's or the echoes' own."""
     whole = config.grid()
     if not config.prior:
-        look = first_look(tones, config).cropped()
-        return look.grid, masked_mean(look.z_m, config.coarse_filter_px, look.amplitude**2)
+        step = first_step(tones, config).cropped()
+        return step.grid, masked_mean(step.z_m, config.coarse_filter_px, step.amplitude**2)
     file = config.prior.endswith(".npz")
     prior = load_depthmap(config.prior) if file else other_sensor(capture, config, config.prior, frame)
     same = prior.z_m.shape == whole.shape and np.allclose(prior.x_m, whole.x_m) and np.allclose(prior.y_m, whole.y_m)
@@ -80,10 +80,10 @@ def _first_depths(tones: Tones, config: PriorConfig, capture: RadarCapture, fram
     return whole.part(box), prior.z_m[box].astype(np.float64)
 
 
-def _another_period(look: Look, half_period_m: float, config: PriorConfig) -> np.ndarray:
+def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) -> np.ndarray:
     """True [ny, nx] where the close pair, or the neighbours, say that the depth is one of another period."""
-    close, power = look.below(), look.amplitude**2
-    apart_m = look.on_map(close.correction_m - look.correction_m)
+    close, power = step.below(), step.amplitude**2
+    apart_m = step.on_map(close.correction_m - step.correction_m)
     whole_m = np.median(close.correction_m)
     if config.prior and abs(whole_m) > MOST_OFF * half_period_m:
         raise HandbenchError(
@@ -92,6 +92,6 @@ def _another_period(look: Look, half_period_m: float, config: PriorConfig) -> np
         )
     mean_m, q_m = (masked_mean(told, WITNESS_PX, power) for told in (apart_m, quadrature_m(close)))
     with np.errstate(invalid="ignore"):
-        wrapped = wrap_probability(mean_m, spread_m(q_m, look.amplitude, config.spread_px), half_period_m)
-    alone = np.abs(look.z_m - masked_mean(look.z_m, config.coarse_filter_px, power)) > half_period_m / 2
+        wrapped = wrap_probability(mean_m, spread_m(q_m, step.amplitude, config.spread_px), half_period_m)
+    alone = np.abs(step.z_m - masked_mean(step.z_m, config.coarse_filter_px, power)) > half_period_m / 2
     return (wrapped > config.wrap_probability) | alone

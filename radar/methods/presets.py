@@ -43,12 +43,12 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
     def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
-        from handbench.radar.methods.fsk import n_tone
+        from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
         from handbench.radar.methods.optical_prior import other_sensor
         from handbench.radar.methods.projection import project, volume
 
         if isinstance(config, AnyConfig):
-            return Reconstruction(replace(n_tone(capture, config, frame), method=id))
+            return Reconstruction(replace(fsk_with_uncertainty(capture, config, frame), method=id))
         if isinstance(config, PixelsConfig):
             return Reconstruction(other_sensor(capture, config, id, frame))
         depth = project(capture, config, id, frame)

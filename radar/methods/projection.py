@@ -27,7 +27,7 @@ from handbench.radar.imaging.plan import kept as kept_plan
 from handbench.radar.imaging.tree import Family
 from handbench.radar.methods.alignment import agreed, align
 from handbench.radar.methods.along_z import capon, coherence_factor
-from handbench.radar.methods.confidence import least_coherence
+from handbench.radar.methods.depth_uncertainty import least_coherence
 from handbench.radar.methods.fsk import path_rise
 from handbench.radar.methods.projection_config import AlignedConfig, ProjectionConfig
 from handbench.radar.methods.settling import Exact, settled

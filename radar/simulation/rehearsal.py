@@ -13,7 +13,7 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.fsk import fsk
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
 from handbench.radar.methods.projection import project
 from handbench.radar.methods.projection_config import NarrowbandConfig
@@ -132,7 +132,7 @@ class Rehearsal:
             FINE: ThreeToneConfig(**given, **tones, **start, **filters, f3_hz=low_hz),
         }
         projection = NarrowbandConfig(**given, **tones, f3_hz=low_hz, z=z)
-        maps = {name: two_tone(capture, config).z_m for name, config in configs.items()}
+        maps = {name: fsk(capture, config)[0].z_m for name, config in configs.items()}
         maps["narrowband"] = project(capture, projection, "narrowband").z_m
         return maps if self._close else {FINE: maps[FINE]}
 

@@ -11,7 +11,7 @@ import numpy as np
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.confidence import UNRELATED_RAD
+from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from tests.hard_cases.cases import U_SINGLE, Seen, Works, hard_case, refusal
 from tests.hard_cases.scenes import (
@@ -40,7 +40,8 @@ FINE_HZ = 2.3e9  # the smaller of 3-FSK's two differences
 RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
 SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
 DRAWS = 4
-SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD  # where `radar.methods.confidence.incoherent` begins
+# Where `radar.methods.depth_uncertainty.incoherent` begins.
+SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD
 CHANNELS = ((0, 0), (5, 6), (11, 2))
 PAPER = ThreeToneConfig()
 

@@ -13,7 +13,7 @@ from flint import arb
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.confidence import wrap_probability
+from handbench.radar.methods.depth_uncertainty import wrap_probability
 from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig
 from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal

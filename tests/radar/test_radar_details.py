@@ -12,7 +12,7 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import GridImager, image_points
 from handbench.radar.imaging.plan import GridPlan
 from handbench.radar.imaging.tree import DIRECT, Family
-from handbench.radar.methods.confidence import UNRELATED_RAD, incoherent
+from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD, incoherent
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.causes import Converter
 from handbench.radar.simulation.effects.further import Multipath

@@ -24,7 +24,7 @@ from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TwoToneConfig
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load
@@ -80,7 +80,7 @@ def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: fl
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
         capture = echoes(replace(scene, file=file), repeats).capture
-        hands.append(strongest_z_m([two_tone(capture, config, frame) for frame in range(repeats)]))
+        hands.append(strongest_z_m([fsk_with_uncertainty(capture, config, frame) for frame in range(repeats)]))
     return float(precision(hands)["precision_mm"])
 
 

@@ -26,7 +26,7 @@ from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
 from handbench.radar.imaging.device import array_module, chosen
-from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
@@ -72,7 +72,9 @@ def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeat
     fast, volume_row = _timed("volume", lambda: image_volume(*one, grid, TOLERANCE), repeats)
     _, peaks_row = _timed("projection", lambda: project_volume(*one, grid, TOLERANCE), repeats)
     frames = [
-        _timed(name, partial(three_tone, tones, frame.model_copy(update={"tolerance": tolerance})), repeats)[1]
+        _timed(name, partial(fsk_with_uncertainty, tones, frame.model_copy(update={"tolerance": tolerance})), repeats)[
+            1
+        ]
         for name, tolerance in (("3-FSK frame, exact", None), ("3-FSK frame", TOLERANCE))
     ]
     share_row |= {"voxels": exact.size, "whole_volume_ms": share_row["ms"] * whole}

@@ -17,7 +17,7 @@ from handbench.radar.imaging.device import SETTING, array_module, chosen, descri
 from handbench.radar.imaging.gpu import exact, executor, levels
 from handbench.radar.imaging.plan import TreePlan
 from handbench.radar.imaging.tree import Box, Family
-from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.support.errors import HandbenchError
@@ -162,7 +162,7 @@ def test_limbs_are_planned_when_points_first_touch_them(device):
 def test_a_frame_of_three_tones(device):
     points = np.array([[0.0, 0.0, 0.3]])
     config = ThreeToneConfig(**around(points[0]), first_depth_m=0.31, tolerance=1e-4)
-    there, here = on(device, three_tone, points_capture(points), config)
+    there, here = on(device, fsk_with_uncertainty, points_capture(points), config)
     np.testing.assert_allclose(there.z_m, here.z_m, atol=1e-6)
 
 

@@ -6,7 +6,7 @@ import pytest
 from handbench.bench.studies.exact.cases import ALONG, SCENES, Case, exact_echoes
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.fsk import two_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TwoToneConfig
 
 TONES_HZ = np.array([82.0e9, 81.8e9])
@@ -15,7 +15,7 @@ TONES_HZ = np.array([82.0e9, 81.8e9])
 def test_four_fingers_are_not_taken_for_a_far_target():
     """The plane a period behind has a peak 1.2 to 1.3 times as high: its wide cells gather the four highlights."""
     samples = exact_echoes(Case("four fingers", SCENES["four fingers"], "metal", ALONG), TONES_HZ, qar50())
-    depth = two_tone(RadarCapture(samples[None].astype(np.complex64), TONES_HZ, qar50()), TwoToneConfig())
+    depth = fsk_with_uncertainty(RadarCapture(samples[None].astype(np.complex64), TONES_HZ, qar50()), TwoToneConfig())
     assert np.isfinite(depth.z_m).sum() > 4000 and not depth.wrapped.any()
 
 
@@ -32,7 +32,7 @@ def test_a_target_that_is_there_is_still_flagged(count):
             for antennas_m in (array.tx_m, array.rx_m)
         )
         samples.append((out * strength[:, None]).T @ back)
-    depth = two_tone(
+    depth = fsk_with_uncertainty(
         RadarCapture(np.array(samples)[None].astype(np.complex64), TONES_HZ, array), TwoToneConfig(first_depth_m=0.3)
     )
     assert depth.wrapped.all()

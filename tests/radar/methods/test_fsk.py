@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.fsk import depth_step_m, three_tone, two_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
+from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
 from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
@@ -35,7 +36,7 @@ def anywhere(edge_m=0.15):
 @given(point_m=anywhere())
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
     config = ThreeToneConfig(off_axis=True, fine_filter_px=1, corrections=SETTLING)
-    depth = three_tone(point_capture(point_m), config)
+    depth = fsk_with_uncertainty(point_capture(point_m), config)
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
 
@@ -44,7 +45,7 @@ def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_
 def test_3fsk_as_in_the_paper_finds_a_point_near_the_axis(point_m):
     """Within a tenth of a millimetre, which the filters leave, and what the paper's factor 2 leaves off the axis: of
     each of its three corrections s − 1, s being 2 over the path's true derivative. The first is of 0.45 m − z."""
-    depth = three_tone(point_capture(point_m), ThreeToneConfig())
+    depth = fsk_with_uncertainty(point_capture(point_m), ThreeToneConfig())
     rise = [np.mean(point_m[2] / np.linalg.norm(leg_m - point_m, axis=1)) for leg_m in (qar50().tx_m, qar50().rx_m)]
     left_m = (2 / sum(rise) - 1) ** 3 * (0.45 - point_m[2])
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4 + left_m
@@ -75,7 +76,7 @@ def test_two_tone_precision_follows_the_phase_noise():
     depths = []
     for repeat in range(60):
         samples = thermal_noise(clean, TONES_HZ, 0.030, strongest, (1, repeat))
-        depths.append(two_tone(RadarCapture(samples[None], TONES_HZ, qar50()), config).z_m[0, 0])
+        depths.append(fsk_with_uncertainty(RadarCapture(samples[None], TONES_HZ, qar50()), config).z_m[0, 0])
     expected = SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * 0.030
     assert np.std(depths, ddof=1) == pytest.approx(expected, rel=0.3)
     assert np.mean(depths) == pytest.approx(0.29, abs=4 * expected / np.sqrt(60))
@@ -126,7 +127,7 @@ def test_masked_mean_keeps_a_constant_whatever_its_offset(offset, size, seed):
 def test_3fsk_is_the_papers_iteration_written_out():
     capture = points_capture(surface_points(bumpy, 0.015, 0.001), phase_noise_rad=0.0264)
     config = ThreeToneConfig(**around((0, 0)), coarse_filter_px=3, fine_filter_px=1)
-    coarse = two_tone(capture, TwoToneConfig(**around((0, 0))))
+    coarse = fsk_with_uncertainty(capture, TwoToneConfig(**around((0, 0))))
     on_target = np.isfinite(coarse.z_m)
     z_m = masked_mean(coarse.z_m, 3)
     x, y = np.meshgrid(coarse.x_m, coarse.y_m)
@@ -137,19 +138,19 @@ def test_3fsk_is_the_papers_iteration_written_out():
     from_f2 = -SPEED_OF_LIGHT_M_S * np.angle(o2 * np.conj(o3)) / (4 * np.pi * (f2 - f3))
     expected = z_m[on_target] + (from_f1 + from_f2) / 2
     # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5 µm.
-    assert np.allclose(three_tone(capture, config).z_m[on_target], expected, rtol=0, atol=5e-7)
+    assert np.allclose(fsk_with_uncertainty(capture, config).z_m[on_target], expected, rtol=0, atol=5e-7)
 
 
 def test_tones_that_were_not_measured_are_refused():
     with pytest.raises(HandbenchError, match=r"79\.5000 GHz"):
-        three_tone(point_capture((0, 0, 0.29), TONES_HZ[:2]), ThreeToneConfig())
+        fsk_with_uncertainty(point_capture((0, 0, 0.29), TONES_HZ[:2]), ThreeToneConfig())
 
 
 @pytest.mark.parametrize("first_depth_m", [0.1, 0.45, 0.6, 0.7, 0.9])
 def test_a_depth_one_period_off_is_flagged(first_depth_m):
     # c/(2·200 MHz) = 750 mm: from ± 375 mm on z_e settles on the next period.
     config = TwoToneConfig(**around((0, 0)), first_depth_m=first_depth_m)
-    depth = two_tone(point_capture((0.0, 0.0, 0.28)), config)
+    depth = fsk_with_uncertainty(point_capture((0.0, 0.0, 0.28)), config)
     periods = (strongest_z_m(depth) - 0.28) / 0.749481
     assert periods == pytest.approx(1 if first_depth_m > 0.655 else 0, abs=0.01)
     assert (depth.wrapped == (periods > 0.5)).all()
@@ -158,11 +159,13 @@ def test_a_depth_one_period_off_is_flagged(first_depth_m):
 def test_an_aperture_without_width_has_no_focus_to_tell_by():
     one = PlanarScan(np.zeros((1, 3)))
     samples = direct_echoes(np.array([[0.0, 0.0, 0.28]]), np.ones(1), TONES_HZ, one)
-    depth = two_tone(RadarCapture(samples[None].astype(np.complex64), TONES_HZ, one), TwoToneConfig(**around((0, 0))))
+    depth = fsk_with_uncertainty(
+        RadarCapture(samples[None].astype(np.complex64), TONES_HZ, one), TwoToneConfig(**around((0, 0)))
+    )
     assert not depth.wrapped.any()
 
 
 def test_an_empty_image_is_refused():
     capture = RadarCapture(np.zeros((1, 3, 94, 94), np.complex64), TONES_HZ, qar50())
     with pytest.raises(HandbenchError, match="zero everywhere"):
-        two_tone(capture, TwoToneConfig(**around((0, 0))))
+        fsk_with_uncertainty(capture, TwoToneConfig(**around((0, 0))))

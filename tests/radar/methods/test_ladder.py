@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.methods.fsk import n_tone, three_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
@@ -38,8 +38,8 @@ def edge():
 
 def test_three_tones_on_the_ladder_are_3fsk_to_the_last_bit():
     capture = points_capture(surface_points(bumpy, 0.02, 0.001), phase_noise_rad=0.0264)
-    ladder = n_tone(capture, LadderConfig(**PIXELS, tones_hz=tuple(TONES_HZ)))
-    paper = three_tone(capture, ThreeToneConfig(**PIXELS))
+    ladder = fsk_with_uncertainty(capture, LadderConfig(**PIXELS, tones_hz=tuple(TONES_HZ)))
+    paper = fsk_with_uncertainty(capture, ThreeToneConfig(**PIXELS))
     for name in ("z_m", "amplitude_db", "sigma_m", "wrapped"):
         assert np.array_equal(getattr(ladder, name), getattr(paper, name), equal_nan=True), name
     assert ladder.method == paper.method == "3fsk"
@@ -52,7 +52,7 @@ def test_the_ladder_finds_a_point_near_the_axis_within_five_micrometres(x_mm, y_
     # 1.6 µm (measured). A filter over the point's own neighbours would be worth 30 µm.
     point_m = (x_mm / 1000, y_mm / 1000, z_m)
     config = LadderConfig(**around(point_m, half_m=0.006), first_depth_m=0.3, fine_filter_px=1)
-    depth = n_tone(point_capture(point_m, FIVE_HZ), config)
+    depth = fsk_with_uncertainty(point_capture(point_m, FIVE_HZ), config)
     assert abs(strongest_z_m(depth) - z_m) < 5e-6
     assert not depth.wrapped.any()
 
@@ -63,7 +63,9 @@ def test_noise_shrinks_with_the_last_rung():
     pixel = around(point_m, half_m=0.0)
     captures = [points_capture(np.array([point_m]), FIVE_HZ, 0.05, seed) for seed in range(40)]
     configs = [ThreeToneConfig(**pixel, first_depth_m=0.29), LadderConfig(**pixel, first_depth_m=0.29)]
-    deviations = [np.std([n_tone(capture, config).z_m[0, 0] for capture in captures]) for config in configs]
+    deviations = [
+        np.std([fsk_with_uncertainty(capture, config).z_m[0, 0] for capture in captures]) for config in configs
+    ]
     assert deviations[0] / deviations[1] == pytest.approx(9.9 / 2.4, rel=0.5)
 
 
@@ -111,7 +113,7 @@ def test_what_a_refusal_suggests_is_accepted():
 
 
 def test_the_flag_catches_wraps_at_an_edge(edge):
-    depth = three_tone(edge, ThreeToneConfig(**PIXELS, coarse_filter_px=11, fine_filter_px=1))
+    depth = fsk_with_uncertainty(edge, ThreeToneConfig(**PIXELS, coarse_filter_px=11, fine_filter_px=1))
     off = np.abs(error_m(depth, stepped)) > 0.03
     assert off.sum() >= 5  # of 49 rows, where the filter was off by more than 30 mm and the planes' points are near
     assert depth.wrapped[off].all()
@@ -120,8 +122,8 @@ def test_the_flag_catches_wraps_at_an_edge(edge):
 
 def test_dropped_pixels_do_not_reach_their_neighbours(edge):
     config = {**PIXELS, "coarse_filter_px": 11}
-    kept = three_tone(edge, ThreeToneConfig(**config))
-    dropped = three_tone(edge, ThreeToneConfig(**config, drop_wrapped=True))
+    kept = fsk_with_uncertainty(edge, ThreeToneConfig(**config))
+    dropped = fsk_with_uncertainty(edge, ThreeToneConfig(**config, drop_wrapped=True))
     assert np.array_equal(dropped.wrapped, kept.wrapped)
     assert np.isnan(dropped.z_m[kept.wrapped]).all()
     assert np.array_equal(np.isfinite(dropped.z_m), np.isfinite(kept.z_m) & ~kept.wrapped)
@@ -134,7 +136,9 @@ def smooth_maps():
     """3-FSK without its last filter of a smooth surface, four draws each at the paper's noise and at four times it."""
     points, config = surface_points(bumpy, half_m=0.03, pitch_m=0.000625), ThreeToneConfig(**PIXELS, fine_filter_px=1)
     return {
-        noise_rad: [three_tone(points_capture(points, TONES_HZ, noise_rad, seed), config) for seed in range(4)]
+        noise_rad: [
+            fsk_with_uncertainty(points_capture(points, TONES_HZ, noise_rad, seed), config) for seed in range(4)
+        ]
         for noise_rad in (0.0264, 0.1)
     }
 
@@ -158,6 +162,6 @@ def test_nothing_left_to_refine_is_an_empty_map():
     points = surface_points(bumpy, half_m=0.01, pitch_m=0.001)
     capture = points_capture(points, FIVE_HZ, phase_noise_rad=0.5)
     config = LadderConfig(**around((0, 0), 0.003), drop_wrapped=True, wrap_probability=1e-9)
-    depth = n_tone(capture, config)
+    depth = fsk_with_uncertainty(capture, config)
     assert np.isnan(depth.z_m).all()
     assert np.isnan(depth.sigma_m).all()

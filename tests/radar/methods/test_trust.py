@@ -8,7 +8,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import methods
 from handbench.radar.methods.trust import FEATURES, features, known_weights, probability, weights_of, with_trust
@@ -83,7 +83,7 @@ def plate():
     config = ThreeToneConfig(**around(POINT_M, half_m=0.02), first_depth_m=0.3)
     points_m = surface_points(lambda x, y: np.full(x.shape, POINT_M[2]), 0.04, 0.0015)
     capture = points_capture(points_m, phase_noise_rad=0.01)
-    return three_tone(capture, config), capture, config
+    return fsk_with_uncertainty(capture, config), capture, config
 
 
 def test_a_clean_plate_is_trusted(plate):
@@ -108,7 +108,7 @@ def test_noise_is_not_and_a_depth_behind_the_array_never(plate):
     _, capture, config = plate
     draws = np.random.default_rng(1).standard_normal((2, *capture.samples.shape)).astype(np.float32)
     noise = RadarCapture(draws[0] + 1j * draws[1], TONES_HZ, capture.aperture)
-    depth = with_trust(three_tone(noise, config), noise, config)
+    depth = with_trust(fsk_with_uncertainty(noise, config), noise, config)
     assert np.nanquantile(depth.p_gross, 0.1) > 0.5
     behind = with_trust(replace(depth, z_m=-np.abs(depth.z_m)), noise, config)
     assert (behind.p_gross[np.isfinite(behind.z_m)] == 1).all()

@@ -13,7 +13,7 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
-from handbench.radar.methods.fsk import three_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.simulation.forward import simulate
 from handbench.support.cost import gemm
 from tests.bench.studies.engine import textbook
@@ -32,7 +32,13 @@ def frame_rows(inputs: Inputs) -> list[Record]:
     capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
     configs = {tolerance: config.model_copy(update={"tolerance": tolerance}) for tolerance in TOLERANCES}
     cases = [
-        Case(named("fast", t), partial(three_tone, capture, configs[t]), everything, repeats=repeats, calls=FRAMES)
+        Case(
+            named("fast", t),
+            partial(fsk_with_uncertainty, capture, configs[t]),
+            everything,
+            repeats=repeats,
+            calls=FRAMES,
+        )
         for t in TOLERANCES
     ]
     measured = interleaved("3-FSK frame", cases)

@@ -4,7 +4,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.fsk import n_tone
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.causes import Causes
 from handbench.radar.simulation.known_effects import IDS
@@ -51,7 +51,7 @@ def simulated_change(scene: EchoScene, *effects: str, without: str) -> tuple[Cha
     reach_m, step_m = (0.15, 2e-3) if scene.room else (0.02, 1e-3)
     x, y = (Axis(start_m=at - reach_m, stop_m=at + reach_m, step_m=step_m) for at in middle)
     config = ThreeToneConfig(x=x, y=y, first_depth_m=0.3)
-    maps = [n_tone(capture, config).z_m for capture in captures]
+    maps = [fsk_with_uncertainty(capture, config).z_m for capture in captures]
     samples = [capture.samples[0] for capture in captures]
     level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
     return Change.between(*maps), float(20 * np.log10(level))

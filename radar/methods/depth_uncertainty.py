@@ -14,19 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.methods.fsk_config import FskConfig, RefinedConfig
+from handbench.radar.methods.fsk import FskStep, Tones, fsk
+from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.radar.methods.smoothing import masked_mean
-
-if TYPE_CHECKING:
-    from handbench.radar.methods.fsk import Look, Tones
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
 LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
@@ -113,78 +111,96 @@ def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.
     return np.asarray(z_m > nearest_m + gap_m)
 
 
-class Review:
-    """Follows `radar.methods.fsk.fsk` from look to look: what the amplitudes tell takes the way of the depth through
-    all filters, and flags gather where a phase may have wrapped. Both maps [ny, nx] are of the looks' grid."""
+def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
+    """Depth map of `radar.methods.fsk.fsk` with its predicted 1σ and its flags. They are computed from
+    the steps after the method, or between them where flagged pixels are dropped."""
+    uncertainty = Uncertainty(config)
+    if isinstance(config, RefinedConfig) and config.drop_wrapped:
+        depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
+    else:
+        depth, steps = fsk(capture, config, frame)
+        for step in steps:
+            uncertainty.add(step)
+    return uncertainty.added_to(depth)
+
+
+class Uncertainty:
+    """Predicted error and flags of a depth, from the FSK steps that it took, in their order.
+
+    quadrature_m [ny, nx]: the quadrature step, filtered as the depths are; wrapped [ny, nx]: True
+    where a phase may have wrapped. Both are on the grid of the steps.
+    """
 
     def __init__(self, config: FskConfig) -> None:
         self.config = config
-        self.looks: list[Look] = []
+        self.last: FskStep | None = None
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
-    def __call__(self, look: Look) -> np.ndarray:
-        """The depths to go on with: the look's, without those flagged if the configuration drops them."""
-        if isinstance(self.config, RefinedConfig) and self.looks:
-            self.wrapped = self._surface(look, self.looks[-1], self.config)
-        self.quadrature_m = quadrature_m(look)
-        if not self.looks:
-            self.wrapped = self._plane(look)
-        self.looks.append(look)
+    def add(self, step: FskStep) -> np.ndarray:
+        """Take the next step; its depths [ny, nx], NaN where flagged if the configuration drops these."""
+        if self.last is not None and isinstance(self.config, RefinedConfig):
+            self.wrapped = self._surface(step, self.last, self.config)
+        self.quadrature_m = quadrature_m(step)
+        if self.last is None:
+            self.wrapped = self._plane(step)
+        self.last = step
         if not (isinstance(self.config, RefinedConfig) and self.config.drop_wrapped):
-            return look.z_m
+            return step.z_m
         self.quadrature_m[self.wrapped] = np.nan
-        return np.where(self.wrapped, np.nan, look.z_m)
+        return np.where(self.wrapped, np.nan, step.z_m)
 
     def added_to(self, depth: DepthMap) -> DepthMap:
-        """The map that the looks led to, with its predicted 1σ and its flags."""
-        look = self.looks[-1]
-        if isinstance(self.config, RefinedConfig):
-            self.quadrature_m = look.smoothed(self.quadrature_m, self.config.fine_filter_px)
-        sigma_m, whole = self._sigma_m(look, self.quadrature_m), PixelGrid(depth.x_m, depth.y_m)
-        if isinstance(self.config, RefinedConfig):  # two views of one error: the larger
-            z_m, filter_px = np.where(np.isfinite(sigma_m), look.z_m, np.nan), self.config.fine_filter_px
-            speckle_m = speckle_spread_m(look.grid.points_m(z_m), look.amplitude, filter_px, self.config.spread_px)
-            sigma_m = np.fmax(sigma_m, speckle_m)
-        flags = whole.placed(look.grid, self.wrapped, elsewhere=False)
-        return replace(depth, sigma_m=whole.placed(look.grid, sigma_m), wrapped=flags)
+        """The map that the steps led to, with its predicted 1σ and its flags."""
+        step = self.last
+        assert step is not None
+        whole = PixelGrid(depth.x_m, depth.y_m)
+        if not isinstance(self.config, RefinedConfig):
+            sigma_m = self._sigma_m(step, self.quadrature_m)
+        else:  # two estimates of one error: the larger
+            filter_px, spread_px = self.config.fine_filter_px, self.config.spread_px
+            sigma_m = self._sigma_m(step, step.filtered(self.quadrature_m, filter_px))
+            points_m = step.grid.points_m(np.where(np.isfinite(sigma_m), step.z_m, np.nan))
+            sigma_m = np.fmax(sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px))
+        flags = whole.placed(step.grid, self.wrapped, elsewhere=False)
+        return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
-    def _plane(self, look: Look) -> np.ndarray:
+    def _plane(self, step: FskStep) -> np.ndarray:
         """Flags of the coarse stage: noise, depths of another period, and all if the plane of another is sharper."""
-        noise = incoherent(look.at(self._sigma_m(look, self.quadrature_m)), look.tones.period_m / 2 * look.factor)
+        noise = incoherent(step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor)
         if np.count_nonzero(noise) > NOISY * len(noise):  # what is stronger is but the noise's peaks
             noise[:] = True
-        behind_the_array = look.z_m <= 0
-        return look.on_map(noise, False) | behind_the_array | _sharper_elsewhere(look, self.config.grid())
+        behind_the_array = step.z_m <= 0
+        return step.on_map(noise, False) | behind_the_array | _sharper_elsewhere(step, self.config.grid())
 
-    def _surface(self, look: Look, before: Look, config: RefinedConfig) -> np.ndarray:
+    def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
         """Flags of a rung: those before it, and points that the tones disagree on or that may be a period off."""
-        if len(look.tones) > len(before.tones):
-            self.quadrature_m = before.smoothed(self.quadrature_m, config.coarse_filter_px)
+        if len(step.tones) > len(before.tones):
+            self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
         # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an
         # edge.
-        below, half_period_m = look.below(), look.tones.period_m / 2
-        steps_m = look.correction_m, look.correction_m - below.correction_m
+        below, half_period_m = step.below(), step.tones.period_m / 2
+        steps_m = step.correction_m, step.correction_m - below.correction_m
         sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, quadrature_m(below))
-        ambiguity_m = half_period_m * look.factor
-        probability = np.maximum(*map(wrap_probability, steps_m, map(look.at, sigmas_m), (ambiguity_m, ambiguity_m)))
-        parted = np.ptp(look.steps_m(), axis=0) > half_period_m  # one of two has wrapped
-        return self.wrapped | look.on_map(parted | (probability > config.wrap_probability), False)
+        ambiguity_m = half_period_m * step.factor
+        probability = np.maximum(*map(wrap_probability, steps_m, map(step.at, sigmas_m), (ambiguity_m, ambiguity_m)))
+        parted = np.ptp(step.steps_m(), axis=0) > half_period_m  # one of two has wrapped
+        return self.wrapped | step.on_map(parted | (probability > config.wrap_probability), False)
 
-    def _sigma_m(self, look: Look, quadrature_m: np.ndarray) -> np.ndarray:
-        return spread_m(quadrature_m, look.amplitude, self.config.spread_px)
-
-
-def quadrature_m(look: Look) -> np.ndarray:
-    """The quadrature step [ny, nx] of a look, as its depths have their step."""
-    return look.on_map(look.steps_m(quadrature_step_m).mean(axis=0) * look.factor)
+    def _sigma_m(self, step: FskStep, quadrature_m: np.ndarray) -> np.ndarray:
+        return spread_m(quadrature_m, step.amplitude, self.config.spread_px)
 
 
-def _sharper_elsewhere(look: Look, grid: PixelGrid) -> bool:
-    """True where the plane a period before or behind the look's, where the pair's phase is the same, has a higher peak
+def quadrature_m(step: FskStep) -> np.ndarray:
+    """The quadrature step [ny, nx] of a step, as its depths have their step."""
+    return step.on_map(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
+
+
+def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
+    """True where the plane a period before or behind the step's, where the pair's phase is the same, has a higher peak
     and spreads no wider: a plane further away gathers the echoes of several places in its wider cells."""
-    tone, z_m, period_m = look.tones.first(1), float(look.formed_m), look.tones.period_m
+    tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
     planes = [_focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
-    higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * look.peak]
+    higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * step.peak]
     return bool(higher) and min(higher) < WIDER * _focus(tone, grid, z_m)[1]
 
 

@@ -8,14 +8,15 @@ from scipy.stats import norm, spearmanr
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.radar.methods.confidence import (
+from handbench.radar.methods.depth_uncertainty import (
     NOISE_PASSES,
+    fsk_with_uncertainty,
     least_coherence,
     quadrature_step_m,
     spread_m,
     wrap_probability,
 )
-from handbench.radar.methods.fsk import depth_step_m, three_tone, two_tone
+from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
@@ -95,8 +96,8 @@ def noisy_maps():
     # The first image is in focus, so that only noise is left to predict.
     coarse = TwoToneConfig(**PIXELS, first_depth_m=0.28)
     return {
-        "2fsk": [two_tone(capture, coarse) for capture in captures],
-        "3fsk": [three_tone(capture, ThreeToneConfig(**PIXELS, first_depth_m=0.28)) for capture in captures],
+        "2fsk": [fsk_with_uncertainty(capture, coarse) for capture in captures],
+        "3fsk": [fsk_with_uncertainty(capture, ThreeToneConfig(**PIXELS, first_depth_m=0.28)) for capture in captures],
     }
 
 
