@@ -41,7 +41,8 @@ def fsk(
     if isinstance(config, RefinedConfig):
         step = step.cropped()
     steps = [step]
-    z_m = on_step(step) if on_step else step.z_m
+    on_step = on_step or (lambda step: step.z_m)
+    z_m = on_step(step)
     if isinstance(config, RefinedConfig):
         for count in range(3, len(tones) + 1):
             z_m = step.filtered(z_m, config.coarse_filter_px)
@@ -51,7 +52,7 @@ def fsk(
                 # 4: the curved surface found so far is imaged at all tones up to this one.
                 step = tones.first(count).surface(step.grid, z_m)
                 # 5: the mean of the two corrections between the new tone and the first two.
-                z_m = on_step(step) if on_step else step.z_m
+                z_m = on_step(step)
                 steps.append(step)
         z_m = step.filtered(z_m, config.fine_filter_px)
     z_m = grid.placed(step.grid, z_m)
@@ -87,12 +88,6 @@ def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
     points = np.ascontiguousarray(points_m, np.float64)
     rises = (leg.passes * mean_rise(leg.position_m, leg.channels, points) for leg in aperture.legs)
     return np.asarray(sum(rises))
-
-
-def stretch(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """The factor of Δz at points [n, 3] that the paper takes as 1: 2 over `path_rise`. It is 1 on the axis far
-    away, and 1.3 at the corner of the paper's image."""
-    return np.asarray(2 / path_rise(points_m, aperture))
 
 
 @dataclass(frozen=True)
@@ -162,10 +157,11 @@ class FskStep:
 
     @cached_property
     def factor(self) -> np.ndarray | float:
-        """`stretch` at the pixels, where it is configured; else the paper's 1."""
+        """Factor of Δz at the pixels [n]: 2 over `path_rise` where `off_axis` is configured, 1.3 at the
+        corner of the paper's image; else the paper's 1."""
         if not self.tones.config.off_axis:
             return 1.0
-        return stretch(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
+        return 2 / path_rise(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
 
     @cached_property
     def correction_m(self) -> np.ndarray:
