@@ -75,7 +75,7 @@ def accuracy_against_time(result: Result) -> Picture:
         axis.margins(0.15)
         for side in ("x", "y"):
             log_axis(axis, side)
-    handles["paper (at our time)"] = Line2D([], [], color="0.3", marker="o", linestyle="none", fillstyle="none")
+    handles["paper (at our time)"] = Line2D([], [], color="0.5", marker="o", linestyle="none", fillstyle="none")
     name_all(figure, handles.values(), handles)
     return Picture(
         "accuracy_time",

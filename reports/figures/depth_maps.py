@@ -8,7 +8,7 @@ from textwrap import fill
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib import colormaps
+from matplotlib import colormaps, rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize, SymLogNorm
@@ -263,7 +263,12 @@ def _draw(axis: Axes, panel: Panel, strip: Strip, box: Box) -> None:
             x_mm, y_mm = 1e3 * panel.errors.x_m, 1e3 * panel.errors.y_m
             axis.contour(x_mm, y_mm, covered, levels=[0.5], colors="0.35", linewidths=0.4)
     axis.set(xlim=box[:2], ylim=box[2:], xticks=(), yticks=(), aspect="equal")
-    style: dict[str, Any] = {"ls": "none", "markeredgecolor": "k", "markersize": 2.5, "markeredgewidth": 0.6}
+    style: dict[str, Any] = {
+        "ls": "none",
+        "markeredgecolor": rcParams["xtick.color"],
+        "markersize": 2.5,
+        "markeredgewidth": 0.6,
+    }
     for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each: ticks of their own are five a tick
         at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)

@@ -12,7 +12,7 @@ from matplotlib.typing import MarkerType
 
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
 from handbench.reports.figures.numbers import number_points
-from handbench.reports.figures.style import COLOURS, COLUMN_IN, Picture, log_axis, look, looks, narrow, whiskers
+from handbench.reports.figures.style import COLOURS, COLUMN_IN, INK, Picture, log_axis, look, looks, narrow, whiskers
 from handbench.reports.tables.blocks import figure as figure_text
 from handbench.reports.tables.blocks import known, number, three_digits
 
@@ -53,7 +53,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
-    axis.plot([s.seconds for s in line], [s.error for s in line], color="0.25", linewidth=1.2, zorder=2)
+    axis.plot([s.seconds for s in line], [s.error for s in line], color=INK, linewidth=1.2, zorder=2)
     for s in shown:
         colour, marker = styles[s.method]
         bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
@@ -61,7 +61,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         axis.errorbar(s.seconds, s.error, *bars, color=colour, marker=marker, elinewidth=0.7, linestyle="none", **bold)
     reference = next((s for s in settings if s.name == about.reference), None)
     if reference in shown:
-        axis.plot(reference.seconds, reference.error, "s", color="0.25", fillstyle="none", markersize=12, zorder=4)
+        axis.plot(reference.seconds, reference.error, "s", color=INK, fillstyle="none", markersize=12, zorder=4)
     for side in ("x", "y"):
         log_axis(axis, side)
     axis.margins(0.1)
@@ -126,9 +126,9 @@ def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[
         Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=name or "setting")
         for name, (colour, marker) in styles.items()
     ]
-    handles.append(Line2D([], [], color="0.25", marker=".", label="front"))
+    handles.append(Line2D([], [], color=INK, marker=".", label="front"))
     if reference:
-        square = Line2D([], [], color="0.25", marker="s", markersize=9, fillstyle="none", linestyle="none")
+        square = Line2D([], [], color=INK, marker="s", markersize=9, fillstyle="none", linestyle="none")
         square.set_label("reference")
         handles.append(square)
     return handles

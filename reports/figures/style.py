@@ -23,6 +23,16 @@ STYLE: dict[RcKeyType, object] = {
     "pdf.fonttype": 42,
     "text.parse_math": False,  # names are text, whatever dollars they hold
 }
+INK = "#7b7b7b"  # its contrast is 4.2 on a white page and on the report's dark one
+PAGE = STYLE | {
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+}
 COLUMN_IN = 3.5  # of a paper in two columns (IEEEtran), whose figures have 8 pt throughout
 COLUMN = STYLE | {"font.size": 8, "axes.titlesize": 8, "figure.figsize": (COLUMN_IN, 2.6), "savefig.dpi": 300}
 ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker everywhere
@@ -38,15 +48,15 @@ ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker ev
     "broadband-aligned",
     "joint",
 )
-COLOURS = (  # Okabe and Ito, then Tol's muted ones
+COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for light and dark pages
     "#0072B2",
     "#D55E00",
     "#009E73",
     "#CC79A7",
     "#E69F00",
     "#56B4E9",
-    "#000000",
-    "#882255",
+    "#7b7b7b",
+    "#aa4499",
     "#44AA99",
     "#999933",
 )

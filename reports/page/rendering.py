@@ -4,21 +4,17 @@ import base64
 import hashlib
 import io
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import matplotlib
-import numpy as np
 from markupsafe import Markup
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from PIL import Image as Pixels
 
-from handbench.reports.figures.dark import darken
-from handbench.reports.figures.style import COLUMN, STYLE, Picture
+from handbench.reports.figures.style import COLUMN, PAGE, Picture
 from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -29,8 +25,8 @@ SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's sm
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, the files beside it, and
-    its bytes on a dark page (empty: the same); or, in place of bytes, the mark-up of an SVG."""
+    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, and the files beside it;
+    or, in place of bytes, the mark-up of an SVG."""
 
     uri: str
     width: int
@@ -38,7 +34,6 @@ class Image:
     alt: str
     caption: str = ""
     stem: str = ""
-    dark: str = ""
     kinds: tuple[str, ...] = ("pdf", "png")
     svg: Markup | None = None
 
@@ -50,29 +45,21 @@ def begin(out: Path) -> None:
 
 
 def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
-    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a paper's column, and give
-    it as an image for the page, light and dark; each figure is let go before the next is drawn."""
+    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a paper's
+    column, and give it as an image for the page; each figure is let go before the next is drawn."""
     written = []
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(PAGE):
         for picture in draw():
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
                 picture.figure.savefig(temporary)
-                light = image(Pixels.open(temporary), picture.alt, picture.caption, picture.stem, SHOWN)
-            picture.figure.set_layout_engine("none")  # laid out once
-            written.append(replace(light, dark=_uri(_pixels(darken(picture.figure)))))
+                pixels = Pixels.open(temporary)
+                written.append(image(pixels, picture.alt, picture.caption, picture.stem, SHOWN))
     with matplotlib.rc_context(COLUMN):
         for picture in draw():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
-                picture.figure.savefig(temporary, metadata={"CreationDate": None})  # same data, same bytes
+                # Without a date the same data give the same bytes.
+                picture.figure.savefig(temporary, metadata={"CreationDate": None})
     return written
-
-
-def _pixels(figure: Figure) -> Pixels.Image:
-    """A figure as it is shown inside a page."""
-    figure.set_dpi(min(matplotlib.rcParams["savefig.dpi"], WIDTH_PX / figure.get_figwidth()))
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Pixels.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())  # on a page of its own colour
 
 
 def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:

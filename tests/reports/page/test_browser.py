@@ -153,23 +153,6 @@ def luminance(colour):
     return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
 
 
-def test_figures_are_dark_on_a_dark_page_and_light_on_paper(browser, page):
-    """Of each pair one is shown; its mean lightness, from the pixels that the browser decoded, is that of the page."""
-    shown = """Array.from(document.querySelectorAll('.scroll img')).filter(i => getComputedStyle(i).display != 'none')
-        .map(i => {const c = document.createElement('canvas'); c.width = c.height = 8; const d = c.getContext('2d');
-        d.drawImage(i, 0, 0, 2, 2, 0, 0, 8, 8); return d.getImageData(0, 0, 8, 8).data[0]})"""
-    corners = {}
-    for scheme, media in (("light", ""), ("dark", ""), ("dark", "print")):
-        browser.open(page, scheme=scheme)
-        browser.call(
-            "Emulation.setEmulatedMedia", media=media, features=[{"name": "prefers-color-scheme", "value": scheme}]
-        )
-        corners[scheme, media] = browser.run(shown)
-    browser.call("Emulation.setEmulatedMedia", media="")
-    assert len({len(values) for values in corners.values()}) == 1
-    assert min(corners["light", ""]) > 240 and max(corners["dark", ""]) < 40 and min(corners["dark", "print"]) > 240
-
-
 def test_without_webgl_and_on_paper_a_still_picture_stands_in(browser, page):
     displays = "['.still', '.viewer canvas'].map(s => getComputedStyle(document.querySelector(s)).display)"
     browser.open(page)
