@@ -9,9 +9,9 @@ from typing import Any
 
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
-from handbench.reports.figures.depth_maps import maps_of, panels
+from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import methods
-from handbench.reports.page import cause_section, rendering, scene3d, sections, sheet_svg, tradeoff_section
+from handbench.reports.page import cause_section, rendering, scene3d, sections, tradeoff_section
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import caption
@@ -25,14 +25,14 @@ from handbench.support.progress import track
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first page and on others.
-REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.03
+REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
 FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
     """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex, table.csv,
     comparisons.*,
-    figures/*.png, *.pdf, *.svg, index.html and, of many captures, pages/*.html to `out`.
+    figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
 
     sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
     report are replaced, its further pages removed, others left alone. Returns the path of index.html.
@@ -91,7 +91,7 @@ _loaded = cache(load)  # a process draws many pages of one result
 
 
 def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> charts.Counts:
-    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as SVG alone, and count
+    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as PNG only, and count
     their errors."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
@@ -123,10 +123,7 @@ def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = No
 
 def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
-    if paper:
-        details = [(capture, rendering.images(partial(panels, result, capture), folder)) for capture in captures]
-    else:
-        details = [(c, [sheet_svg.image(maps, folder) for maps in maps_of(result, c)]) for c in captures]
+    details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first

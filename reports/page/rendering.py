@@ -4,7 +4,7 @@ import base64
 import hashlib
 import io
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,7 @@ SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's sm
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words, and the files beside it;
-    or, in place of bytes, the mark-up of an SVG."""
+    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words and files."""
 
     uri: str
     width: int
@@ -35,7 +34,6 @@ class Image:
     caption: str = ""
     stem: str = ""
     kinds: tuple[str, ...] = ("pdf", "png")
-    svg: Markup | None = None
 
 
 def begin(out: Path) -> None:
@@ -44,16 +42,24 @@ def begin(out: Path) -> None:
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
-def images(draw: Callable[[], Iterable[Picture]], folder: Path) -> list[Image]:
+def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
     """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a paper's
-    column, and give it as an image for the page; each figure is let go before the next is drawn."""
+    column, and give it as an image for the page; each figure is let go before the next is drawn.
+    paper: False writes STEM.png only, as wide as it is inside the page."""
     written = []
     with matplotlib.rc_context(PAGE):
         for picture in draw():
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
-                picture.figure.savefig(temporary)
-                pixels = Pixels.open(temporary)
-                written.append(image(pixels, picture.alt, picture.caption, picture.stem, SHOWN))
+                fine = matplotlib.rcParams["savefig.dpi"]
+                dpi = fine if paper else min(fine, WIDTH_PX / picture.figure.get_figwidth())
+                picture.figure.savefig(temporary, dpi=dpi)
+                pixels, shown = Pixels.open(temporary), SHOWN * fine / dpi
+                found = image(pixels, picture.alt, picture.caption, picture.stem, shown)
+                written.append(found if paper else replace(found, kinds=("png",)))
+            if not paper:  # a PDF of an earlier report of another result
+                (folder / f"{picture.stem}.pdf").unlink(missing_ok=True)
+    if not paper:
+        return written
     with matplotlib.rc_context(COLUMN):
         for picture in draw():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:

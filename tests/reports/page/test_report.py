@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
-from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
@@ -25,14 +23,13 @@ from handbench.bench.results.tables import COMPARISONS, frame
 from handbench.reports.figures import depth_maps
 from handbench.reports.figures.charts import added, counted, overview
 from handbench.reports.figures.depth_maps import panels
-from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, PAGE, STYLE, looks, methods
-from handbench.reports.page import html, rendering, scene3d, sections, sheet_svg
+from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, PAGE, STYLE, looks
+from handbench.reports.page import html, rendering, scene3d, sections
 from handbench.reports.page.rendering import render
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
-SVG = "{http://www.w3.org/2000/svg}"
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets
 
 
@@ -141,7 +138,7 @@ def test_the_page_shows_and_explains_the_floor(report):
 @pytest.fixture
 def undrawn(monkeypatch):
     """A report without pictures, where words are looked at."""
-    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
 
 
 def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
@@ -274,43 +271,6 @@ def test_pictures_can_be_read_on_light_and_on_dark_pages(result_folder, tmp_path
                 assert np.asarray(image)[0, 0, 3] == 0
 
 
-def test_maps_on_a_page_of_many_are_those_of_the_file(result_folder, tmp_path):
-    """Against the result's own errors: every pixel has the colour that matplotlib gives it, within one step of 255."""
-    result = results.load(result_folder)
-    (maps,) = (m for m in depth_maps.maps_of(result, result.scored()[0]) if m.stem == "error_B__truth")
-    picture = sheet_svg.image(maps, tmp_path)
-    assert (tmp_path / "error_B__truth.svg").read_text(encoding="utf-8") == picture.svg
-    svg = ElementTree.fromstring(picture.svg)
-    texts = [text.text for text in svg.iter(f"{SVG}text")]
-    assert "Broadband" in texts and "+30" in texts and svg.get("aria-label") == maps.alt
-    panels = [panel for panel in svg.iter(f"{SVG}svg") if panel is not svg]
-    errors = result.errors("B", "3fsk", "truth")
-    shown = panels[[method.name for method in methods(result)].index("3fsk")]
-    left, top, wide, high = map(float, shown.get("viewBox").split())
-    pitch_mm = 1e3 * np.diff(errors.x_m)[0]
-    assert wide * pitch_mm == pytest.approx(maps.box[0] - maps.box[1], abs=0.01)
-    assert -left * pitch_mm == pytest.approx(maps.box[0] - depth_maps.edges_mm(errors.x_m)[1], abs=0.01)
-    assert -top * pitch_mm == pytest.approx(maps.box[3] - depth_maps.edges_mm(errors.y_m)[1], abs=0.01)
-    uri = shown.find(f"{SVG}image").get("href")
-    with Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))) as image:
-        found = np.asarray(image.convert("RGBA"))[::-1, ::-1].astype(int)
-    seen, strip = np.isfinite(errors.error_m), maps.strips[0]
-    assert np.array_equal(found[..., 3] > 0, seen)
-    step = 1 / 255
-    about = [strip.colours(strip.norm(1e3 * errors.error_m[seen]) + d)[:, :3] for d in (-step, 0, step)]
-    low, high = 255 * np.min(about, axis=0) - 1, 255 * np.max(about, axis=0) + 1
-    assert ((low <= found[seen][:, :3]) & (found[seen][:, :3] <= high)).all()
-
-
-def test_an_outline_goes_between_the_pixels():
-    """By hand: one covered pixel in the second row and third column, in halves of pixels from the upper left corner."""
-    covered = np.zeros((4, 5), bool)
-    covered[1, 2] = True
-    (start, steps) = sheet_svg._outline(covered).removeprefix("M").split("l")
-    points = np.cumsum([[*map(int, start.split())], *np.reshape([*map(int, steps.split())], (-1, 2)).tolist()], axis=0)
-    assert {tuple(point) for point in points.tolist()} == {(5, 2), (4, 3), (6, 3), (5, 4)}
-
-
 def test_errors_are_counted_alike_page_by_page_and_together(result_folder):
     result = results.load(result_folder)
     parts = [counted(result, [capture]) for capture in result.scored()]
@@ -400,7 +360,7 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
         written.append({file.relative_to(out): file.read_bytes() for file in sorted(out.rglob("*.html"))})
     assert len(written[0]) == 3 and written[0] == written[1]
     assert {file.name for file in (out / "figures").glob("depth_*")} == {
-        *("depth_B.pdf", "depth_B.png", "depth_F.svg", "depth_U.svg")  # of further pages SVG alone
+        *("depth_B.pdf", "depth_B.png", "depth_F.png", "depth_U.png")  # of further pages PNG only
     }
 
 
