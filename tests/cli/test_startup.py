@@ -97,7 +97,7 @@ def walk(parser: argparse.ArgumentParser, names: tuple[str, ...] = ()):
 
 def test_everything_that_can_be_typed_has_help():
     found = list(walk(parser()))
-    assert len(found) > 150
+    assert len(found) > 100
     assert [names for *names, text in found if not text] == []
 
 

@@ -132,7 +132,7 @@ def test_what_has_no_place_on_logarithmic_axes_stands_in_the_table(found):
 def test_hostile_names_are_text(found, tmp_path, monkeypatch):
     settings = [replace(s, title=EVIL) for s in found.settings]
     results.write_tradeoff(tmp_path, found.facts, settings)
-    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
     text = tradeoff_section.build(tmp_path, tmp_path / "out").read_text(encoding="utf-8")
     assert "<b>$" not in text and "&lt;b&gt;$" in text
 
@@ -152,7 +152,7 @@ def test_a_sweep_without_settings_is_refused(found, tmp_path):
 def test_a_result_shows_the_sweep_that_it_holds_or_is_given(tmp_path, monkeypatch, inside):
     folder = write_synthetic(tmp_path / "r", ("B",), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3)
     sweep = write_synthetic_tradeoff(folder / "tradeoff" if inside else tmp_path / "sweep", tolerances=2)
-    monkeypatch.setattr(rendering, "images", lambda pictures, folder: [])
+    monkeypatch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
     page = html.build(folder, tmp_path / "out", None if inside else sweep)
     text = page.read_text(encoding="utf-8")
     assert 'href="#tradeoff"' in text and 'id="sweep-imaging"' in text and "table" in text
