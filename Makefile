@@ -65,6 +65,7 @@ mutation: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r tests/mutation/requirements.txt
 	rm -rf $(MUTATION) && mkdir -p $(MUTATION)/tree
 	git ls-files -z | tar c --null -T - | tar x -C $(MUTATION)/tree
+	ln -s $(ROOMS:%=../%) $(MUTATION)/tree/handbench  # or the rooms would be imported from here
 	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation.contexts ../map.json $(MAPPED)
 	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation --tree . --map ../map.json \
 	  --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) --minutes 40 -o ../mutants.json

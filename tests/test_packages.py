@@ -19,7 +19,7 @@ def test_every_folder_with_code_is_installed_inside_handbench():
     assert [str(folder) for folder in folders if not (ROOT / folder / "__init__.py").is_file()] == []
     packages = {".".join(("handbench", *folder.parts)) for folder in folders if folder.parts[0] != "handbench"}
     packages |= {".".join(folder.parts) for folder in folders if folder.parts[0] == "handbench"}
-    assert set(PYPROJECT["tool"]["setuptools"]["packages"]) == packages
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(packages)
     places = PYPROJECT["tool"]["setuptools"]["package-dir"]
     assert places == {"handbench": "handbench"} | {f"handbench.{room}": room for room in ROOMS}
 

@@ -53,7 +53,7 @@ def prepare(
     """
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
-        raise HandbenchError(f"frame: is {frame}; the capture has frames 0 to {len(echoes.samples) - 1}")
+        raise HandbenchError(f"frame {frame}: is not there; the capture has frames 0 to {len(echoes.samples) - 1}")
     echoes = thinned(echoes, every_nth_antenna)
     require_tones(echoes, settings)
     return ImagingTask(chosen, settings, echoes)

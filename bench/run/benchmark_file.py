@@ -139,6 +139,8 @@ class MethodEntry(Config):
         if self.config or self.precision or self.every_nth_antenna > 1:
             raise ValueError(f"{where} is taken as it is; leave out config, precision and every_nth_antenna")
         if self.command is not None:
+            if not self.command.isprintable():
+                raise ValueError(f"{where}: command has characters that cannot be printed; leave them out")
             try:
                 words = shlex.split(self.command)
             except ValueError as error:

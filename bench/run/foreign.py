@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_json
+from handbench.support.progress import say
 
 LIMIT_S, LIMIT_MB = 600.0, 16384  # for one capture; megabytes of addresses
 SAME_M = 1e-6  # pixels of two grids that are the same
@@ -62,17 +62,7 @@ def words(command: str, base: Path) -> list[str]:
 
 def program_key(command: str, base: Path) -> list[str]:
     """The values that a command's depth maps depend on: the line, and the content of the files in it."""
-    return [command, *(_file_hash(word) for word in words(command, base) if os.path.isfile(word))]
-
-
-def _file_hash(file: str) -> str:
-    facts = os.stat(file)
-    return _hash_of_version(file, facts.st_mtime_ns, facts.st_size)
-
-
-@lru_cache
-def _hash_of_version(file: str, modified_ns: int, size: int) -> str:
-    return content_hash(Path(file))
+    return [command, *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word))]
 
 
 def take(folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any) -> None:
@@ -103,6 +93,7 @@ def run(
         places = {"{capture}": str(echoes), "{depth}": str(file)}
         for name, place in places.items():
             command = [word.replace(name, place) for word in command]
+        say(f"{data.about.name}: running {shlex.join(command)}")
         seconds = _run(command, room, *limits)
         if not file.is_file():
             raise HandbenchError("the command ended well but wrote no {depth}; expected an .npz file there")
