@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M
-from handbench.bench.results.about import HEADLINE
-from handbench.bench.results.tables import each
 from handbench.radar.methods.trust import FLAGGED
 
 if TYPE_CHECKING:
@@ -182,7 +180,7 @@ CHECKS = (
         "a figure that no image has",
         lambda f: (
             (f["metric"].startswith("relative_") and not 0 <= f["value"] <= 100)
-            or (f["metric"] == HEADLINE and f["value"] > FARTHEST_MM)
+            or (f["metric"] == "mae_mm" and f["value"] > FARTHEST_MM)
         ),
         "{method}: {title} is {value:.4g} {unit}: `handbench inspect` the captures",
     ),
@@ -266,7 +264,7 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
     """Warnings about the figures of a map against a surface."""
-    mean_mm, accuracy, z = values[HEADLINE], values["relative_accuracy_percent"], depth.config.get("z")
+    mean_mm, accuracy, z = values["mae_mm"], values["relative_accuracy_percent"], depth.config.get("z")
     box = z if isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys() else {"start_m": 0.0, "stop_m": np.inf}
     facts = {
         "mean_mm": None if accuracy is None else mean_mm,
@@ -281,7 +279,8 @@ def result_warnings(result: Result) -> Iterator[str]:
     for capture, texts in result.about.facts.get("doubts", {}).items():
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
-    for row in each(result.table):
+    lines: Iterator[Any] = iter(result.table.itertuples(index=False, name="Line"))
+    for row in lines:
         title, unit = result.title(row.metric), row.unit
         facts = {"metric": row.metric, "method": row.method, "title": title, "value": row.value, "unit": unit}
         yield from warnings_of("result", facts)
