@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.installed_copy import ROOMS
+
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("radar", "calibration", "groundtruth", "bench", "reports", "handbench")
+PACKAGES = (*ROOMS, "handbench")
 FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")

@@ -35,7 +35,19 @@ def score(
     recorded: NativeCapture | None = None,
     sigma_m: np.ndarray | None = None,
 ) -> Scores:
-    """Compare a depth map with a reference on its grid.
+    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures that they give."""
+    errors = pixel_errors(depth, reference, protocol, recorded, sigma_m)
+    return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
+
+
+def pixel_errors(
+    depth: DepthMap,
+    reference: Reference,
+    protocol: Protocol = PAPER,
+    recorded: NativeCapture | None = None,
+    sigma_m: np.ndarray | None = None,
+) -> ErrorMap:
+    """Signed errors of the pixels that a protocol scores.
 
     Args:
         depth: the map.
@@ -49,8 +61,7 @@ def score(
     """
     sigma_m = reference.sigma_m if sigma_m is None else sigma_m
     z_m = scored_z_m(depth, protocol, recorded)
-    errors = error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
-    return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
+    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
 
 
 def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:

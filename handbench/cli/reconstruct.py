@@ -38,11 +38,11 @@ def run(options: argparse.Namespace) -> None:
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
+    for doubt in (*array_warnings(echoes), *pair_warnings(echoes)):  # they may say why a tone is missing
+        say(f"{options.capture}: {doubt}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
-    for doubt in (*array_warnings(echoes), *pair_warnings(echoes)):
-        say(f"{options.capture}: {doubt}")
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
     result, task, certificate = _imaged(task, options)

@@ -36,6 +36,7 @@ class Sources:
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
+        self.in_clone = not (root / "radar").is_dir()  # the other rooms and the scripts are beside the package
         self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 
@@ -88,7 +89,7 @@ class Sources:
     def _find(self, name: str) -> Path | None:
         parts = name.split(".")
         folders = [self.root.joinpath(*parts[1:])] if parts[0] == PACKAGE else []
-        if not (self.root / "radar").is_dir():  # in a clone the other rooms and the scripts are beside the package
+        if self.in_clone:
             folders.append(self.root.parent.joinpath(*(parts[1:] if parts[0] == PACKAGE else parts)))
         places = (place for folder in folders for place in (folder / "__init__.py", folder.with_suffix(".py")))
         return next((place for place in places if place.is_file()), None)

@@ -9,6 +9,7 @@ import pytest
 from numba.core.codegen import get_host_cpu_features
 
 from handbench.support.compiled import FAST, njit
+from tests.installed_copy import ROOMS
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,10 +33,9 @@ def test_loops_fill_whole_vectors():
 def test_all_loops_come_from_here():
     """A loop that is compiled by numba itself before this module is imported would decide the vectors of all others."""
     asked = re.compile(r"^(import numba$|from numba import)", re.MULTILINE)
-    rooms = ("handbench", "radar", "calibration", "groundtruth", "bench", "reports")
     importing = {
         str(file.relative_to(ROOT))
-        for room in rooms
+        for room in (*ROOMS, "handbench")
         for file in (ROOT / room).rglob("*.py")
         if asked.search(file.read_text("utf-8"))
     }

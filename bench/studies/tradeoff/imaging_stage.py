@@ -19,7 +19,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_c
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.statistics.intervals import figure_interval
 from handbench.bench.pipeline.image import configuration, prepare
-from handbench.bench.pipeline.score import reference_of_file, score
+from handbench.bench.pipeline.score import pixel_errors, reference_of_file
 from handbench.bench.results import Claim, Failure, Section, Setting, write_errors
 from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.benchmark_file import MethodEntry
@@ -123,8 +123,8 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
         grid = capture.name, depth.x_m.tobytes(), depth.y_m.tobytes()
         if grid not in cast:
             cast[grid] = reference_of_file(mesh, transform, PixelGrid(depth.x_m, depth.y_m), exact=name == "truth")
-        found = score(depth, cast[grid], scored, open_capture(capture.folder))
-        write_errors(scores, capture.name, setting.name, name, found.errors)
+        errors = pixel_errors(depth, cast[grid], scored, open_capture(capture.folder))
+        write_errors(scores, capture.name, setting.name, name, errors)
 
     def errors(setting: str) -> Sequence[ErrorMap]:
         """A setting's error maps, read one at a time."""

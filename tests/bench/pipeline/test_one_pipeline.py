@@ -77,6 +77,18 @@ def one_tone(echoes):
     return replace(echoes, samples=echoes.samples[:, :1], frequencies_hz=echoes.frequencies_hz[:1])
 
 
+def test_frequencies_in_gigahertz_are_doubted_before_a_tone_is_missed(bench, tmp_path, capsys):
+    capture = bench.parent / "ball"
+    echoes = load_capture(capture / "echoes.h5")
+    save_capture(capture / "echoes.h5", replace(echoes, frequencies_hz=echoes.frequencies_hz * 1e-9))
+    assert main(["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "depth.npz"), *SET]) == 2
+    written = capsys.readouterr().err
+    assert written.index("are these gigahertz?") < written.index("the method asks for")
+    with pytest.raises(hb.HandbenchError, match="the method asks for"):
+        hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS)
+    assert "are these gigahertz?" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [(millimetres, "are its positions millimetres?"), (one_tone, "asks for 82.0000 GHz")],

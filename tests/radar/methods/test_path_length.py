@@ -8,10 +8,11 @@ from numba.core.registry import CPUDispatcher
 
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.registry import method
+from tests.installed_copy import ROOMS
 from tests.radar.simulated_points import around, bumpy, points_capture, surface_points
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("handbench", "radar", "calibration", "groundtruth", "bench", "reports")
+PACKAGES = (*ROOMS, "handbench")
 MOST = 20
 
 
