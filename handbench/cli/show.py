@@ -40,13 +40,11 @@ TURNS = {  # of a mesh: axes to the left, up and away from the eye, the last one
     "from the left": ([2, 1, 0], -1, ("z in mm", "y in mm")),
 }
 
-BUILT_IN = ("target", "stand")  # words for the built-in drawings; a folder of that name is ./target
-
 
 def run(options: argparse.Namespace) -> None:
     """File → picture, drawing or page that turns; the path of a picture or a page on stdout."""
     path: Path = options.path
-    if path.suffix == ".toml" or str(path) in BUILT_IN or not path.exists():
+    if path.suffix == ".toml" or not path.exists():
         _drawing(options)
         return
     from handbench.reports.figures.single import save
