@@ -18,9 +18,8 @@ from PIL import Image
 
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES
-from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import Mount
-from handbench.bench.scenes.stand import PLATE_M, stand_board
+from handbench.bench.scenes.stand import PLATE_M, rig, stand_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.data.arrays import qar50
 

@@ -10,8 +10,7 @@ import tomlkit
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import echo_scene, echoes
-from handbench.bench.scenes.photo_pilot import choose
-from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.photographs import Studio, photo_effects
 from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
 from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
@@ -56,9 +55,8 @@ def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
         write_text(folder / TARGET, tomlkit.dumps(scene.target.model_dump()))
     if scene.cameras:
         studio = Studio(scene)
-        photos, chosen = choose(studio)
-        rows += chosen
-        write_photographs(scene, folder / PHOTOS, studio.taking(photos).photograph)
+        rows += photo_effects(studio.photos)
+        write_photographs(scene, folder / PHOTOS, studio.photograph)
     contains = sorted(path.name for path in folder.iterdir())
     write_text(folder / DESCRIPTION, tomlkit.dumps(description(scene, contains, rows)))
     return rows

@@ -8,9 +8,8 @@ import numpy as np
 
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
-from handbench.bench.scenes.skin_texture import Skin
 from handbench.bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_box_m, plate_print
-from handbench.bench.scenes.textures import foam, skin, styrodur
+from handbench.bench.scenes.textures import Skin, foam, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh
 
@@ -49,7 +48,7 @@ def bodies(scene: Scene) -> list[Body]:
     is_skin = not isinstance(scene.file.target, CalibrationTarget)
     result = [
         _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
-        _body(*cuboid(plate_box_m(), GRID_M), _Plate(scene.file.seed, pixel_m, plain), board=True),
+        _body(*cuboid(plate_box_m(), GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain), board=True),
     ]
     if scene.block_m is not None:
         result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
@@ -76,18 +75,13 @@ def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: boo
     return Body(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
 
 
-class _Plate:
+def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
     """Reflectance of the back plate: print on its front, plain foam elsewhere."""
+    import cv2
 
-    def __init__(self, seed: int, pixel_m: float, plain: Albedo) -> None:
-        import cv2
+    printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
 
-        self.print = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
-        self.plain = plain
-
-    def __call__(self, points_m: np.ndarray) -> np.ndarray:
-        import cv2
-
+    def albedo(points_m: np.ndarray) -> np.ndarray:
         # A texel's centre lies half a texel inside its edge.
         column = ((points_m[:, 0] + PLATE_M[0] / 2) / TEXEL_M - 0.5).astype(np.float32)
         row = ((PLATE_M[1] / 2 - points_m[:, 1]) / TEXEL_M - 0.5).astype(np.float32)
@@ -96,9 +90,11 @@ class _Plate:
         for i in range(0, len(grey), rows):
             part = slice(i, i + rows)
             grey[part] = cv2.remap(
-                self.print, column[part, None], row[part, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                printed, column[part, None], row[part, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )[:, 0]
         reflectance = np.repeat(grey[:, None], 3, axis=1)
         rim = np.abs(points_m[:, 2]) > FRONT_M
-        reflectance[rim] = self.plain(points_m[rim])
+        reflectance[rim] = plain(points_m[rim])
         return reflectance
+
+    return albedo

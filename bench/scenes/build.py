@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.scenes.bones import forearm_direction
-from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import (
     BUILT_IN_ARRAY,
     AnyTarget,
@@ -19,7 +18,7 @@ from handbench.bench.scenes.scene_file import (
     SphereTarget,
 )
 from handbench.bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
-from handbench.bench.scenes.stand import stand_board
+from handbench.bench.scenes.stand import rig, stand_board
 from handbench.calibration.spheres.description import Target, default_target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.board.board import Board

@@ -13,7 +13,7 @@ thickness) that breadth does not tell 4 %, each finger's own 1.5 %, the palm's o
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -54,16 +54,11 @@ MEAN = Person(
 )
 
 
-class Draws:
-    """Normal deviates of mean 0 and deviation 1, without their tails, of a seed."""
+def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
+    """Normal deviates of mean 0 and deviation 1, without their tails."""
+    from scipy.special import ndtri
 
-    def __init__(self, *seed: int) -> None:
-        self.generator = np.random.default_rng(seed)
-
-    def __call__(self, *shape: int) -> np.ndarray:
-        from scipy.special import ndtri
-
-        return ndtri(self.generator.uniform(*TAILS, shape))
+    return ndtri(generator.uniform(*TAILS, shape))
 
 
 @cache
@@ -71,8 +66,9 @@ def person(number: int) -> Person:
     """The hand of a person, any number from 1 on; 0 is the mean hand."""
     if number == 0:
         return MEAN
-    draws = Draws(number, 1)
-    (length_mm, length_spread), (breadth_mm, breadth_spread) = SIZES_MM[draws.generator.integers(2)]
+    generator = np.random.default_rng((number, 1))
+    draws = partial(_deviates, generator)
+    (length_mm, length_spread), (breadth_mm, breadth_spread) = SIZES_MM[generator.integers(2)]
     tall, wide = draws(2)
     wide = BREADTH_WITH_LENGTH * tall + np.sqrt(1 - BREADTH_WITH_LENGTH**2) * wide
     length = (length_mm + length_spread * tall) / MEAN_MM[0]
@@ -102,6 +98,6 @@ class Placement:
 
 def placement(number: int, seed: int) -> Placement:
     """The place where a person holds the hand in a scene of this seed; estimates of ours for one who is shown where."""
-    drawn = Draws(number, 2, seed)(6) * (DISTANCE_M, *OFFSET_M, *TILT_DEG)
+    drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (DISTANCE_M, *OFFSET_M, *TILT_DEG)
     distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
     return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

@@ -3,17 +3,17 @@
 What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of the exposures.
 """
 
-from copy import copy
+from typing import Any
 
 import numpy as np
 
 from handbench.bench.scenes.bodies import Body, bodies, texture_seed
 from handbench.bench.scenes.build import Scene
-from handbench.bench.scenes.highlights import mirrored
-from handbench.bench.scenes.lamps import LAMPS, Light, Projector, bake, sunflower
 from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
+from handbench.bench.scenes.light import LAMPS, Light, Projector, bake, mirrored, sunflower
 from handbench.bench.scenes.scene_file import Photos
 from handbench.groundtruth.cameras.cameras import Camera
+from handbench.radar.simulation.known_effects import Choice
 from handbench.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
@@ -23,6 +23,26 @@ EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
 R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: fills the pixel evenly
 NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
+IDEAL: dict[str, dict[str, Any]] = {  # by effect: the keys of [photos] that cause it, with the values that do not
+    "highlights": {"highlights": 0.0},
+    "speckle": {"speckle": 0.0},
+    "defocus": {"f_number": None},
+    "blur": {"blur_px": 0.0},
+    "motion": {"motion_px": 0.0},
+    "exposure": {"exposure_spread": 0.0},
+    "white_balance": {"white_balance_spread": 0.0},
+    "noise": {"full_well_e": 1e12, "read_noise_e": 0.0},  # far below a step of 8 bits
+}
+
+
+def photo_effects(photos: Photos) -> tuple[Choice, ...]:
+    """The row of every effect of photographs: on where [photos] names its cause."""
+    rows = []
+    for name, ideal in IDEAL.items():
+        on = any(getattr(photos, key) != value for key, value in ideal.items())
+        why = "named in [photos]" if on else f"needs photos.{next(iter(ideal))}"
+        rows.append(Choice(effect=f"photos.{name}", on=on, why=why))
+    return tuple(rows)
 
 
 class Studio:
@@ -41,21 +61,11 @@ class Studio:
             self.rays.add_triangles(body.vertices_m.astype(np.float32), body.faces.astype(np.uint32))
         self.light = [bake(self.rays, body) for body in self.bodies]
 
-    def taking(self, photos: Photos) -> "Studio":
-        """The same lit scene, photographed with other effects."""
-        result = copy(self)
-        result.photos, result.projector = photos, _projector(self.scene, photos, self.aim_m)
-        return result
-
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
         """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds what is random about it."""
-        return self.record(self.expose(camera), number)
-
-    def record(self, radiance: np.ndarray, number: int) -> np.ndarray:
-        """The 8-bit BGR [height, width, 3] that the photograph `number` makes of the light on its sensor."""
         import cv2
 
-        photos = self.photos
+        radiance, photos = self.expose(camera), self.photos
         if photos.blur_px > 0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), photos.blur_px)
         if photos.motion_px > 0:

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from handbench.bench.scenes.bones import held
 from handbench.bench.scenes.hand_pose import POSES, Pose
-from handbench.bench.scenes.holding import held
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
@@ -150,8 +150,8 @@ class Sensor(SensorFaults):
 
 
 class Photos(Config):
-    """The photographs to take. effects: "all" that the keys below name, or "auto", which leaves out what together moves
-    the mesh by less than tolerance_mm."""
+    """The photographs to take. effects: "all" and "auto" both mean every effect that the keys below name; tolerance_mm
+    changes nothing."""
 
     effects: Literal["all", "auto"] = "all"
     tolerance_mm: float = Field(default=0.01, gt=0)

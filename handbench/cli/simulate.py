@@ -8,8 +8,7 @@ from handbench.bench.run.benchmark_file import embedded
 from handbench.bench.run.capture_set import BENCH, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
-from handbench.bench.scenes.photo_pilot import choose
-from handbench.bench.scenes.photographs import Studio
+from handbench.bench.scenes.photographs import photo_effects
 from handbench.cli.options import free_folder
 from handbench.radar.simulation.known_effects import Choice
 from handbench.support.config import read_toml
@@ -29,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.explain:
         scene = load_scene(options.scene)
-        photographs = choose(Studio(scene), explain=True)[1] if scene.cameras else ()
+        photographs = photo_effects(scene.file.photos) if scene.file.photos else ()
         show(choices(scene, explain=True) + photographs)
         return
     if options.out is None:
@@ -48,7 +47,7 @@ def _is_benchmark(path: Path) -> bool:
 
 def show(rows: tuple[Choice, ...]) -> None:
     """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
-    lost and gained, of a depth map's pixels or of photographs' matches."""
+    lost and gained."""
     from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []

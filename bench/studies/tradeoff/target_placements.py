@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.scenes.stand import rig
 from handbench.calibration.spheres.description import Element, Target, default_target, save_target
 from handbench.support.config import parse
 

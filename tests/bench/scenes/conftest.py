@@ -9,7 +9,7 @@ import pytest
 
 from handbench.bench.scenes.bodies import Body
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.scenes.lamps import Light, bake
+from handbench.bench.scenes.light import Light, bake
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.stand import plate_print

@@ -15,8 +15,7 @@ from handbench.bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, 
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, FingerPose, Pose, ThumbPose, WristPose
 from handbench.bench.scenes.implicit import triangle_quality
-from handbench.bench.scenes.skin_texture import Skin
-from handbench.bench.scenes.textures import skin
+from handbench.bench.scenes.textures import Skin, skin
 from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 from tests.bench.scenes.hand_field import hand_field
 from tests.bench.scenes.hand_smoothness import crossing_faces

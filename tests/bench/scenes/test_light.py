@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.highlights import SKIN_REFLECTANCE, ggx, mirrored
-from handbench.bench.scenes.lamps import Projector
+from handbench.bench.scenes.light import SKIN_REFLECTANCE, Projector, ggx, mirrored
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.scenes.stand import MARKER_CENTRES_M
 from handbench.support.errors import HandbenchError

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handbench.bench.scenes.bones import radii_m, skeleton
+from handbench.bench.scenes.bones import held, radii_m, skeleton
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, Pose
-from handbench.bench.scenes.holding import held
 from handbench.bench.scenes.implicit import Field, zero_set
 from handbench.bench.scenes.people import LENGTHS_MM, MEAN, MOST_PEOPLE, person, placement
-from handbench.bench.scenes.skin_texture import Skin
+from handbench.bench.scenes.textures import Skin
 from tests.bench.scenes.hand_field import hand_field
 
 COARSE_M = 5e-3

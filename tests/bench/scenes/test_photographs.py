@@ -20,8 +20,7 @@ from handbench.bench.scenes.photographs import (
     white_balance,
 )
 from handbench.bench.scenes.scene_file import Photos, SceneFile
-from handbench.bench.scenes.skin_texture import Skin
-from handbench.bench.scenes.textures import cells, foam, skin, solid_noise
+from handbench.bench.scenes.textures import Skin, cells, foam, skin, solid_noise
 from handbench.support.config import parse
 
 QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.rig import rig
+from handbench.bench.scenes.stand import rig
 from handbench.calibration.transforms import identity
 from tests.bench.studies.photogrammetry.measure_photogrammetry import draw, record, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import bars, sweep

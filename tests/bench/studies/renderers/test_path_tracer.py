@@ -10,9 +10,9 @@ from scipy.ndimage import gaussian_filter
 
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.photographs import Studio
-from handbench.bench.scenes.rig import rig
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.shapes import sphere_mesh
+from handbench.bench.scenes.stand import rig
 from handbench.calibration.transforms import identity
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
