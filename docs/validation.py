@@ -16,11 +16,12 @@ from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.stand import cuboid, plate_box_m
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
+from handbench.radar.simulation.ablation import Ablation
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.causes import Causes, Pattern
 from handbench.radar.simulation.known_effects import IDS
-from handbench.radar.simulation.rehearsal import Rehearsal
 from handbench.radar.simulation.scene import Body, EchoScene, Material
-from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.closed_forms import (
     phase_errors_rad,
@@ -165,7 +166,7 @@ def main(picture: Path) -> None:
     every = [(letter, case) for letter in "fb" for case in cases(letter)]
     for letter, (name, effect, scene) in (*every, ("target", calibration_target())):
         there = [known for known in EFFECTS if known.id in (*BASE, effect) and not known.missing(scene)]
-        estimate = Rehearsal(scene, there, CONTAINED).change({effect})["3fsk"]
+        estimate = Ablation(scene, there, CONTAINED).change({effect})["3fsk"]
         mean_mm, median_mm = measured_mm(scene, effect)
         print(f"{letter} | {name} | {estimate.depth_mm:.3f} | {mean_mm:.3f} ({median_mm:.3f})", flush=True)
 

@@ -25,6 +25,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import METHODS, method
+from handbench.radar.simulation.catalogue import Effect
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.config import Config
 from tests.radar.simulated_points import point_capture
@@ -72,7 +73,7 @@ def of_contributor(folder: Path, names: dict[str, Any]) -> None:
     """What the files that the page's blocks are added to know already."""
     for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
         names.update({k: v for k, v in vars(importlib.import_module(module)).items() if not k.startswith("__")})
-    names["Config"] = Config
+    names["Config"], names["Effect"] = Config, Effect
 
 
 PREPARED: dict[str, Callable[[Path, dict[str, Any]], None]] = {

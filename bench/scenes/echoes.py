@@ -7,14 +7,12 @@ from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
 from handbench.bench.scenes.stand import cuboid, plate_box_m
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
-from handbench.radar.simulation.effects.base import echo_s
-from handbench.radar.simulation.effects.scattering import ShadowCentre
-from handbench.radar.simulation.forward import Scatterers
+from handbench.radar.simulation.catalogue import EFFECTS
+from handbench.radar.simulation.effects.coarse import echo_s
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import Ball, Body, EchoScene
-from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
-from handbench.radar.simulation.state import EchoState
 from handbench.support.cost import require_time
 from handbench.support.files import inside
 
@@ -54,14 +52,6 @@ def echo_scene(scene: Scene) -> EchoScene:
         depth_step_hz=scene.file.depth_step_hz,
         polarisation_deg=scene.file.sensor.polarisation_deg,
     )
-
-
-def visible_surface(scene: Scene) -> Scatterers:
-    """Facets of the target that face the aperture's centre and are not in another's shadow."""
-    state = EchoState(echo_scene(scene), 1)
-    ShadowCentre().apply(state)
-    assert state.surface is not None  # a calibration target has none
-    return state.surface.facets.optics
 
 
 def _target(scene: Scene) -> Body | None:

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, positions
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions
 from handbench.radar.imaging.api import points_executor
 from handbench.radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
-from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.executor import Executor
 from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
@@ -153,19 +152,6 @@ def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArra
             least, most = np.minimum(least, cosine), np.maximum(most, cosine)
     bent |= (least < GRAZING) & (most > 0)
     return bent | (ahead < least_cosine(pattern)) if pattern != 0 else bent
-
-
-def direct_echoes(
-    position_m: np.ndarray, weight: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture
-) -> np.ndarray:
-    """Echoes without spreading by the formula as it stands, in float64: complex128 [f, t, r] or [f, n]. The
-    reference of every faster path."""
-    samples = np.zeros((len(frequencies_hz), *aperture.channels), np.complex128)
-    for point, w in zip(np.asarray(position_m, np.float64), weight, strict=True):
-        path_m = path_lengths(aperture, point)
-        for sample, f in zip(samples, frequencies_hz, strict=True):
-            sample += w * np.exp(-2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S)
-    return samples
 
 
 def _simulate_exactly(

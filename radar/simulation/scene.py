@@ -114,21 +114,13 @@ class EchoScene:
         return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
-    def pair(self) -> tuple[int, int]:
-        """The tones between which depths are told, by index: the highest, and of the others the one nearest to a depth
-        step below it; twice the same where there is one tone only."""
-        descending = np.argsort(-self.frequencies_hz, kind="stable")
-        if len(descending) == 1:
-            return 0, 0
-        top, others = int(descending[0]), descending[1:]
-        below_hz = self.frequencies_hz[top] - self.depth_step_hz
-        return top, int(others[np.abs(self.frequencies_hz[others] - below_hz).argmin()])
-
-    @property
     def pair_hz(self) -> tuple[float, float]:
-        """Their frequencies; a lone tone has a partner that is not measured, a depth step below it."""
-        high_hz, low_hz = (float(self.frequencies_hz[tone]) for tone in self.pair)
-        return high_hz, low_hz if low_hz < high_hz else high_hz - self.depth_step_hz
+        """The tones between which depths are told: the highest, and of the others the one nearest to a depth step below
+        it; a lone tone has a partner that is not measured, a depth step below it."""
+        low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
+        wanted_hz = high_hz - self.depth_step_hz
+        below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
+        return high_hz, float(below_hz[np.abs(below_hz - wanted_hz).argmin()]) if len(below_hz) else wanted_hz
 
     @property
     def coarse_hz(self) -> float | None:
@@ -158,9 +150,9 @@ class EchoScene:
         return np.mean(middles, axis=0)
 
     @property
-    def lacks_surface(self) -> str:
-        """The need of effects of opaque surfaces that this scene lacks, as a phrase; "" if none."""
-        return "" if self.target is not None and not self.target.transparent else "a target with an opaque surface"
+    def opaque(self) -> bool:
+        """True if there is a target whose surface hides and mirrors."""
+        return self.target is not None and not self.target.transparent
 
     def kept(self, key: Hashable, make: Any) -> Any:
         """make(), computed once per scene: estimates share what they look at."""

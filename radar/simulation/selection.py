@@ -1,47 +1,36 @@
-"""All effects, and the rows that say which of them a scene is simulated with: those that are listed, or those that
-`radar.simulation.triage` leaves on."""
+"""The effects that a scene is simulated with, and why: those that are listed, or those that "auto" leaves on.
 
-from collections.abc import Sequence
+"auto" leaves out an effect that takes time where a quick estimate shows that it, together with all others that are left
+out, changes no method's map by more than the tolerance. An effect of which no estimate is sure is on.
+"""
+
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from handbench.radar.simulation.effects import antennas, receiver, scattering
-from handbench.radar.simulation.effects.base import Effect
-from handbench.radar.simulation.effects.dielectric import Dielectric
-from handbench.radar.simulation.effects.further import Clutter, Multipath
-from handbench.radar.simulation.effects.motion import TargetMotion
-from handbench.radar.simulation.effects.roughness import SurfaceRoughness
+from handbench.radar.simulation.ablation import FINE, Ablation, Change
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
+from handbench.radar.simulation.effects.coarse import echo_s
 from handbench.radar.simulation.known_effects import Choice, check_names
-from handbench.radar.simulation.rehearsal import FINE, Rehearsal
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.triage import Triage, triage
 from handbench.support.errors import HandbenchError
 
-# In the order in which they are applied, which is that of known_effects.toml.
-EFFECTS: tuple[Effect, ...] = (
-    antennas.PositionErrors(),
-    antennas.AntennaPattern(),
-    scattering.Obliquity(),
-    scattering.ShadowCentre(),
-    scattering.ShadowAntennas(),
-    scattering.ShadowDiffraction(),
-    scattering.Skin(),
-    Dielectric(),
-    SurfaceRoughness(),
-    Multipath(),
-    TargetMotion(),
-    antennas.AntennaCoupling(),
-    Clutter(),
-    antennas.ChannelErrors(),
-    receiver.OscillatorNoise(),
-    receiver.ThermalNoise(),
-    receiver.Quantisation(),
-    antennas.DeadElements(),
-)
+LITTLE = 0.02  # of the simulation's seconds: an effect that takes less is on
+SAFETY = 2.0  # the estimates of what is left out may together reach the tolerance over this
 Wanted = tuple[str, ...] | Literal["auto"]
-# The one is done by the other, where that is on.
-CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
+
+
+@dataclass
+class Selection:
+    """left_out: the effects that are not needed, and why; reasons: of those that are on; changes: by method, and
+    levels_db, of those that were left out of a coarse simulation; costs_s: the seconds expected."""
+
+    left_out: dict[str, str] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    changes: dict[str, dict[str, Change]] = field(default_factory=dict)
+    levels_db: dict[str, float] = field(default_factory=dict)
+    costs_s: dict[str, float] = field(default_factory=dict)
 
 
 def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False) -> tuple[Choice, ...]:
@@ -53,7 +42,7 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
             if missing[name]:
                 raise HandbenchError(f"effects: '{name}' needs {missing[name]}; add it or leave the effect out")
     there = [effect for effect in EFFECTS if not missing[effect.id]]
-    found = triage(scene, there, CONTAINED, tolerance_mm) if wanted == "auto" else Triage()
+    found = _auto(scene, there, tolerance_mm) if wanted == "auto" else Selection()
     on = {effect.id for effect in there} - set(found.left_out)
     for name in CONTAINED:
         if container := _container(name, on):
@@ -63,24 +52,48 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
     return tuple(_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
 
 
+def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:
+    """The effects (of those that the scene has a cause for) that together change no method's map by more than the
+    tolerance."""
+    there, own_s = {effect.id for effect in effects}, {effect.id: effect.cost_s(scene) for effect in effects}
+    # What another effect does takes no time of its own.
+    costs = {name: 0.0 if CONTAINED.get(name) in there else seconds for name, seconds in own_s.items()}
+    found, spent_mm, whole_s = Selection(costs_s=costs), 0.0, echo_s(scene) + sum(costs.values())
+    for effect in sorted(effects, key=lambda effect: effect.id in CONTAINED):
+        if CONTAINED.get(effect.id) in found.left_out:
+            costs[effect.id] = own_s[effect.id]
+        if costs[effect.id] < LITTLE * whole_s:
+            found.reasons[effect.id] = f"takes {100 * costs[effect.id] / whole_s:.0f} % of the time"
+        elif (estimate := effect.estimate(scene)) is None:
+            found.reasons[effect.id] = "its size is not known without simulating it"
+        else:
+            told = f"about {estimate.worst_mm:.2g} mm, to a factor of {estimate.factor:g}: {estimate.why}"
+            if max(estimate.factor * estimate.worst_mm, spent_mm + SAFETY * estimate.worst_mm) <= tolerance_mm:
+                spent_mm += SAFETY * estimate.worst_mm
+                found.left_out[effect.id] = told
+            else:
+                found.reasons[effect.id] = told
+    return found
+
+
 def _container(name: str, on: set[str]) -> str | None:
     """The effect among those that are on which does what `name` does, too."""
     container = CONTAINED.get(name)
     return container if container is None or container in on else _container(container, on)
 
 
-def _explain(found: Triage, scene: EchoScene, effects: Sequence[Effect]) -> None:
+def _explain(found: Selection, scene: EchoScene, effects: list[Effect]) -> None:
     """Add what leaving out each effect does, beside all others; of a contained one, together with what contains it."""
-    rehearsal, there = Rehearsal(scene, effects, CONTAINED), {effect.id for effect in effects}
+    ablation, there = Ablation(scene, effects, CONTAINED), {effect.id for effect in effects}
     found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
     for name in there:
         without = {name}
         while container := _container(name, there - without):
             without.add(container)
-        found.changes[name], found.levels_db[name] = rehearsal.change(without), rehearsal.level_db(without)
+        found.changes[name], found.levels_db[name] = ablation.change(without), ablation.level_db(without)
 
 
-def _choice(name: str, wanted: Wanted, missing: str, found: Triage) -> Choice:
+def _choice(name: str, wanted: Wanted, missing: str, found: Selection) -> Choice:
     if missing:
         return Choice(effect=name, on=False, why=f"needs {missing}")
     if wanted == "auto":

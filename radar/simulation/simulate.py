@@ -1,20 +1,17 @@
 """Scene → echoes, through the effects that are on."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import EFFECTS
-from handbench.radar.simulation.state import EchoState
-
-ECHOES = "echoes"  # the row of the base simulation in the table of times
+from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
 
 
 @dataclass
@@ -60,40 +57,28 @@ def simulate_scene(
 ) -> SimulatedCapture:
     """The capture of a scene with the chosen effects. Frames differ in what is random from frame to frame alone; the
     empty room has the same sensor, and noise of its own."""
-    watch = Stopwatch()
-    state = EchoState(scene, frames, tolerance)
-    _apply(state, choices, watch)
-    seconds = {row.effect: watch.seconds.get(row.effect, 0.0) for row in choices if row.on}
+    watch, on = Stopwatch(), {row.effect for row in choices if row.on}
+    echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
+    seconds = {name: watch.seconds.get(name, 0.0) for name in on}
     rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
     why = "the target's echoes, with what shapes them"
-    base = Choice(effect=ECHOES, on=True, why=why, seconds=watch.seconds[ECHOES])
+    base = Choice(effect=TARGET, on=True, why=why, seconds=watch.seconds[TARGET])
     room = None
     if empty:
-        room = EchoState(scene, 1, tolerance, levels=state.levels)
-        _apply(room, choices, Stopwatch())
-    return SimulatedCapture(_capture(state), (base, *rows), None if room is None else _capture(room))
+        room = _capture(_applied(bare_echoes(scene, 1, tolerance, echoes.levels), on, Stopwatch()))
+    return SimulatedCapture(_capture(echoes), (base, *rows), room)
 
 
-def _capture(state: EchoState) -> RadarCapture:
-    return RadarCapture(state.samples, state.scene.frequencies_hz, state.scene.array)
+def _capture(echoes: Echoes) -> RadarCapture:
+    return RadarCapture(echoes.samples, echoes.scene.frequencies_hz, echoes.scene.array)
 
 
-def _apply(state: EchoState, choices: tuple[Choice, ...], watch: Stopwatch) -> None:
-    on = {row.effect for row in choices if row.on}
-    state.echo = _timed(state.echo, ECHOES, watch)  # type: ignore[method-assign]
+def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
+    """The echoes with the effects that are on; the watch counts the seconds of each."""
+    echoes = replace(echoes, timed=watch.timed)
     for effect in EFFECTS:
-        if effect.id not in on:
-            continue
-        known = len(state.extra)
-        with watch.timed(effect.id):
-            effect.apply(state)
-        state.extra[known:] = [_timed(extra, effect.id, watch) for extra in state.extra[known:]]
-    np.asarray(state.samples)  # computes them where no effect has asked
-
-
-def _timed(echo: Callable[..., np.ndarray], name: str, watch: Stopwatch) -> Callable[..., np.ndarray]:
-    def timed(*arguments: AntennaArray) -> np.ndarray:
-        with watch.timed(name):
-            return echo(*arguments)
-
-    return timed
+        if effect.id in on:
+            with watch.timed(effect.id):
+                echoes = effect.apply(echoes)
+    np.asarray(echoes.samples)  # computes them where no effect has asked
+    return echoes

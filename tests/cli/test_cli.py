@@ -62,7 +62,7 @@ def test_explaining_simulates_nothing(small_bench, tmp_path, capsys, monkeypatch
 def test_a_simulated_capture_says_what_its_echoes_show(capture):
     rows = {row.effect: row for row in NativeCapture(capture).about.effects}
     assert set(rows) == {*IDS, "echoes"}
-    assert rows["obliquity"].on and "unasked" in rows["obliquity"].why and rows["obliquity"].seconds >= 0
+    assert rows["obliquity"].on and "of the time" in rows["obliquity"].why and rows["obliquity"].seconds >= 0
     assert not rows["noise"].on and rows["noise"].seconds is None and "needs [noise]" in rows["noise"].why
 
 

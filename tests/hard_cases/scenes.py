@@ -12,7 +12,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.registry import method
-from handbench.radar.simulation.forward import direct_echoes
+from tests.radar.direct_echoes import direct_echoes
 
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")

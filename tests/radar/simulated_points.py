@@ -5,7 +5,7 @@ import numpy as np
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
-from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
+from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
 
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])

@@ -15,15 +15,14 @@ from handbench.radar.imaging.tree import DIRECT, Family
 from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD, incoherent
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.causes import Converter
-from handbench.radar.simulation.effects.further import Multipath
-from handbench.radar.simulation.effects.receiver import OscillatorNoise, ThermalNoise, full_scale
+from handbench.radar.simulation.effects.coarse import CENTRE_M, double_bounce
+from handbench.radar.simulation.effects.further import multipath
+from handbench.radar.simulation.effects.sensor import full_scale
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics import facets
-from handbench.radar.simulation.physics.coarse import double_bounce
 from handbench.radar.simulation.physics.reflection import skin_permittivity
-from handbench.radar.simulation.pilot import CENTRE_M
 from handbench.radar.simulation.scene import Body, EchoScene, Material
-from handbench.radar.simulation.state import EchoState, facing
+from handbench.radar.simulation.scene_echoes import bare_echoes, facing
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 from tests.radar.direct_sums import direct_sum
@@ -31,7 +30,7 @@ from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated_change
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated_change
 
 pytestmark = pytest.mark.usefixtures("planned")
 
@@ -108,7 +107,7 @@ def test_every_dispersion_of_skin_is_the_tabulated_one(wet, permittivity):
 def test_the_estimate_meets_what_happens_to_a_target_of_foam():
     body = replace(sphere_body(0.015, 5, (0.01, -0.005, 0.3)), material=Material(kind="foam", permittivity=1.03))
     scene = EchoScene(SPARSE, TONES_HZ, np.zeros(3), target=body)
-    changes, level_db = rehearsed(scene, "obliquity", "dielectric", without="dielectric")
+    changes, level_db = estimated(scene, "obliquity", "dielectric", without="dielectric")
     change, expected_db = simulated_change(scene, "obliquity", "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
     assert level_db == pytest.approx(expected_db, abs=0.1)
@@ -119,17 +118,14 @@ def test_the_estimate_meets_what_happens_to_a_target_of_foam():
 
 @pytest.mark.parametrize(
     ("effect", "causes"),
-    [
-        (ThermalNoise(), {"noise": {"phase_noise_rad": 0.02}}),
-        (OscillatorNoise(), {"oscillator": {"level_dbc_hz": -70.0}}),
-    ],
+    [("noise", {"noise": {"phase_noise_rad": 0.02}}), ("oscillator", {"oscillator": {"level_dbc_hz": -70.0}})],
     ids=["noise", "oscillator"],
 )
-def test_what_every_frame_draws_anew_is_rehearsed_as_it_will_be_simulated(effect, causes):
+def test_what_every_frame_draws_anew_is_estimated_as_it_will_be_simulated(effect, causes):
     """With the very numbers of the simulation's first frame: a closed form knows their spread alone."""
-    scene, names = bead_scene(causes), ("obliquity", "shadow_centre", effect.id)
-    changes, level_db = rehearsed(scene, *names, without=effect.id)
-    change, expected_db = simulated_change(scene, *names, without=effect.id)
+    scene, names = bead_scene(causes), ("obliquity", "shadow_centre", effect)
+    changes, level_db = estimated(scene, *names, without=effect)
+    change, expected_db = simulated_change(scene, *names, without=effect)
     assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.4)
     assert level_db == pytest.approx(expected_db, abs=0.5)
 
@@ -172,9 +168,8 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
     for array, vertices_m, dipole in whole:
         angle_deg = float(np.degrees(np.arctan2(dipole[1], dipole[0])))
         body = Body(vertices_m, corner.faces)
-        state = EchoState(EchoScene(array, TONES_HZ, np.zeros(3), body, polarisation_deg=angle_deg), 1)
-        Multipath().apply(state)
-        echoes.append(state.extra[0]())
+        scene = EchoScene(array, TONES_HZ, np.zeros(3), body, polarisation_deg=angle_deg)
+        echoes.append(multipath(bare_echoes(scene)).extra_echoes())
     assert relative_error(echoes[1], echoes[0]) < 1e-5
 
 

@@ -15,9 +15,10 @@ from handbench.bench.studies.tradeoff.measuring import in_turns
 from handbench.bench.studies.tradeoff.opening import Context, line, section
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.radar.warmup import compile_kernels
 from handbench.support.config import Config, suggest

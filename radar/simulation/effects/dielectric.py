@@ -7,16 +7,17 @@ its surface, since what enters is bent far away from the straight path; `lost` s
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.effects.coarse import CENTRE_M
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
-from handbench.radar.simulation.pilot import CENTRE_M
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.state import EchoState, Surface, facing
+from handbench.radar.simulation.scene_echoes import Echoes, Surface, facing
 from handbench.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
@@ -24,27 +25,26 @@ FAINT_DB = -20.0  # echo of the far wall over the front's that may be left out: 
 BEYOND_M = 1e-5  # a ray goes on this far behind the surface that it has crossed
 
 
-class Dielectric(Effect):
+def has_dielectric(scene: EchoScene) -> bool:
+    """True where the target or what is around its balls is a dielectric."""
+    return _of_dielectric(scene) or any(map(has_foam, scene.balls))
+
+
+def dielectric(echoes: Echoes) -> Echoes:
     """Partial reflection, penetration and delay."""
-
-    id = "dielectric"
-
-    def missing(self, scene: EchoScene) -> str:
-        found = _of_dielectric(scene) or any(map(has_foam, scene.balls))
-        return "" if found else "a target of foam or plastic, or balls in foam"
-
-    def apply(self, state: EchoState) -> None:
-        if state.with_target and any(map(has_foam, state.scene.balls)):
-            state.ball_delay_m = foam_delays_m(state.scene.balls)
-            balls, tones_hz = state.scene.balls, state.scene.frequencies_hz
-            state.extra.append(lambda: foam_echoes(balls, tones_hz, state.array, state.pattern))
-        if state.surface is None or not _of_dielectric(state.scene):
-            return
-        front = echo_reflection(state.scene.body.material, state.scene.frequencies_hz)
-        if state.scene.body.material.kind == "plastic":
-            state.surface.reflection, state.surface.layer = front[None], np.zeros(len(state.surface.facets), int)
-        else:
-            _make_transparent(state, state.surface, front)
+    scene = echoes.scene
+    if echoes.with_target and any(map(has_foam, scene.balls)):
+        array, exponent = echoes.array, echoes.pattern
+        echoes = replace(echoes, ball_delay_m=foam_delays_m(scene.balls))
+        echoes = echoes.add("dielectric", lambda: foam_echoes(scene.balls, scene.frequencies_hz, array, exponent))
+    surface = echoes.surface
+    if surface is None or not _of_dielectric(scene):
+        return echoes
+    front = echo_reflection(scene.body.material, scene.frequencies_hz)
+    if scene.body.material.kind == "plastic":
+        layer = np.zeros(len(surface.facets), int)
+        return replace(echoes, surface=replace(surface, reflection=front[None], layer=layer))
+    return replace(echoes, surface=_transparent(scene, surface, front))
 
 
 def far_wall_db(body: Body, frequency_hz: float) -> float:
@@ -74,16 +74,20 @@ def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _make_transparent(state: EchoState, surface: Surface, front: np.ndarray) -> None:
+def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surface:
     """All of the body's facets, in two layers: facing the array, with `front` [f], and turned away."""
     body = surface.body
-    parts = facing(state.scene, body), turned_away(state.scene, body)
+    parts = facing(scene, body), turned_away(scene, body)
     index = np.sqrt(body.material.real_permittivity)
-    surface.facets = facets = joined(parts)
-    surface.seen = surface.sight = None
-    surface.layer = np.repeat([0, 1], [len(part) for part in parts])
-    surface.reflection = np.stack([front, -front * (1 - front**2)])
-    surface.delay_m = (index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M)
+    facets = joined(parts)
+    return Surface(
+        body,
+        facets,
+        surface.oblique,
+        reflection=np.stack([front, -front * (1 - front**2)]),
+        layer=np.repeat([0, 1], [len(part) for part in parts]),
+        delay_m=(index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M),
+    )
 
 
 def turned_away(scene: EchoScene, body: Body) -> Facets:

@@ -10,47 +10,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.base import CLOSED, Effect, Glance, echo_s
+from handbench.radar.simulation.effects.coarse import CLOSED, QuickEstimate
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import Echoes, generator
 from handbench.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
 RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
 
 
-class TargetMotion(Effect):
+def motion(echoes: Echoes) -> Echoes:
     """The target moves between tones."""
+    if not echoes.with_target:
+        return echoes
+    causes, time_s = echoes.scene.causes.motion, echoes.scene.time_s
+    along = np.array(causes.direction) / np.linalg.norm(causes.direction)
+    phases = [generator(seed).uniform(0, 2 * np.pi) for seed in echoes.frame_seeds("motion")]
+    offset_m = np.stack([displacement_m(causes, time_s, phase) for phase in phases])
+    return echoes.record(echoes_of_moving(echoes, along, offset_m, reach_m(causes, time_s)))
 
-    id = "motion"
 
-    def missing(self, scene: EchoScene) -> str:
-        motion = scene.causes.motion
-        return "" if motion.amplitude_m or motion.velocity_m_s else "[target.motion] with an amplitude or a velocity"
-
-    def cost_s(self, scene: EchoScene) -> float:
-        return echo_s(scene)  # of one displacement more, at least
-
-    def glance(self, scene: EchoScene) -> Glance:
-        """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""
-        top = int(scene.frequencies_hz.argmax())
-        below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
-        below_hz[top] = np.inf
-        moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
-        worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
-        return Glance(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
-
-    def apply(self, state: EchoState) -> None:
-        if not state.with_target:
-            return
-        motion = state.scene.causes.motion
-        along = np.array(motion.direction) / np.linalg.norm(motion.direction)
-        phases = [state.random(seed).uniform(0, 2 * np.pi) for seed in state.frame_seeds(self.id)]
-        offset_m = np.stack([displacement_m(motion, state.scene.time_s, phase) for phase in phases])
-        state.samples = echoes_of_moving(state, along, offset_m, reach_m(motion, state.scene.time_s))
+def estimate_motion(scene: EchoScene) -> QuickEstimate:
+    """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""
+    top = int(scene.frequencies_hz.argmax())
+    below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
+    below_hz[top] = np.inf
+    moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
+    worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
+    return QuickEstimate(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
 
 
 def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
@@ -71,13 +61,11 @@ def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
     return float(drift_m.min() - 2 * motion.amplitude_m), float(drift_m.max() + 2 * motion.amplitude_m)
 
 
-def echoes_of_moving(
-    state: EchoState, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]
-) -> np.ndarray:
+def echoes_of_moving(echoes: Echoes, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]) -> np.ndarray:
     """Samples [frame, f, t, r] of the target displaced by offset_m [frame, f], all within `reach`, along the unit
     vector `along`."""
-    frequencies_hz = state.scene.frequencies_hz
-    middle_m, spread = _middle(state, along)
+    frequencies_hz = echoes.scene.frequencies_hz
+    middle_m, spread = _middle(echoes, along)
     low, high = reach
     residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
     if residual_rad > MOST_NODES * RESIDUAL_RAD:
@@ -86,14 +74,15 @@ def echoes_of_moving(
             "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller sensor.step_time_s"
         )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
-    slope = _slope(state, along, middle_m)
+    slope = _slope(echoes, along, middle_m)
     # Turned by −slope·δ, the echoes of all displacements look alike.
-    extra = state.extra_echoes()
+    extra = echoes.extra_echoes()
     turned = (phasor(-node * slope, frequencies_hz[:, None, None], -1) for node in nodes_m)
-    still = [state.echo(state.moved(node * along)) * turn + extra for node, turn in zip(nodes_m, turned, strict=True)]
+    arrays = (_moved(echoes.array, node * along) for node in nodes_m)
+    still = [echoes.echo(array) * turn + extra for array, turn in zip(arrays, turned, strict=True)]
     place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
     below = np.minimum(place.astype(int), len(nodes_m) - 2)
-    samples = np.empty((*offset_m.shape, *state.array.channels), np.complex64)
+    samples = np.empty((*offset_m.shape, *echoes.array.channels), np.complex64)
     for frame, tone in np.ndindex(*offset_m.shape):
         n, part = below[frame, tone], np.float32(place[frame, tone] - below[frame, tone])
         mixed = still[n][tone] * (1 - part) + still[n + 1][tone] * part
@@ -101,16 +90,21 @@ def echoes_of_moving(
     return samples
 
 
-def _middle(state: EchoState, along: np.ndarray) -> tuple[np.ndarray, float]:
+def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
     """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
-    points_m = state.points_m
+    points_m = echoes.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
     return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
 
 
-def _slope(state: EchoState, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
+def _slope(echoes: Echoes, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
     """Growth of each channel's path [t, r] over the middle per metre of displacement."""
-    towards = [middle_m - leg.position_m for leg in state.array.legs]
+    towards = [middle_m - leg.position_m for leg in echoes.array.legs]
     cosines = [leg @ along / np.linalg.norm(leg, axis=1) for leg in towards]
     return cosines[0][:, None] + cosines[1]
+
+
+def _moved(array: AntennaArray, offset_m: np.ndarray) -> AntennaArray:
+    """The array as the target sees it when the target has moved by offset_m [3]."""
+    return AntennaArray(array.tx_m - offset_m, array.rx_m - offset_m)

@@ -6,17 +6,22 @@ samples of the surface, for few antennas of each line and three tones, and inter
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.ascent import Sight
-from handbench.radar.simulation.physics import diffraction
 from handbench.radar.simulation.physics.creeping import roundness_of
-from handbench.radar.simulation.physics.diffraction import Outline, cells_of, edge_waves, kept_edges
+from handbench.radar.simulation.physics.diffraction import (
+    FARTHEST,
+    cells_of,
+    edge_waves,
+    kept_edges,
+    outline,
+    seen_outline,
+)
 from handbench.radar.simulation.physics.facets import Facets, quarters
 from handbench.radar.simulation.physics.line_of_sight import lines, spaced
 from handbench.radar.simulation.scene import Body, EchoScene
@@ -29,8 +34,6 @@ CELL = 6.0  # width of the cells of samples over that
 FULL = 0.05  # difference from full sight, or from none, that does not count
 IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
 
-Look = Callable[[np.ndarray, Outline], tuple[Outline, np.ndarray]]  # what an antenna sees: of an outline, and of points
-
 
 class Samples(NamedTuple):
     """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about apart_m apart."""
@@ -42,11 +45,12 @@ class Samples(NamedTuple):
 
 
 def sight_of(
-    scene: EchoScene, hiding: Body, samples: Samples, look: Look, turns: np.ndarray, array: AntennaArray, apart_m: float
+    scene: EchoScene, hiding: Body, samples: Samples, rays: Rays, array: AntennaArray, apart_m: float
 ) -> tuple[Sight, np.ndarray]:
-    """The sight of facets behind a body at tones f/c by that of antennas up to apart_m apart, and the mask [p] of the
-    facets of which some transmitter and some receiver see anything."""
+    """The sight of facets behind a body, among all that rays meet, by that of antennas up to apart_m apart; and the
+    mask [p] of the facets of which some transmitter and some receiver see anything."""
     points_m, corner, share, _ = samples
+    turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
     cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
@@ -61,7 +65,8 @@ def sight_of(
 
         def work(node: tuple[np.ndarray, np.ndarray]) -> None:
             factors, antenna_m = node
-            part, visible = look(antenna_m, diffraction.outline(hiding, edges, antenna_m, roundness))
+            part = seen_outline(outline(hiding, edges, antenna_m, roundness), rays, antenna_m)
+            visible = rays.in_sight(points_m, antenna_m)
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
 
@@ -72,7 +77,7 @@ def sight_of(
     partial = np.any([_far(table - IN_SIGHT) for table in tables], axis=0)
     seen_any = some[corner].any(axis=0)
     corner[:, ~partial[corner].any(axis=0)] = -1
-    detour_m = 0.75 * diffraction.FARTHEST / wavenumbers[-1]  # whose wave has half faded
+    detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
     sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
     return sight, seen_any
@@ -82,15 +87,6 @@ def _far(table: np.ndarray) -> np.ndarray:
     """Mask [s] of what differs from 0 anywhere in a table [s, 3, nodes]."""
     parts = table.view(np.float32).reshape(len(table), -1)
     return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
-
-
-def by_rays(rays: Rays, points_m: np.ndarray) -> Look:
-    """A look by rays at outlines and points_m [s, 3]."""
-
-    def look(antenna_m: np.ndarray, whole: Outline) -> tuple[Outline, np.ndarray]:
-        return diffraction.seen_outline(whole, rays, antenna_m), rays.in_sight(points_m, antenna_m)
-
-    return look
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from handbench.bench.scenes.build import build
-from handbench.bench.scenes.echoes import echo_scene, echoes, visible_surface
+from handbench.bench.scenes.echoes import echo_scene, echoes
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
+from tests.bench.scenes.visible import visible_surface
 
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9]}
 

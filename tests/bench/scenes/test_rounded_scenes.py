@@ -13,8 +13,9 @@ from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.mesh.mesh_files import load_open3d
 from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.config import parse
 from tests.radar.samples import relative_error

@@ -28,7 +28,7 @@ from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
@@ -181,8 +181,8 @@ def test_maps_of_a_sphere_are_held_against_exact_ones(tmp_path):
 def test_sampling_is_of_facets(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
     sampled = [replace(scene, coarser=simulation_stage.ORDINARY / n) for n in (1.0, 4.0, 8.0)]
-    counts = [len(EchoState(one, 1).surface.facets) for one in sampled]
-    assert counts[1] == len(EchoState(scene, 1).surface.facets)
+    counts = [len(bare_echoes(one).surface.facets) for one in sampled]
+    assert counts[1] == len(bare_echoes(scene).surface.facets)
     assert counts[0] < counts[1] < counts[2]
 
 

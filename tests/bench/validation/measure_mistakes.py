@@ -31,7 +31,8 @@ from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation.catalogue import EFFECTS
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs

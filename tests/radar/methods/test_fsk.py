@@ -11,9 +11,9 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
 from handbench.radar.methods.smoothing import masked_mean
-from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
-from handbench.radar.simulation.forward import direct_echoes
+from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.support.errors import HandbenchError
+from tests.radar.direct_echoes import direct_echoes
 from tests.radar.direct_sums import direct_sum
 from tests.radar.simulated_points import (
     TONES_HZ,

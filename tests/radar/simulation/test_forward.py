@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.imaging.api import image_points
-from handbench.radar.simulation.forward import Scatterers, direct_echoes, simulate
+from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.radar.direct_echoes import direct_echoes
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.strategies import examples

@@ -5,43 +5,23 @@ import dataclasses
 import numpy as np
 import pytest
 
-from handbench.radar.simulation import selection, triage
+from handbench.radar.simulation import selection
+from handbench.radar.simulation.catalogue import EFFECTS, Effect
 from handbench.radar.simulation.causes import Causes
-from handbench.radar.simulation.effects.base import Effect, Glance
+from handbench.radar.simulation.effects.coarse import QuickEstimate
 from handbench.radar.simulation.known_effects import DECLARED, IDS
 from handbench.radar.simulation.scene import Material
-from handbench.radar.simulation.selection import EFFECTS
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
 
 
 def effect(name, worst_mm, lacks="", cost_s=1.0, **more):
-    class Known(Effect):
-        id = name
+    def refuse(echoes):
+        raise AssertionError("a quick estimate applies nothing")
 
-        def missing(self, scene):
-            return lacks
-
-        def cost_s(self, scene):
-            return cost_s
-
-        def glance(self, scene):
-            return Glance(worst_mm, "as the test says", **more)
-
-        def apply(self, state):
-            raise AssertionError("a glance applies nothing")
-
-    return Known()
-
-
-class Rehearsed:
-    """A rehearsal in which changes add up to those that the glances tell."""
-
-    def __init__(self, scene, effects, contained):
-        self.sizes_mm = {effect.id: effect.glance(scene).worst_mm for effect in effects}
-
-    def change(self, without):
-        return {"3fsk": triage.Change(sum(self.sizes_mm[name] for name in without), 0.0)}
+    values = {"apply": refuse, "cost_s": lambda scene: cost_s} | more.pop("changed", {})
+    size = None if worst_mm is None else QuickEstimate(worst_mm, "as the test says", **more)
+    return Effect(name, lacks, lambda scene: not lacks, estimate=lambda scene: size, **values)
 
 
 @pytest.fixture
@@ -56,49 +36,27 @@ def on(choices):
     return [choice.effect for choice in choices if choice.on]
 
 
-@pytest.fixture
-def affordable(monkeypatch):
-    """Rehearsals that cost nothing."""
-    monkeypatch.setattr(triage, "SHARE", 1e6)
-    monkeypatch.setattr(triage, "Rehearsal", Rehearsed)
-
-
-def test_what_is_left_out_stays_below_the_tolerance_together(catalogue, affordable):
+def test_what_is_left_out_stays_below_the_tolerance_together(catalogue):
     sizes = {"a": 0.02, "b": 0.025, "c": 0.015, "d": 0.5, "e": 0.03}
-    catalogue(*(effect(name, size) for name, size in sizes.items()))
+    catalogue(*(effect(name, size, factor=3.0) for name, size in sizes.items()))
     choices = selection.choose(bead_scene(), "auto", 0.1)
-    # Twice 0.015 + 0.020 fit into 0.1; with 0.025 they would not, though each of them is small enough.
-    assert on(choices) == ["b", "d", "e"]
-    assert sum(triage.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
-    assert all("0.035 mm" in c.why for c in choices if c.effect == "a")
+    # Twice 0.020 + 0.025 fit into 0.1; with 0.015 they would not, though each of them is small enough.
+    assert on(choices) == ["c", "d", "e"]
+    assert sum(selection.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
+    assert all("about 0.02 mm" in c.why for c in choices if c.effect == "a")
 
 
-def test_a_glance_decides_as_far_as_it_is_sure(catalogue):
-    catalogue(effect("a", 0.03), effect("b", 0.03, factor=3.0), effect("c", 0.009))
-    # Without a rehearsal, which would take too long.
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a"]
+def test_a_quick_estimate_decides_as_far_as_it_is_sure(catalogue):
+    catalogue(effect("a", 0.03), effect("b", 0.03, factor=3.0), effect("c", 0.009), effect("d", 3.0), effect("e", None))
+    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a", "d", "e"]
+    assert on(selection.choose(bead_scene(), "auto", 1e-9)) == ["a", "b", "c", "d", "e"]
+    assert on(selection.choose(bead_scene(), "auto", 70.0)) == ["e"]
 
 
-def test_everything_above_the_tolerance_is_on(catalogue, affordable):
-    catalogue(effect("a", 0.101), effect("b", 0.0), effect("c", 3.0))
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a", "c"]
-    assert on(selection.choose(bead_scene(), "auto", 1e-9)) == ["a", "c"]
-    assert on(selection.choose(bead_scene(), "auto", 7.0)) == []
-
-
-def test_lost_pixels_count(catalogue, affordable, monkeypatch):
-    catalogue(effect("a", 0.04))
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == []
-    lost = {"3fsk": triage.Change(0.04, 0.006)}  # 0.6 % of the pixels count as 0.06 mm
-    monkeypatch.setattr(Rehearsed, "change", lambda self, without: lost)
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a"]
-
-
-def test_what_is_not_worth_its_rehearsal_is_on(catalogue):
-    catalogue(effect("doubtful", 0.04, cost_s=9.0), effect("clear", 0.001), effect("cheap", 0.04, cost_s=1e-6))
-    choices = {choice.effect: choice for choice in selection.choose(bead_scene(), "auto", 0.1)}
-    assert [name for name, choice in choices.items() if choice.on] == ["doubtful", "cheap"]
-    assert "to rehearse what is in doubt" in choices["doubtful"].why and "unasked" in choices["cheap"].why
+def test_what_takes_no_time_is_on(catalogue):
+    catalogue(effect("clear", 0.001), effect("cheap", 0.001, cost_s=1e-6))
+    cheap = selection.choose(bead_scene(), "auto", 0.1)[1]
+    assert cheap.on and "of the time" in cheap.why
 
 
 def test_what_the_scene_lacks_is_off_and_said(catalogue):
@@ -109,9 +67,8 @@ def test_what_the_scene_lacks_is_off_and_said(catalogue):
 
 
 def test_a_list_asks_for_no_estimate_unless_explained(monkeypatch):
-    monkeypatch.setattr(selection, "EFFECTS", (refusing := effect("noise", 0.0),))
-    monkeypatch.setattr(type(refusing), "cost_s", lambda self, scene: 1 / 0)
-    monkeypatch.setattr(type(refusing), "apply", lambda self, state: None)
+    refusing = effect("noise", 0.0, changed={"cost_s": lambda scene: 1 / 0, "apply": lambda echoes: echoes})
+    monkeypatch.setattr(selection, "EFFECTS", (refusing,))
     [row] = selection.choose(bead_scene(), ("noise",), 0.1)
     assert row.on and row.depth_mm is None
     with pytest.raises(ZeroDivisionError):
@@ -129,10 +86,8 @@ def test_names_are_checked(names, message):
         selection.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
 
 
-def test_a_level_of_nothing_is_left_out_of_the_row(catalogue, monkeypatch):
-    nothing = effect("a", 0.0)
-    monkeypatch.setattr(type(nothing), "apply", lambda self, state: None)
-    catalogue(nothing)
+def test_a_level_of_nothing_is_left_out_of_the_row(catalogue):
+    catalogue(effect("a", 0.0, changed={"apply": lambda echoes: echoes}))
     [row] = selection.choose(bead_scene(), "auto", 0.1, explain=True)
     assert row.level_db is None and row.depth_mm == 0 and not row.on
 

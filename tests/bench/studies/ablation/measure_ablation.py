@@ -27,8 +27,8 @@ from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
-from handbench.radar.simulation.rehearsal import Rehearsal
-from handbench.radar.simulation.selection import CONTAINED, EFFECTS
+from handbench.radar.simulation.ablation import Ablation
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation.ablation_cases import Case, cases, scene_file
 from tests.bench.studies.script import measured
@@ -78,7 +78,7 @@ def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
     depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
     truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
     there = [effect for effect in EFFECTS if effect.id in (*case.effects, case.effect)]
-    estimated = Rehearsal(radar_scene, there, CONTAINED).change({case.effect}) if case.effect else None
+    estimated = Ablation(radar_scene, there, CONTAINED).change({case.effect}) if case.effect else None
     return {
         "case": case,
         "pose": pose,

@@ -24,13 +24,12 @@ from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
+from handbench.radar.simulation.ablation import FINE, LOST_MM, METHODS, Change
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.simulation.rehearsal import FINE, Change
-from handbench.radar.simulation.rehearsal import METHODS as REHEARSED
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
-from handbench.radar.simulation.triage import LOST_MM
 from handbench.support.errors import HandbenchError
 from tests.bench.studies.ablation.assorted_scenes import assorted_scene
 from tests.bench.studies.script import measured
@@ -122,7 +121,7 @@ def estimates(scene: Scene, radar_scene: EchoScene, everything: tuple[str, ...],
         rest = [name for name in everything if name != row.effect]
         rest += [name for name, container in CONTAINED.items() if container == row.effect]
         without = depth_maps(scene, simulate_scene(radar_scene, choose(radar_scene, tuple(rest), 0.1)).capture)
-        changes = {name: Change.between(whole[name], without[name]) for name in REHEARSED}
+        changes = {name: Change.between(whole[name], without[name]) for name in METHODS}
         shares = {
             "estimate_percent": row.pixels_percent,
             "measured_percent": 100 * max(change.pixels for change in changes.values()),

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from handbench.bench.scenes.build import build
-from handbench.bench.scenes.echoes import visible_surface
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
@@ -15,6 +14,7 @@ from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.bench.scenes.visible import visible_surface
 
 PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
 

@@ -31,7 +31,7 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import Method, method
 from handbench.radar.methods.smoothing import masked_mean
-from handbench.radar.simulation.effects.receiver import ThermalNoise, thermal_noise
+from handbench.radar.simulation.effects.sensor import thermal_noise
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
@@ -240,7 +240,7 @@ def received(
     samples = samples.astype(np.complex64, copy=False)
     if sigma_rad == 0:
         return samples
-    return thermal_noise(samples, f, sigma_rad, clean.strongest, (seed, zlib.crc32(ThermalNoise.id.encode()), 0, frame))
+    return thermal_noise(samples, f, sigma_rad, clean.strongest, (seed, zlib.crc32(b"noise"), 0, frame))
 
 
 def _normal(seed: int, what: str, number: int, shape: tuple[int, ...]) -> np.ndarray:

@@ -14,12 +14,12 @@ from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.scenes.scene_file import CalibrationTarget, MeshTarget, SceneFile
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.causes import Noise
-from handbench.radar.simulation.effects.receiver import PEAK_POINTS, strongest_amplitude
+from handbench.radar.simulation.effects.sensor import PEAK_POINTS, strongest_amplitude
 from handbench.radar.simulation.physics.facets import unit
 from handbench.radar.simulation.scene import EchoScene, Material
-from handbench.radar.simulation.selection import EFFECTS
-from handbench.radar.simulation.state import EchoState, require_facets
+from handbench.radar.simulation.scene_echoes import bare_echoes, generator, require_facets
 from handbench.support.closure import key_of
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
@@ -127,16 +127,17 @@ def simulated(scene: EchoScene, on: list[str], diffuse: bool) -> tuple[np.ndarra
     """Samples [f, t, r] of a scene with these effects, and points [n, 3] of its surface, as a run has them. diffuse: of
     a surface that only scatters: the amplitude of each facet has a phase at random, the same at all tones, and nothing
     bounces twice."""
-    state = EchoState(scene, 1)
+    echoes = bare_echoes(scene)
     for effect in EFFECTS:
         if effect.id in on and (not diffuse or effect.id in ONE_BY_ONE):
-            effect.apply(state)
+            echoes = effect.apply(echoes)
     if diffuse:
-        assert state.surface is not None  # a hand has one
-        facets = require_facets(state.surface.facets)
-        turns = state.random(state.seed("diffuse")).random(len(facets))
-        state.surface.facets = replace(facets, area_m2=facets.area_m2 * np.exp(2j * np.pi * turns))
-    return state.samples[0], state.points_m[:: max(1, len(state.points_m) // PEAK_POINTS)]
+        assert echoes.surface is not None  # a hand has one
+        facets = require_facets(echoes.surface.facets)
+        turns = generator(echoes.seed("diffuse")).random(len(facets))
+        facets = replace(facets, area_m2=facets.area_m2 * np.exp(2j * np.pi * turns))
+        echoes = replace(echoes, surface=replace(echoes.surface, facets=facets))
+    return echoes.samples[0], echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
 
 
 def _strongest(samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from scipy.stats import spearmanr
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
+from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.hard_cases.scenes import LADDER_HZ, imaged, small_array
 

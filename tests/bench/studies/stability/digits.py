@@ -26,7 +26,7 @@ from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest_voxels
 from handbench.radar.methods import fsk, joint, projection
 from handbench.radar.methods.fsk_config import JointConfig
-from handbench.radar.simulation.effects.receiver import strongest_amplitude, thermal_noise
+from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.progress import track
 from tests.bench.studies.stability.random_scenes import fingers

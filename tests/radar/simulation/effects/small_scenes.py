@@ -6,11 +6,12 @@ from handbench.radar.data.arrays import qar50
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.simulation.ablation import Ablation, Change
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
 from handbench.radar.simulation.causes import Causes
 from handbench.radar.simulation.known_effects import IDS
-from handbench.radar.simulation.rehearsal import Change, Rehearsal
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
@@ -37,10 +38,15 @@ def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> Si
     return simulate_scene(scene, choose(scene, effects, 0.1), frames, **options)
 
 
-def rehearsed(scene: EchoScene, *effects: str, without: str) -> tuple[dict[str, Change], float]:
-    """What leaving one of the effects out does to each method's map, and its level in dB, by a rehearsal."""
-    rehearsal = Rehearsal(scene, [EFFECTS[IDS.index(name)] for name in effects], CONTAINED)
-    return rehearsal.change({without}), rehearsal.level_db({without})
+def effect(name: str) -> Effect:
+    """The effect of that name."""
+    return EFFECTS[IDS.index(name)]
+
+
+def estimated(scene: EchoScene, *effects: str, without: str) -> tuple[dict[str, Change], float]:
+    """What leaving one of the effects out does to each method's map, and its level in dB, by an ablation."""
+    ablation = Ablation(scene, [effect(name) for name in effects], CONTAINED)
+    return ablation.change({without}), ablation.level_db({without})
 
 
 def simulated_change(scene: EchoScene, *effects: str, without: str) -> tuple[Change, float]:

@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects.dielectric import Dielectric, far_wall_db, inside_m, lost
-from handbench.radar.simulation.effects.scattering import Obliquity, ShadowCentre
+from handbench.radar.simulation.effects.dielectric import dielectric, far_wall_db, inside_m, lost
+from handbench.radar.simulation.effects.target_surface import obliquity, shadow_centre
 from handbench.radar.simulation.physics.reflection import body_reflection, fresnel, layered
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes
 from handbench.radar.simulation.scene import Ball, Body, EchoScene, Material
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.closed_forms import sphere_body
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, simulated_change
+from tests.radar.simulation.effects.small_scenes import (
+    TONES_HZ,
+    bead_scene,
+    effect,
+    estimated,
+    simulated,
+    simulated_change,
+)
 
 
 def foam_ball(**changes):
@@ -33,10 +40,10 @@ def foam_ball(**changes):
 
 def dielectric_samples(scene, *before):
     """The scene's samples [f, t, r] with the effect, after others."""
-    state = EchoState(scene, 1, tolerance=None)
-    for effect in (Obliquity(), *before, Dielectric()):
-        effect.apply(state)
-    return state.samples[0]
+    echoes = bare_echoes(scene, tolerance=None)
+    for apply in (obliquity, *before, dielectric):
+        echoes = apply(echoes)
+    return echoes.samples[0]
 
 
 @pytest.mark.parametrize(("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)])
@@ -53,7 +60,7 @@ def test_plastic_reflects_by_fresnel_alone():
     metal, samples = (simulated(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",)))
     n = np.sqrt(2.7 * (1 - 0.015j))
     assert np.allclose(samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max())
-    changes, _ = rehearsed(scene, "obliquity", "dielectric", without="dielectric")
+    changes, _ = estimated(scene, "obliquity", "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm < 1e-3  # the same phase at all tones
 
 
@@ -82,8 +89,7 @@ def test_a_slab_of_foam_is_a_layer():
     foam = Material(kind="foam", permittivity=1.05)
     one = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
     scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
-    metal_shot = EchoState(scene, 1, tolerance=None)
-    Obliquity().apply(metal_shot)
+    metal_shot = obliquity(bare_echoes(scene, tolerance=None))
     ratio = dielectric_samples(scene)[:, 0, 0] / metal_shot.samples[0, :, 0, 0]
     expected = -layered(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
     assert np.ptp(np.abs(expected)) > 0.01  # the tones meet both a minimum and a maximum
@@ -106,7 +112,7 @@ def test_a_sphere_of_foam_by_rays_and_by_its_facets(radius_m):
 def test_the_ball_is_delayed_and_hides_the_back():
     ball, array = foam_ball(), AntennaArray([[0.01, -0.02, 0]], [[0.012, -0.02, 0], [0.01, 0.14, 0]])
     scene = EchoScene(array, TONES_HZ, np.zeros(3), balls=(ball,))
-    bare, foamed = EchoState(scene, 1).samples[0], dielectric_samples(scene)
+    bare, foamed = bare_echoes(scene).samples[0], dielectric_samples(scene)
     shell = foam_echoes((ball,), TONES_HZ, array)
     delay_m = (np.sqrt(1.03) - 1) * 0.02
     delayed = bare * np.exp(-4j * np.pi * TONES_HZ * delay_m / SPEED_OF_LIGHT_M_S)[:, None, None]
@@ -131,27 +137,26 @@ def test_foam_casts_no_shadow():
     faces = np.concatenate([near.faces, far.faces + len(near.vertices_m)])
     body = Body(np.concatenate([near.vertices_m, far.vertices_m]), faces, Material(kind="foam"))
     scene = EchoScene(AntennaArray(qar50().tx_m[::20], qar50().rx_m[::20]), TONES_HZ[:1], np.zeros(1), target=body)
-    assert np.array_equal(dielectric_samples(scene), dielectric_samples(scene, ShadowCentre()))
+    assert np.array_equal(dielectric_samples(scene), dielectric_samples(scene, shadow_centre))
 
 
 def test_the_estimate_meets_what_happens_to_a_ball():
     scene = bead_scene(target=None, balls=(foam_ball(),))
-    changes, level_db = rehearsed(scene, "dielectric", without="dielectric")
+    changes, level_db = estimated(scene, "dielectric", without="dielectric")
     change, expected_db = simulated_change(scene, "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
     assert level_db == pytest.approx(expected_db, abs=0.5)  # 0.0074 · 25 mm / 5 mm and as much from behind
 
 
 def test_the_room_without_the_target_has_no_foam():
-    state = EchoState(bead_scene(target=None, balls=(foam_ball(),)), 1, levels={})
-    Dielectric().apply(state)
-    assert not state.samples.any()
+    echoes = bare_echoes(bead_scene(target=None, balls=(foam_ball(),)), levels={})
+    assert not dielectric(echoes).samples.any()
 
 
 def test_what_is_missing_and_what_foam_cannot_be():
-    assert Dielectric().missing(bead_scene())
-    assert Dielectric().missing(bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),)))
-    assert not Dielectric().missing(bead_scene(target=None, balls=(foam_ball(),)))
+    assert effect("dielectric").missing(bead_scene())
+    assert effect("dielectric").missing(bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),)))
+    assert not effect("dielectric").missing(bead_scene(target=None, balls=(foam_ball(),)))
     with pytest.raises(HandbenchError, match=r"target: .*1\.5 at most"):
         parse(Material, {"kind": "foam", "permittivity": 1.6}, "target")
     known = Body(np.zeros((0, 3)), np.zeros((0, 3), int), reflectivity_db=-20.0)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
+from handbench.radar.simulation.ablation import Ablation
+from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.effects.further import _seen_behind
-from handbench.radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
+from handbench.radar.simulation.effects.target_surface import obliquity, shadow_antennas, shadow_diffraction
 from handbench.radar.simulation.forward import simulate
 from handbench.radar.simulation.physics.creeping import DEEP, LIT, pekeris
 from handbench.radar.simulation.physics.diffraction import FARTHEST, WIDEST
-from handbench.radar.simulation.rehearsal import Rehearsal
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import CONTAINED
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
 
@@ -30,11 +30,8 @@ XI = np.linspace(LIT, DEEP, 400)
 PEKERIS = XI, pekeris(XI, np.zeros(1), np.ones(1))[:, 0]  # of metal, for a field along the edge
 
 
-def state(body, array=ARRAY, effect=ShadowDiffraction, tones_hz=TONES_HZ) -> EchoState:
-    made = EchoState(EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body), 1)
-    for each in (Obliquity(), effect()):
-        each.apply(made)
-    return made
+def state(body, array=ARRAY, effect=shadow_diffraction, tones_hz=TONES_HZ) -> Echoes:
+    return effect(obliquity(bare_echoes(EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body))))
 
 
 def smooth_step(x):
@@ -109,7 +106,7 @@ def test_echoes_are_the_sum_over_facets_of_the_outline_s_field():
         legs.append(np.stack(leg, axis=1))
     expected = np.einsum("ftp,frp->ftr", legs[0] * part.area_m2, legs[1])
     assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
-    sharp = np.linalg.norm(state(BODY, effect=ShadowAntennas).echo(ARRAY) - made.echo(ARRAY))
+    sharp = np.linalg.norm(state(BODY, effect=shadow_antennas).echo(ARRAY) - made.echo(ARRAY))
     assert sharp > 0.1 * np.linalg.norm(made.echo(ARRAY))
 
 
@@ -129,8 +126,7 @@ def test_transmitters_and_receivers_may_change_places():
 
 
 def test_nothing_diffracts_on_a_sheet_alone():
-    bare, made = EchoState(EchoScene(ARRAY, TONES_HZ, np.zeros(4), SHEET), 1), state(SHEET)
-    Obliquity().apply(bare)
+    bare, made = obliquity(bare_echoes(EchoScene(ARRAY, TONES_HZ, np.zeros(4), SHEET))), state(SHEET)
     assert not made.surface.sight.partial.any()
     np.testing.assert_array_equal(made.echo(ARRAY), bare.echo(ARRAY))
 
@@ -149,11 +145,12 @@ def test_the_shadow_s_edge_is_smooth():
     assert (steps <= 0.05 + 280 * np.diff(across_m)).all()
 
 
-def test_a_rehearsal_tells_the_size_of_the_change():
+def test_an_ablation_tells_the_size_of_the_change():
     scene = EchoScene(FULL, np.array([79.5e9, 82e9]), np.zeros(2), BODY)
-    told_db = Rehearsal(scene, [ShadowAntennas(), ShadowDiffraction()], CONTAINED).level_db({"shadow_diffraction"})
+    shadows = [effect for effect in EFFECTS if effect.id in ("shadow_antennas", "shadow_diffraction")]
+    told_db = Ablation(scene, shadows, CONTAINED).level_db({"shadow_diffraction"})
     sharp, soft = (
-        state(BODY, FULL, effect, scene.frequencies_hz).samples for effect in (ShadowAntennas, ShadowDiffraction)
+        state(BODY, FULL, effect, scene.frequencies_hz).samples for effect in (shadow_antennas, shadow_diffraction)
     )
     level_db = 20 * np.log10(np.linalg.norm(soft - sharp) / np.linalg.norm(sharp))
     assert told_db == pytest.approx(level_db, abs=6)
@@ -164,9 +161,7 @@ def test_the_room_is_diffracted_behind_the_target_alone():
     wall = plate((-0.05, -0.05, 0.36), (0, 0.10, 0), (0.10, 0, 0), 20)
     aside = plate((0.25, -0.02, 0.36), (0, 0.04, 0), (0.04, 0, 0), 8)
     scene = EchoScene(ARRAY, TONES_HZ, np.zeros(4), FINGER, room=(wall, aside))
-    with_finger, without = EchoState(scene, 1), EchoState(scene, 1, levels={})
-    for made in (with_finger, without):
-        ShadowDiffraction().apply(made)
+    with_finger, without = (shadow_diffraction(bare_echoes(scene, levels=levels)) for levels in (None, {}))
     every = joined(FINGER, wall, aside)
     rays = Rays(every.vertices_m, every.faces)
     behind, beside = (_seen_behind(with_finger, rays, body) for body in (wall, aside))

@@ -6,10 +6,10 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.causes import Causes, Motion
-from handbench.radar.simulation.effects.motion import TargetMotion, displacement_m, echoes_of_moving, mean_change_m
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.effects.motion import displacement_m, echoes_of_moving, estimate_motion, mean_change_m
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.errors import HandbenchError
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, sphere_body
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated, sphere_body
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])
 
@@ -48,13 +48,13 @@ def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():
 
 def test_displaced_echoes_are_those_of_a_displaced_target():
     scene = bead_scene()
-    state = EchoState(scene, 1, tolerance=None)
+    state = bare_echoes(scene, tolerance=None)
     along, offsets_m = np.array([0.6, 0.0, 0.8]), np.array([[0.0, 1.3e-4, -3.5e-4]])
     samples = echoes_of_moving(state, along, offsets_m, (-4e-4, 2e-4))[0]
     for tone, offset_m in enumerate(offsets_m[0]):
         body = scene.target
         body = type(body)(body.vertices_m + offset_m * along, body.faces)
-        expected = EchoState(bead_scene(target=body), 1, tolerance=None).samples[0, tone]
+        expected = bare_echoes(bead_scene(target=body), tolerance=None).samples[0, tone]
         # Interpolation errs by 0.06²/8 = 5e-4 at most; float32 echoes by 1e-6.
         assert np.linalg.norm(samples[tone] - expected) < 5e-4 * np.linalg.norm(expected)
 
@@ -75,14 +75,14 @@ def test_the_estimate_is_the_mean_error_of_tremor():
     mean_m = np.abs(np.diff(between, axis=1)).mean() * 82e9 / 2.5e9
     told_m = mean_change_m(causes.motion, np.array(0.05)) * 82e9 / 2.5e9
     assert told_m == pytest.approx(mean_m, rel=1e-3)
-    assert TargetMotion().glance(scene).worst_mm >= 1e3 * told_m
+    assert estimate_motion(scene).worst_mm >= 1e3 * told_m
 
 
 def test_motion_across_the_line_of_sight_counts_by_its_share():
     motion = {"velocity_m_s": 0.05, "direction": (1.0, 0.0, 0.0)}
     beside = bead_scene({"motion": motion}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
     along = bead_scene({"motion": motion | {"direction": (0.0, 0.0, 1.0)}}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
-    changes = [rehearsed(scene, "obliquity", "motion", without="motion")[0] for scene in (beside, along)]
+    changes = [estimated(scene, "obliquity", "motion", without="motion")[0] for scene in (beside, along)]
     share = changes[0]["3fsk"].depth_mm / changes[1]["3fsk"].depth_mm
     assert share == pytest.approx(0.08 / 0.3, rel=0.1)  # of a bead's width
 

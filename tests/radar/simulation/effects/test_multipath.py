@@ -1,18 +1,20 @@
 """Two-bounce echoes against closed forms and image theory, and what must not have any."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects import further
-from handbench.radar.simulation.effects.base import Glance
-from handbench.radar.simulation.effects.further import Multipath
+from handbench.radar.simulation.effects.coarse import QuickEstimate
+from handbench.radar.simulation.effects.further import estimate_multipath, multipath
 from handbench.radar.simulation.effects.motion import echoes_of_moving
 from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
 from handbench.radar.simulation.physics.ray_tubes import Hits, landed, mirrored_on, mirrors_of, patches_of, trace
 from handbench.radar.simulation.physics.reflection import oblique_ratios
 from handbench.radar.simulation.scene import Body, EchoScene, Material
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
@@ -27,16 +29,13 @@ CORNER = dihedral(0.02, 0.03, (0.01, 0.005, 0.33))
 FINGERS = joined(cylinder((-0.011, 0.0, 0.31), 8e-3, 0.04), cylinder((0.011, 0.0, 0.32), 8e-3, 0.04))
 
 
-def state(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> EchoState:
-    made = EchoState(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body), 1)
-    Multipath().apply(made)
-    return made
+def state(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> Echoes:
+    return multipath(bare_echoes(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body)))
 
 
 def twice(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> np.ndarray:
     """The two-bounce echoes alone."""
-    extra = state(body, frequencies_hz, array).extra
-    return sum((echo() for echo in extra), np.zeros((len(frequencies_hz), *array.channels)))
+    return state(body, frequencies_hz, array).extra_echoes() + np.zeros((len(frequencies_hz), *array.channels))
 
 
 def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
@@ -176,47 +175,45 @@ def test_no_result_depends_on_the_threads(monkeypatch):
     echoes = []
     for workers in ("1", "3"):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
-        echoes.append(made.extra[0]())
+        echoes.append(made.extra_echoes())
     assert np.array_equal(*echoes)
 
 
 def test_motion_turns_the_bounces_with_the_target():
     made = state(FINGERS)
-    made.surface.keep(np.arange(1))  # the extra echoes alone, but for one facet
+    made = replace(made, surface=made.surface.where(np.arange(1)))  # the extra echoes alone, but for one facet
     along, offset_m = np.array([0.0, 0.0, 1.0]), 2e-4
     turned = echoes_of_moving(made, along, np.full((1, len(TONES_HZ)), offset_m), (0.0, offset_m))[0]
     moved = twice(Body(FINGERS.vertices_m + offset_m * along, FINGERS.faces))
     # 0.2 mm turn the echoes by 0.6 rad; what is left over is the tubes' borders.
     assert relative_error(turned, moved) < 0.03
-    assert relative_error(made.extra[0](), moved) > 0.3
+    assert relative_error(made.extra_echoes(), moved) > 0.3
 
 
 def test_reflection_and_pattern_act_on_every_bounce():
-    made = state(CORNER, TONE_HZ)
-    metal = made.extra[0]()
-    made.surface.reflection = np.array([[0.3 + 0.4j]])
-    assert np.allclose(made.extra[0](), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max())
-    made.surface.reflection, made.pattern = None, 2.0
+    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
+    metal = multipath(bare).extra_echoes()
+    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[0.3 + 0.4j]]))))
+    assert np.allclose(made.extra_echoes(), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max())
+    made = multipath(replace(bare, pattern=2.0))
     towards = [np.array([0.01, 0.005, 0.32]) - leg.position_m for leg in SPARSE.legs]
     squared = [(way[:, 2] / np.linalg.norm(way, axis=1)) ** 2 for way in towards]
-    assert relative_error(made.extra[0](), metal * np.outer(*squared)) < 0.03  # the corner is 20 mm wide
+    assert relative_error(made.extra_echoes(), metal * np.outer(*squared)) < 0.03  # the corner is 20 mm wide
 
 
 def test_layers_reflect_each_in_its_way():
-    made = EchoState(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
-    made.surface.reflection = np.array([[1.0], [0.5]])
-    made.surface.layer = (made.surface.facets.face >= len(CORNER.faces) // 2).astype(int)  # the second plate
-    Multipath().apply(made)
+    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
+    layer = (bare.surface.facets.face >= len(CORNER.faces) // 2).astype(int)  # the second plate
+    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[1.0], [0.5]]), layer=layer)))
     # Each tube meets both plates once.
-    assert relative_error(made.extra[0](), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
+    assert relative_error(made.extra_echoes(), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
 
 
 def test_a_layer_that_no_face_has_changes_nothing():
-    made = EchoState(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER), 1)
-    made.surface.reflection = np.array([[0.5], [0.1]])
-    made.surface.layer = np.zeros(len(made.surface.facets), int)
-    Multipath().apply(made)
-    assert relative_error(made.extra[0](), 0.25 * twice(CORNER, TONE_HZ)) < 1e-6
+    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
+    layer = np.zeros(len(bare.surface.facets), int)
+    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[0.5], [0.1]]), layer=layer)))
+    assert relative_error(made.extra_echoes(), 0.25 * twice(CORNER, TONE_HZ)) < 1e-6
 
 
 def test_too_weak_bounces_are_not_traced():
@@ -226,25 +223,24 @@ def test_too_weak_bounces_are_not_traced():
     assert set(mirrors.bounces) == {1}
 
 
-def test_a_glance_casts_no_ray_and_knows_the_energy():
+def test_an_estimate_casts_no_ray_and_knows_the_energy():
     scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), FINGERS)
     before = Rays.cast
-    glance = Multipath().glance(scene)
+    estimate = estimate_multipath(scene)
     assert Rays.cast == before
-    made = EchoState(scene, 1)
-    made.surface.oblique = True
-    once = made.echo(scene.array)
-    Multipath().apply(made)
-    level_db = 20 * np.log10(np.linalg.norm(made.extra[0]()) / np.linalg.norm(once))
+    bare = bare_echoes(scene)
+    bare = replace(bare, surface=replace(bare.surface, oblique=True))
+    once, made = bare.echo(scene.array), multipath(bare)
+    level_db = 20 * np.log10(np.linalg.norm(made.extra_echoes()) / np.linalg.norm(once))
     # 1 dB on hands; here few facets mirror, and the cylinders shade each other.
-    told = Glance.of_level(scene, 1.0, "").worst_mm
-    assert 20 * np.log10(glance.worst_mm / told) == pytest.approx(level_db, abs=3)
+    told = QuickEstimate.of_level(scene, 1.0, "").worst_mm
+    assert 20 * np.log10(estimate.worst_mm / told) == pytest.approx(level_db, abs=3)
 
 
 def test_flat_and_convex_bodies_have_none():
     for body in (plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60), sphere_body(0.01, (0, 0, 0.3))):
         scene = EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), body)
-        assert Multipath().glance(scene).worst_mm == 0
+        assert estimate_multipath(scene).worst_mm == 0
 
 
 def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):

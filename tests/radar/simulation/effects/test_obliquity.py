@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
-from handbench.radar.simulation.effects.scattering import Obliquity
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.scene import Ball
-from handbench.radar.simulation.state import EchoState
-from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated, simulated_change
+from handbench.radar.simulation.scene_echoes import bare_echoes
+from tests.radar.simulation.effects.small_scenes import bead_scene, effect, estimated, simulated, simulated_change
 
 
 @pytest.mark.parametrize("on", [False, True])
 def test_facets_scatter_evenly_or_by_their_angle(on):
     scene = bead_scene()
-    facets = EchoState(scene, 1).surface.facets
+    facets = bare_echoes(scene).surface.facets
     optics = Scatterers(facets.position_m, facets.area_m2, facets.normal if on else None)
     expected = simulate(optics, scene.frequencies_hz, scene.array)
     samples = simulated(scene, *(["obliquity"] if on else [])).capture.samples[0]
@@ -23,7 +22,7 @@ def test_facets_scatter_evenly_or_by_their_angle(on):
 def test_the_estimate_is_what_leaving_it_out_changes():
     scene = bead_scene()
     names = "obliquity", "shadow_centre"
-    changes, _ = rehearsed(scene, *names, without="obliquity")
+    changes, _ = estimated(scene, *names, without="obliquity")
     change, _ = simulated_change(scene, *names, without="obliquity")
     assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
     assert changes["3fsk"].depth_mm > 1e-3
@@ -31,7 +30,5 @@ def test_the_estimate_is_what_leaving_it_out_changes():
 
 def test_balls_have_none():
     scene = bead_scene(target=None, balls=(Ball(np.array([0.0, 0.0, 0.3]), 5e-3),))
-    assert Obliquity().missing(scene)
-    state = EchoState(scene, 1)
-    Obliquity().apply(state)
-    assert state.surface is None
+    assert effect("obliquity").missing(scene)
+    assert effect("obliquity").apply(bare_echoes(scene)).surface is None

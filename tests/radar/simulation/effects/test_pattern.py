@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.causes import Pattern
-from handbench.radar.simulation.effects.antennas import AntennaPattern
 from handbench.radar.simulation.scene import Ball
-from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
+from tests.radar.simulation.effects.small_scenes import bead_scene, effect, estimated, simulated
 
 
 @pytest.mark.parametrize("beamwidth_deg", [10.0, 60.0, 150.0])
@@ -43,7 +42,7 @@ def test_balls_are_weighed_too():
 def test_the_estimate_grows_as_the_beam_narrows():
     widths_deg = (179.0, 120.0, 60.0, 30.0)
     scenes = [bead_scene({"pattern": {"beamwidth_deg": width_deg}}) for width_deg in widths_deg]
-    found = [rehearsed(scene, "pattern", "obliquity", without="pattern") for scene in scenes]
+    found = [estimated(scene, "pattern", "obliquity", without="pattern") for scene in scenes]
     depths_mm = [changes["3fsk"].depth_mm for changes, _ in found]
     assert depths_mm[0] < 1e-3  # as good as none
     assert all(a < b for a, b in pairwise(depths_mm))
@@ -51,4 +50,4 @@ def test_the_estimate_grows_as_the_beam_narrows():
 
 
 def test_an_unknown_beamwidth_is_missing():
-    assert AntennaPattern().missing(bead_scene())
+    assert effect("pattern").missing(bead_scene())

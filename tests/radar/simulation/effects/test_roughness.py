@@ -5,14 +5,14 @@ import pytest
 from scipy.special import j0
 
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.roughness import roughened, waves_of
+from handbench.radar.simulation.effects.target_surface import roughened, waves_of
 from handbench.radar.simulation.physics.facets import facets_of
 from handbench.radar.simulation.scene import Body
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import bare_echoes, generator
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.plates import plate
-from tests.radar.simulation.effects.small_scenes import bead_scene, rehearsed, simulated
+from tests.radar.simulation.effects.small_scenes import bead_scene, estimated, simulated
 
 K = 2 * np.pi * 80e9 / 299_792_458.0
 SIDE_M = 6e-3
@@ -70,13 +70,12 @@ def test_relief_wider_than_the_plate_moves_it():
 
 
 def _draws(scene):
-    state = EchoState(scene, 1)
-    return state.random(state.seed("roughness"))
+    return generator(bare_echoes(scene).seed("roughness"))
 
 
 def test_skin_hardly_is_rough_at_these_wavelengths():
-    """30 µm turn echoes by 0.1 rad: what the map gains by them is rehearsed like any other effect."""
-    changes, level_db = rehearsed(
+    """30 µm turn echoes by 0.1 rad: what the map gains by them is estimated like any other effect."""
+    changes, level_db = estimated(
         bead_scene({"roughness": {"rms_m": 3e-5}}), "obliquity", "roughness", without="roughness"
     )
     assert 0 < changes["3fsk"].depth_mm < 0.1

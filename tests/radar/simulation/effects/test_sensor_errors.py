@@ -7,13 +7,15 @@ import pytest
 from scipy.integrate import quad
 
 from handbench.radar.simulation.causes import Converter, Oscillator
-from handbench.radar.simulation.effects.antennas import direct_wave
-from handbench.radar.simulation.effects.receiver import phase_rad, quantised
-from handbench.radar.simulation.pilot import rms
+from handbench.radar.simulation.effects.sensor import direct_wave, phase_rad, quantised
 from handbench.radar.simulation.scene import Body
 from handbench.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
+
+
+def rms(samples):
+    return float(np.sqrt(np.mean(np.abs(samples) ** 2)))
 
 
 def test_thermal_noise_has_the_phase_noise_of_the_scene():

@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.simulation.effects.scattering import ShadowAntennas, ShadowCentre
-from handbench.radar.simulation.physics.coarse import visible_from
+from handbench.radar.simulation.effects.coarse import visible_from
+from handbench.radar.simulation.effects.target_surface import (
+    estimate_shadow_antennas,
+    obliquity,
+    shadow_antennas,
+    shadow_centre,
+)
 from handbench.radar.simulation.physics.facets import face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.state import EchoState, facing
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, facing
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
@@ -23,11 +28,10 @@ def scene(body: Body, array: AntennaArray | None = None) -> EchoScene:
     return EchoScene(array or qar50(), TONES_HZ, np.zeros(3), body)
 
 
-def state(body: Body, *effects) -> EchoState:
-    made = EchoState(scene(body), 1)
-    made.surface.oblique = True
+def state(body: Body, *effects) -> Echoes:
+    made = obliquity(bare_echoes(scene(body)))
     for effect in effects:
-        effect.apply(made)
+        made = effect(made)
     return made
 
 
@@ -63,14 +67,14 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
 
 
 def test_echoes_with_shadows_leave_out_what_is_hidden():
-    alone = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), ShadowAntennas())
+    alone = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), shadow_antennas)
     # A small ball right behind the cylinder is hidden from all antennas: no echo of it is left.
-    hidden = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))), ShadowAntennas())
+    hidden = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))), shadow_antennas)
     assert np.array_equal(hidden.echo(hidden.array), alone.echo(alone.array))
 
 
 def test_shadows_from_the_centre_keep_what_it_sees():
-    made = state(FINGERS, ShadowCentre())
+    made = state(FINGERS, shadow_centre)
     facets = facing(made.scene, FINGERS)
     expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
     assert np.array_equal(made.surface.facets.position_m, facets.position_m[expected])
@@ -78,13 +82,13 @@ def test_shadows_from_the_centre_keep_what_it_sees():
 
 
 def test_shadows_of_antennas_supersede_those_of_the_centre():
-    both, one = state(FINGERS, ShadowCentre(), ShadowAntennas()), state(FINGERS, ShadowAntennas())
+    both, one = state(FINGERS, shadow_centre, shadow_antennas), state(FINGERS, shadow_antennas)
     assert np.array_equal(both.echo(both.array), one.echo(one.array))
 
 
 def test_nothing_hides_a_sheet():
     bare = state(SHEET)
-    for effect in (ShadowCentre(), ShadowAntennas()):
+    for effect in (shadow_centre, shadow_antennas):
         made = state(SHEET, effect)
         assert np.array_equal(made.echo(made.array), bare.echo(bare.array))
 
@@ -92,7 +96,7 @@ def test_nothing_hides_a_sheet():
 def test_a_target_of_which_nothing_is_seen_is_refused():
     behind = plate((-0.002, -0.002, 0.31), (0, 0.004, 0), (0.004, 0, 0), 4)
     inverted = joined(Body(SHEET.vertices_m, SHEET.faces[:, ::-1]), behind)
-    for effect in (ShadowCentre(), ShadowAntennas()):
+    for effect in (shadow_centre, shadow_antennas):
         with pytest.raises(HandbenchError, match="no facet"):
             np.asarray(state(inverted, effect).samples)
 
@@ -110,9 +114,9 @@ def test_a_buffer_of_depths_sees_what_rays_see():
     assert (visible_from(facets, np.zeros(3)) != expected).mean() < 0.03  # cells of two facets at the shadow's edge
 
 
-def test_a_glance_casts_no_ray_and_sees_where_shadows_matter():
+def test_an_estimate_casts_no_ray_and_sees_where_shadows_matter():
     before = Rays.cast
     fingers, sheet = scene(FINGERS), scene(SHEET)
-    assert ShadowAntennas().glance(fingers).worst_mm > 1
-    assert ShadowAntennas().glance(sheet).worst_mm < 0.02
+    assert estimate_shadow_antennas(fingers).worst_mm > 1
+    assert estimate_shadow_antennas(sheet).worst_mm < 0.02
     assert Rays.cast == before

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from handbench.radar.simulation import simulate
-from handbench.radar.simulation.selection import EFFECTS, choose
+from handbench.radar.simulation import scene_echoes
+from handbench.radar.simulation.catalogue import EFFECTS
+from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import Stopwatch, simulate_scene
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
@@ -41,12 +42,11 @@ def test_what_is_off_draws_no_number_and_casts_no_ray(no_random_numbers):
     assert Rays.cast == before
 
 
-def test_glances_draw_none_of_the_scene_s_numbers_and_cast_no_ray(no_random_numbers):
+def test_quick_estimates_draw_none_of_the_scene_s_numbers_and_cast_no_ray(no_random_numbers):
     before = Rays.cast
     scene = bead_scene(EVERYTHING)
-    choose(scene, "auto", 0.1)
-    glances = [effect.glance(scene) for effect in EFFECTS if not effect.missing(scene)]
-    assert sum(glance is not None for glance in glances) >= 3
+    estimates = [effect.estimate(scene) for effect in EFFECTS if not effect.missing(scene)]
+    assert sum(estimate is not None for estimate in estimates) >= 3
     assert Rays.cast == before
 
 
@@ -92,7 +92,7 @@ def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
 
 def test_rows_say_what_each_effect_took():
     rows = simulated(bead_scene(EVERYTHING), "noise", "dead").rows
-    assert [row.effect for row in rows if row.on] == [simulate.ECHOES, "noise", "dead"]
+    assert [row.effect for row in rows if row.on] == [scene_echoes.TARGET, "noise", "dead"]
     assert all((row.seconds is not None) == row.on for row in rows)
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from handbench.radar.imaging.api import image_points
-from handbench.radar.simulation.effects.scattering import Skin
+from handbench.radar.simulation.effects.target_surface import skin
 from handbench.radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
 from handbench.radar.simulation.scene import Material
-from handbench.radar.simulation.state import EchoState
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, rehearsed, simulated, sphere_body
+from handbench.radar.simulation.scene_echoes import bare_echoes
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, effect, estimated, simulated, sphere_body
 
 SKIN = Material(kind="skin")
 
@@ -79,7 +79,7 @@ def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
     scene = bead_scene(target=replace(body, material=material, palm=np.full(len(body.faces), palm)))
     change_m = depth_change_m(simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture)
     assert change_m == pytest.approx(bias_m, abs=0.05e-3)
-    changes, _ = rehearsed(scene, "obliquity", "skin", without="skin")
+    changes, _ = estimated(scene, "obliquity", "skin", without="skin")
     assert changes["3fsk"].depth_mm == pytest.approx(1e3 * change_m, rel=0.05)  # exact for one layer
 
 
@@ -87,13 +87,12 @@ def test_each_face_has_its_own_layer():
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     left = body.vertices_m[body.faces].mean(axis=1)[:, 0] < 0.01
     scene = bead_scene(target=replace(body, material=SKIN, palm=left))
-    state = EchoState(scene, 1)
-    Skin().apply(state)
+    state = skin(bare_echoes(scene))
     assert np.array_equal(state.surface.layer == 1, left[state.surface.facets.face])
     halves = []
     for part in (left, ~left):
-        half = EchoState(scene, 1)
-        half.surface.keep(part[half.surface.facets.face])
+        half = bare_echoes(scene)
+        half = replace(half, surface=half.surface.where(part[half.surface.facets.face]))
         halves.append(half.echo(scene.array))
     expected = sum(half * r[:, None, None] for half, r in zip(halves, state.surface.reflection[::-1], strict=True))
     # The halves together and apart go through other boxes of the fast chain: its tolerance, 1e-5, twice.
@@ -101,5 +100,5 @@ def test_each_face_has_its_own_layer():
 
 
 def test_only_skin_has_it():
-    assert Skin().missing(bead_scene())
-    assert not Skin().missing(bead_scene(target=replace(bead_scene().target, material=SKIN)))
+    assert effect("skin").missing(bead_scene())
+    assert not effect("skin").missing(bead_scene(target=replace(bead_scene().target, material=SKIN)))

@@ -1,8 +1,11 @@
-"""The state of a simulation that effects change one after another, from the array to the recorded samples."""
+"""The echoes of a scene in the making, which effects change one after another, from the array to recorded samples."""
 
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +19,10 @@ from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.errors import HandbenchError
 
 SIGHT_TOLERANCE = 1e-3  # of echoes that diffract: a fifth of what interpolating their sight leaves
+TARGET = "echoes"  # the target's own echoes, among the effects that times are counted for
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex amplitude [f] per
     layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p], bool [r, p]), None: all; sight: how much
@@ -33,37 +37,42 @@ class Surface:
     sight: Sight | None = None
     delay_m: np.ndarray | None = None
 
-    def keep(self, chosen: np.ndarray) -> None:
+    def where(self, chosen: np.ndarray) -> "Surface":
         """Only the facets that the mask [p] chooses."""
-        self.facets = self.facets.where(chosen)
-        self.layer = None if self.layer is None else self.layer[chosen]
-        self.delay_m = None if self.delay_m is None else self.delay_m[chosen]
-        self.seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
-        self.sight = None if self.sight is None else self.sight.where(chosen)
+        return replace(
+            self,
+            facets=self.facets.where(chosen),
+            layer=None if self.layer is None else self.layer[chosen],
+            delay_m=None if self.delay_m is None else self.delay_m[chosen],
+            seen=None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen]),
+            sight=None if self.sight is None else self.sight.where(chosen),
+        )
 
 
-class EchoState:
-    """The echoes of a scene in the making.
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """The echoes of a scene in the making, of which each effect returns changed ones.
 
-    Effects come in the order of the catalogue: first those that change the `array` or the antennas' `pattern` (the
-    exponent of cos θ), then those that change the target's `surface` or add an `extra` echo of it; the first that asks
-    for `samples` has them computed, and the rest change those.
+    Effects come in the order of the catalogue: first those that change the array or the antennas' pattern (the exponent
+    of cos θ), then those that change the target's surface or add an extra echo of it, samples [f, t, r] by effect; the
+    first that reads `samples` has them computed, and the rest record others.
+
+    ball_delay_m [n]: extra one-way path of each ball's echo; levels: by effect, measured with the target and kept for
+    the room without it (with_target False); timed: the context in which each effect's own part is computed.
     """
 
-    def __init__(
-        self, scene: EchoScene, frames: int, tolerance: float | None = 1e-5, levels: dict[str, float] | None = None
-    ) -> None:
-        """levels: as another state with the target left them; this one is then of the room without it."""
-        self.scene, self.frames, self.tolerance = scene, frames, tolerance
-        self.array = scene.array
-        self.pattern = 0.0
-        self.with_target = with_target = levels is None
-        self.levels = {} if levels is None else levels
-        body = scene.target if with_target else None
-        self.surface = None if body is None else Surface(body, facing(scene, body))
-        self.ball_delay_m = np.zeros(len(scene.balls))  # extra one-way path of each ball's echo
-        self.extra: list[Callable[[], np.ndarray]] = []  # what else of the target echoes: samples [f, t, r]
-        self._samples: np.ndarray | None = None
+    scene: EchoScene
+    array: AntennaArray
+    surface: Surface | None
+    ball_delay_m: np.ndarray
+    frames: int = 1
+    tolerance: float | None = 1e-5
+    with_target: bool = True
+    pattern: float = 0.0
+    extra: Mapping[str, Callable[[], np.ndarray]] = field(default_factory=dict)
+    levels: Mapping[str, float] = field(default_factory=dict)
+    recorded: np.ndarray | None = None
+    timed: Callable[[str], AbstractContextManager[Any]] = nullcontext
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
         """Seed of one effect alone, so that no other's draws depend on whether it is on."""
@@ -73,16 +82,17 @@ class EchoState:
         """The same for each frame; the empty room has its own."""
         return [self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)]
 
-    @staticmethod
-    def random(seed: tuple[int, ...]) -> np.random.Generator:
-        """Random numbers from such a seed."""
-        return np.random.default_rng(np.random.SeedSequence(seed))
-
     def level(self, name: str, measure: Callable[[], float]) -> float:
-        """A level that is measured with the target and kept for the room without it."""
-        if self.with_target:
-            self.levels[name] = measure()
-        return self.levels[name]
+        """A level that is measured with the target; the room without it has the same."""
+        return measure() if self.with_target else self.levels[name]
+
+    def record(self, samples: np.ndarray, **levels: float) -> "Echoes":
+        """The echoes with other samples [frame, f, t, r], and levels that were measured for them."""
+        return replace(self, recorded=samples, levels={**self.levels, **levels})
+
+    def add(self, effect: str, echo: Callable[[], np.ndarray]) -> "Echoes":
+        """The echoes with an extra one of the target."""
+        return replace(self, extra={**self.extra, effect: echo})
 
     @property
     def points_m(self) -> np.ndarray:
@@ -90,17 +100,14 @@ class EchoState:
         facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
-    def moved(self, offset_m: np.ndarray) -> AntennaArray:
-        """The array as the target sees it when the target has moved by offset_m [3]."""
-        return AntennaArray(self.array.tx_m - offset_m, self.array.rx_m - offset_m)
-
     def echo(self, array: AntennaArray) -> np.ndarray:
         """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
-        if self.surface is not None:
-            samples += self._surface_echo(self.surface, array)
-        if self.with_target:
-            samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+        with self.timed(TARGET):
+            if self.surface is not None:
+                samples += self._surface_echo(self.surface, array)
+            if self.with_target:
+                samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
         return samples
 
     def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
@@ -124,18 +131,34 @@ class EchoState:
 
     def extra_echoes(self) -> np.ndarray | int:
         """The sum of the extra echoes, complex64 [f, t, r]; 0 where there are none."""
-        return sum(extra() for extra in self.extra)
+        total: np.ndarray | int = 0
+        for effect, echo in self.extra.items():
+            with self.timed(effect):
+                total = total + echo()
+        return total
 
-    @property
+    @cached_property
     def samples(self) -> np.ndarray:
         """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until an effect differs."""
-        if self._samples is None:
-            self._samples = np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
-        return self._samples
+        if self.recorded is not None:
+            return self.recorded
+        return np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
 
-    @samples.setter
-    def samples(self, samples: np.ndarray) -> None:
-        self._samples = samples
+
+def bare_echoes(
+    scene: EchoScene, frames: int = 1, tolerance: float | None = 1e-5, levels: Mapping[str, float] | None = None
+) -> Echoes:
+    """The echoes of a scene before any effect. levels: as those with the target have them; these are then of the room
+    without it."""
+    body = scene.target if levels is None else None
+    surface = None if body is None else Surface(body, facing(scene, body))
+    still = np.zeros(len(scene.balls))
+    return Echoes(scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {})
+
+
+def generator(seed: tuple[int, ...]) -> np.random.Generator:
+    """Random numbers from such a seed as `Echoes.seed` gives."""
+    return np.random.default_rng(np.random.SeedSequence(seed))
 
 
 def require_facets(facets: Facets) -> Facets:

@@ -1,13 +1,13 @@
-"""A rehearsal: the scene simulated with its effects at the few tones that depths are told between, its surfaces sampled
-coarsely, and the depth maps that come of it with and without some of the effects.
+"""Effects left out of a coarse simulation: the scene simulated with its effects at the few tones that depths are told
+between, its surfaces sampled coarsely, and the depth maps that come of it with and without some of the effects.
 
 The effects themselves are applied, each together with all others that are on, so that what one does by way of another
-(obliquity and skin to echoes over two places) is in it, and an effect needs nothing of its own to be rehearsed.
+(obliquity and skin to echoes over two places) is in it, and an effect needs nothing of its own for it.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 
 import numpy as np
 
@@ -17,12 +17,13 @@ from handbench.radar.methods.fsk import fsk
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
 from handbench.radar.methods.projection import project
 from handbench.radar.methods.projection_config import NarrowbandConfig
-from handbench.radar.simulation.effects.base import Effect
+from handbench.radar.simulation.catalogue import Effect
 from handbench.radar.simulation.physics.line_of_sight import rays_of
-from handbench.radar.simulation.pilot import TOLERANCE
 from handbench.radar.simulation.scene import COARSE, EchoScene
-from handbench.radar.simulation.state import EchoState
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 
+TOLERANCE = 1e-3  # of samples and images: the surfaces are coarser by far
+LOST_MM = 10.0  # a pixel lost or gained counts as much as one that moves so far
 COARSER = 2.0  # edges of facets and mirrors over those of a simulation
 PIXELS = 8000  # of the box around the target, about
 MARGIN_M = 5e-3  # of that box
@@ -30,6 +31,7 @@ STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of
 METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
 VOXEL_M = 1e-3  # along z
 DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
+BOUNCING = "multipath"
 REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
 
 
@@ -50,25 +52,20 @@ class Change:
         return cls(1e3 * float(moved_m.mean()) if len(moved_m) else 0.0, float((there ^ still).sum()) / count)
 
 
-class Rehearsed(EchoState):
-    """Its random numbers are those that the simulation will draw, from generators of the rehearsal's own."""
-
-    @staticmethod
-    def random(seed: tuple[int, ...]) -> np.random.Generator:
-        """The same as the simulation's."""
-        return np.random.Generator(np.random.PCG64(list(seed)))
+def worst_mm(changes: Mapping[str, Change]) -> float:
+    """The largest change of a method's map, lost and gained pixels included."""
+    return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
 
 
-class Rehearsal:
-    """The rehearsal of a scene with `effects`, in their order: `change(without)` tells what leaving some out does.
+class Ablation:
+    """A scene simulated coarsely with `effects`, in their order: `change(without)` tells what leaving some out does.
     contained: effects that another one does, where that is on."""
 
     def __init__(self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]) -> None:
         self._contained = contained
         self.scene, self.effects, self._close = _coarse(scene), tuple(effects), scene.coarse_hz is not None
-        self._extra: dict[str, np.ndarray] = {}  # extra echoes by the effect that adds them
-        self._before: dict[str, np.ndarray] = {}  # samples of the whole as each effect finds them
-        self._levels: dict[str, float] = {}
+        self._after: dict[tuple[str, ...], Echoes] = {}  # by the effects that are in them
+        self._bounced: dict[str, Callable[[], np.ndarray]] | None = None  # the whole's extra echo over two places
         self._made: dict[frozenset[str], np.ndarray] = {}
         self.samples = self._simulated(frozenset())
         self._grid = _box(self.scene)
@@ -92,28 +89,24 @@ class Rehearsal:
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
         """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over from the whole,
         unless what they reflect with is left out."""
-        state, first = Rehearsed(self.scene, 1, TOLERANCE), 0
         names = {effect.id for effect in self.effects} - without
         names = {name for name in names if self._contained.get(name) not in names}
-        late = [n for n, effect in enumerate(self.effects) if effect.id in without]
-        if late and self.effects[late[0]].id in self._before:  # up to here nothing differs
-            first, state.samples = late[0], self._before[self.effects[late[0]].id]
-            state.levels = dict(self._levels)
-        for effect in self.effects[first:]:
-            if not without and state._samples is not None:
-                self._before[effect.id] = state.samples
-            if effect.id not in names:
-                continue
-            if effect.id in self._extra and not without & REFLECTING:
-                state.extra.append(partial(self._extra.__getitem__, effect.id))
-                continue
-            known = len(state.extra)
-            effect.apply(state)
-            if not without and len(state.extra) > known:
-                self._extra[effect.id] = np.sum([extra() for extra in state.extra[known:]], axis=0)
-                state.extra[known:] = [partial(self._extra.__getitem__, effect.id)]
-        self._levels = self._levels or state.levels
-        return state.samples[0]
+        echoes, applied = bare_echoes(self.scene, 1, TOLERANCE), tuple[str, ...]()
+        for effect in self.effects:
+            if effect.id in names:
+                applied += (effect.id,)
+                if applied not in self._after:
+                    self._after[applied] = self._applied(effect, echoes, without)
+                echoes = self._after[applied]
+        return echoes.samples[0]
+
+    def _applied(self, effect: Effect, echoes: Echoes, without: frozenset[str]) -> Echoes:
+        if effect.id != BOUNCING or without & REFLECTING:
+            return effect.apply(echoes)
+        if self._bounced is None:
+            extra = effect.apply(echoes).extra
+            self._bounced = {name: cache(echo) for name, echo in extra.items() if name == BOUNCING}
+        return replace(echoes, extra={**echoes.extra, **self._bounced})
 
     def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         """Depths [ny, nx] of each method's map."""
@@ -152,7 +145,7 @@ def _coarse(scene: EchoScene) -> EchoScene:
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
     """Axes of a box around the target's facets and balls, and the filters' size. A room may outshine the target: the
     box is then as wide as the methods' images."""
-    points_m = EchoState(scene, 1).points_m
+    points_m = bare_echoes(scene).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m
     if scene.room:

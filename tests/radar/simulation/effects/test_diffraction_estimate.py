@@ -1,4 +1,4 @@
-"""The glance of diffracted shadows against the effects themselves, rehearsed: nothing on convex bodies, much where a
+"""The quick estimate of diffracted shadows against the effects themselves: nothing on convex bodies, much where a
 finger stands before a plate."""
 
 from __future__ import annotations
@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.simulation.effects.base import CLEAR
-from handbench.radar.simulation.effects.scattering import Obliquity, ShadowAntennas, ShadowDiffraction
-from handbench.radar.simulation.rehearsal import Rehearsal
+from handbench.radar.simulation.ablation import Ablation, worst_mm
+from handbench.radar.simulation.catalogue import CONTAINED
+from handbench.radar.simulation.effects.coarse import CLEAR
+from handbench.radar.simulation.effects.target_surface import estimate_shadow_diffraction
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import CONTAINED, choose
-from handbench.radar.simulation.triage import worst_mm
+from handbench.radar.simulation.selection import choose
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate
+from tests.radar.simulation.effects.small_scenes import effect
 
 FULL, TOLERANCE_MM = qar50(), 0.1
 ARRAY = AntennaArray(FULL.tx_m[::3], FULL.rx_m[::3])
@@ -30,36 +31,36 @@ def scene(body):
 
 
 def sizes_mm(body):
-    """The size at a glance, and that of the maps with sharp shadows instead."""
-    glance = ShadowDiffraction().glance(scene(body))
-    rehearsal = Rehearsal(scene(body), [Obliquity(), ShadowAntennas(), ShadowDiffraction()], CONTAINED)
-    return glance.worst_mm, worst_mm(rehearsal.change({"shadow_diffraction"}))
+    """The size by a quick estimate, and that of the maps with sharp shadows instead."""
+    estimate = estimate_shadow_diffraction(scene(body))
+    shown = [effect(name) for name in ("obliquity", "shadow_antennas", "shadow_diffraction")]
+    return estimate.worst_mm, worst_mm(Ablation(scene(body), shown, CONTAINED).change({"shadow_diffraction"}))
 
 
 @pytest.mark.parametrize("name", CONVEX)
 def test_nothing_is_seen_beside_outlines_of_what_hides_nothing(name):
-    glance_mm, change_mm = sizes_mm(CONVEX[name])
-    assert CLEAR * glance_mm < TOLERANCE_MM
+    estimate_mm, change_mm = sizes_mm(CONVEX[name])
+    assert CLEAR * estimate_mm < TOLERANCE_MM
     assert change_mm < 0.1 * TOLERANCE_MM
     rows = {row.effect: row for row in choose(scene(CONVEX[name]), "auto", TOLERANCE_MM)}
     assert not rows["shadow_diffraction"].on and "outlines" in rows["shadow_diffraction"].why
 
 
 def test_a_finger_before_a_plate_is_diffracted():
-    glance_mm, change_mm = sizes_mm(SHADED)
-    assert glance_mm > CLEAR * TOLERANCE_MM
-    assert change_mm / CLEAR < glance_mm < CLEAR * change_mm
+    estimate_mm, change_mm = sizes_mm(SHADED)
+    assert estimate_mm > CLEAR * TOLERANCE_MM
+    assert change_mm / CLEAR < estimate_mm < CLEAR * change_mm
     assert {row.effect for row in choose(scene(SHADED), "auto", TOLERANCE_MM) if row.on} >= {"shadow_diffraction"}
 
 
 def test_spheres_side_by_side_are_not_underestimated():
     """Each is beside the other's outline: in doubt, or on."""
-    glance_mm, change_mm = sizes_mm(TWO)
-    assert change_mm < CLEAR * max(glance_mm, TOLERANCE_MM / CLEAR)
+    estimate_mm, change_mm = sizes_mm(TWO)
+    assert change_mm < CLEAR * max(estimate_mm, TOLERANCE_MM / CLEAR)
 
 
 def test_what_is_contained_is_looked_at_where_its_container_is_left_out():
     """Sharp shadows of each antenna take time, too: none are needed on a plate."""
     rows = {row.effect: row for row in choose(scene(SHEET), "auto", TOLERANCE_MM)}
     assert not rows["shadow_antennas"].on
-    assert "far below" in rows["shadow_antennas"].why
+    assert "buffers of depths" in rows["shadow_antennas"].why

@@ -1,0 +1,141 @@
+"""The effects of simulated echoes: the cause of each in a scene, and the function that applies it; in the order of
+known_effects.toml, in which they are applied."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from handbench.radar.simulation.effects import dielectric, further, motion, sensor, target_surface
+from handbench.radar.simulation.effects.coarse import QuickEstimate, echo_s
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.scene_echoes import Echoes
+
+OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect. id: its name in scene files and in known_effects.toml; needs: its cause, as a phrase for people;
+    cause: whether a scene has that; apply: the echoes with the effect; cost_s: seconds that it takes on one core (what
+    takes none is always on); estimate: its size, without a ray or a random number (None: not known so quickly)."""
+
+    id: str
+    needs: str
+    cause: Callable[[EchoScene], bool]
+    apply: Callable[[Echoes], Echoes]
+    cost_s: Callable[[EchoScene], float] = lambda scene: 0.0
+    estimate: Callable[[EchoScene], QuickEstimate | None] = lambda scene: None
+
+    def missing(self, scene: EchoScene) -> str:
+        """The cause that the scene lacks; "" if it has it."""
+        return "" if self.cause(scene) else self.needs
+
+
+def _has_surface(scene: EchoScene) -> bool:
+    return scene.target is not None
+
+
+def _opaque(scene: EchoScene) -> bool:
+    return scene.opaque
+
+
+def _rough(scene: EchoScene) -> bool:
+    return scene.target is not None and scene.causes.roughness.sigma_m > 0
+
+
+def _imperfect_channels(scene: EchoScene) -> bool:
+    causes = scene.causes.channels
+    return causes.gain_db > 0 or causes.phase_rad > 0 or causes.delay_m > 0
+
+
+EFFECTS: tuple[Effect, ...] = (
+    Effect(
+        "positions",
+        "[sensor.positions] with sigma_m",
+        lambda scene: scene.causes.positions.sigma_m > 0,
+        sensor.positions,
+    ),
+    Effect(
+        "pattern",
+        "[sensor.pattern] with beamwidth_deg",
+        lambda scene: scene.causes.pattern.beamwidth_deg is not None,
+        sensor.pattern,
+    ),
+    Effect("obliquity", SOLID, _has_surface, target_surface.obliquity),
+    Effect("shadow_centre", OPAQUE, _opaque, target_surface.shadow_centre),
+    Effect(
+        "shadow_antennas",
+        OPAQUE,
+        _opaque,
+        target_surface.shadow_antennas,
+        target_surface.shadows_cost_s,
+        target_surface.estimate_shadow_antennas,
+    ),
+    Effect(
+        "shadow_diffraction",
+        OPAQUE,
+        _opaque,
+        target_surface.shadow_diffraction,
+        target_surface.shadows_cost_s,
+        target_surface.estimate_shadow_diffraction,
+    ),
+    Effect(
+        "skin",
+        "a target of skin",
+        lambda scene: scene.target is not None and scene.target.material.kind == "skin",
+        target_surface.skin,
+    ),
+    Effect(
+        "dielectric", "a target of foam or plastic, or balls in foam", dielectric.has_dielectric, dielectric.dielectric
+    ),
+    Effect("roughness", "[target.roughness] with rms_m or layer_depth_m", _rough, target_surface.roughness),
+    Effect("multipath", OPAQUE, _opaque, further.multipath, further.multipath_cost_s, further.estimate_multipath),
+    Effect(
+        "motion",
+        "[target.motion] with an amplitude or a velocity",
+        lambda scene: bool(scene.causes.motion.amplitude_m or scene.causes.motion.velocity_m_s),
+        motion.motion,
+        echo_s,  # of one displacement more, at least
+        motion.estimate_motion,
+    ),
+    Effect(
+        "coupling",
+        "[sensor.coupling] with level_db",
+        lambda scene: scene.causes.coupling.level_db is not None,
+        sensor.coupling,
+    ),
+    Effect(
+        "clutter",
+        "[stand] with reflectivity_db",
+        lambda scene: bool(scene.room),
+        further.clutter,
+        further.clutter_cost_s,
+        further.estimate_clutter,
+    ),
+    Effect("channels", "[sensor.channels] with an error", _imperfect_channels, sensor.channels),
+    Effect(
+        "oscillator",
+        "[sensor.oscillator] with level_dbc_hz",
+        lambda scene: scene.causes.oscillator.level_dbc_hz is not None,
+        sensor.oscillator,
+    ),
+    Effect(
+        "noise",
+        "[noise] with phase_noise_rad or snr_db",
+        lambda scene: scene.causes.noise.between_tones_rad > 0,
+        sensor.noise,
+    ),
+    Effect(
+        "converter",
+        "[sensor.converter] with bits",
+        lambda scene: scene.causes.converter.bits is not None,
+        sensor.converter,
+    ),
+    Effect(
+        "dead",
+        "[sensor.dead] with tx or rx",
+        lambda scene: bool(scene.causes.dead.tx or scene.causes.dead.rx),
+        sensor.dead,
+    ),
+)
+# The one is done by the other, where that is on.
+CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
