@@ -120,9 +120,7 @@ THRESHOLD = "threshold_db"
 def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
     """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a configuration of the method;
     own: the one by its own `settings`."""
-    from handbench.radar.methods.smoothing import (
-        masked_mean,  # and numba, which whoever only reads the maps does without
-    )
+    from handbench.radar.methods.fsk import masked_mean  # and numba, which whoever only reads the maps does without
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}

@@ -11,27 +11,42 @@ is their coherence, 1 at Δ = z − z_p: its maximum is the maximum-likelihood d
 & Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). What the phases differ by from a line, variance s² a tone, gives the
 depth the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over
 N − 1 degrees of freedom, gives the odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
+
+`joint` finds each pixel's depth so from any set of tones at once. A ladder uses a tone after the other, and each must
+hold what the next one's period leaves open; all pairs of all tones together leave less open.
+
+For comparison, two established estimators of the shift. Capon (Proc. IEEE 57 (1969) 1408), with the covariance R of
+sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans. ASSP 33 (1985) 806) and loaded diagonally:
+P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l δk Δ}. The coherence factor (Mallart & Fink, JASA 96 (1994) 3721) is
+|Σ O|² / (N Σ |O|²) of the tones' images at each depth that is imaged.
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.methods.depth_uncertainty import beside_nearer, speckle_spread_m
-from handbench.radar.methods.fsk_config import AgreementConfig
-from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.methods.depth_uncertainty import Uncertainty, speckle_spread_m
+from handbench.radar.methods.fsk import Tones, first_step, masked_mean, path_rise
+from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
 
 STEPS = 16  # per range cell, of the search
 ALIGNED = 0.9  # coherence below which two depths share a pixel,
 NONE = 0.8  # and below which a pixel has none
 TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
+NEAR = 0.25  # of the reach: the search about a depth that all tones found before
+LOADING, LEAST = 1e-2, 1e-30  # of R's mean diagonal; and least of what is divided by
+CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
@@ -88,6 +103,71 @@ def agreed(depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: 
     wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
     smooth_m = masked_mean(z_m, config.fine_filter_px, power)
     return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)
+
+
+def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
+    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
+    the lobes of what shines behind it are stronger than the dark edge itself."""
+    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])
+    return np.asarray(z_m > nearest_m + gap_m)
+
+
+def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
+    """Depth map of a frame from any tones at once, with σ and flags; HandbenchError where the capture lacks tones.
+
+    The shift at which all tones agree is searched wide about what the first pair found; each pixel is then imaged from
+    there, and the shift is searched again."""
+    tones, whole = Tones.of(capture, config, frame), config.grid()
+    step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
+    z_m, amplitude = uncertainty.add(step), step.amplitude
+    doubtful, reach_m = uncertainty.wrapped, config.reach_m
+    for _ in range(config.fine_refinements):
+        step = tones.surface(step.grid, masked_mean(z_m, config.coarse_filter_px, amplitude**2))
+        points_m = step.grid.points_at_m(step.index, step.formed_m)
+        rise = path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
+        found = align(step.images, tones.frequencies_hz, rise, reach_m)
+        z_m, sigma_m = (step.on_map(told) for told in (points_m[:, 2] + found.shift_m, found.sigma_m))
+        coherence, amplitude = step.on_map(found.coherence, 0.0), step.amplitude
+        doubtful = doubtful | step.on_map(found.other > config.wrap_probability, False)
+        if config.drop_doubtful and (coherence >= NONE).any():
+            z_m[coherence < NONE] = np.nan
+        reach_m = NEAR * config.reach_m
+    placed = functools.partial(whole.placed, step.grid)
+    db, coherence = amplitude_db(placed(amplitude, 0.0)), placed(coherence, 1.0)
+    depth = DepthMap(whole.x_m, whole.y_m, placed(z_m), db, "joint", config.model_dump(), placed(sigma_m))
+    depth = replace(depth, wrapped=placed(doubtful, False) > 0)
+    depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    seen = db >= config.threshold_db  # where it is, no longer in the first plane
+    z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))
+    return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
+
+
+def capon(images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float) -> np.ndarray:
+    """Shifts [n] within ±reach_m at which the spectrum of images [f, n] at even tones [f] is highest; rise [n]: of the
+    path, per metre along z."""
+    half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
+    bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(np.complex128)
+    covariance = np.einsum("bni,bnj->nij", bands, bands.conj())
+    covariance += covariance[:, ::-1, ::-1].conj()
+    mean = np.trace(covariance, axis1=1, axis2=2).real / half
+    inverse = np.linalg.inv(covariance + (LOADING * mean + LEAST)[:, None, None] * np.eye(half))
+    tried_m = np.arange(-reach_m, reach_m + CAPON_STEP_M / 2, CAPON_STEP_M)
+    turns_per_m = 2 * np.pi * spacing_hz / SPEED_OF_LIGHT_M_S * rise[:, None] * np.arange(half)
+    inverse_power = [_form(inverse, np.exp(-1j * turns_per_m * there_m)) for there_m in tried_m]
+    return np.asarray(tried_m[np.argmin(inverse_power, axis=0)])
+
+
+def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
+    """Shifts [n] within ±reach_m at which the tones' images [f, n], made by `image` for a shift, are most coherent."""
+    tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
+    images = map(image, tried_m)
+    factors = [np.abs(o.sum(axis=0)) ** 2 / np.maximum((np.abs(o) ** 2).sum(axis=0), LEAST) for o in images]
+    return np.asarray(tried_m[np.argmax(factors, axis=0)])
+
+
+def _form(inverse: np.ndarray, steering: np.ndarray) -> np.ndarray:
+    """aᴴ R⁻¹ a, [n]."""
+    return np.asarray(np.einsum("ni,nij,nj->n", steering.conj(), inverse, steering).real)
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:

@@ -12,26 +12,21 @@ target, since a window holds few independent values. Nothing is assumed about th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.methods.fsk import FskStep, Tones, fsk
+from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
-from handbench.radar.methods.smoothing import masked_mean
 
 FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
 LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
 OTHER_SURFACE_M = 0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
 TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly between two periods, may be in either
-NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
-SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
 SHARPER = 1.15  # times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
 # Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own 0.2 to 1.4.
 WIDER = 2.0
@@ -82,18 +77,6 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
     return sigma_m > most_rad / np.pi * ambiguity_m
 
 
-def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """The value that |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's strongest voxel to be
-    an echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n = `known` of the tones tell.
-
-    Of noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so that the strongest of K depths,
-    two a range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the pixels: NOISE_PASSES. An echo from
-    outside the volume is seen by its range sidelobes: SIDELOBE at most.
-    """
-    depths = 1 + 2 * range_cells
-    return max(known / count * ((depths / NOISE_PASSES) ** (1 / known) - 1), SIDELOBE)
-
-
 def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
     """Probability that a phase step, known within ±ambiguity only, belongs one period 2a further on.
 
@@ -102,13 +85,6 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
     variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
     with np.errstate(over="ignore"):
         return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))
-
-
-def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
-    the lobes of what shines behind it are stronger than the dark edge itself."""
-    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])
-    return np.asarray(z_m > nearest_m + gap_m)
 
 
 def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:

@@ -19,9 +19,8 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.methods.alignment import agreed
 from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
-from handbench.radar.methods.fsk import FskStep, Tones, first_step
+from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
-from handbench.radar.methods.smoothing import masked_mean
 from handbench.support.errors import HandbenchError
 
 MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs

@@ -24,7 +24,7 @@ from handbench.radar.methods.registry import PAPER, Reconstruction, register
 from handbench.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
-ALONG_Z = "radar/methods/along_z.py, after Capon 1969 and Mallart & Fink 1994"
+ALONG_Z = "radar/methods/alignment.py, after Capon 1969 and Mallart & Fink 1994"
 OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
@@ -75,7 +75,7 @@ _preset("broadband-coherence", AlignedConfig, "the same by the coherence factor"
 
 @register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
 def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
-    from handbench.radar.methods.joint import joint
+    from handbench.radar.methods.alignment import joint
 
     return Reconstruction(joint(capture, config, frame))
 

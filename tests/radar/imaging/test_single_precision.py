@@ -22,8 +22,7 @@ from handbench.radar.imaging.api import image_points, image_volume, project_volu
 from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import cis_turns
 from handbench.radar.imaging.skeleton import AMPLIFICATION, resampler
-from handbench.radar.methods.fsk import depth_step_m
-from handbench.radar.methods.smoothing import masked_mean
+from handbench.radar.methods.fsk import depth_step_m, masked_mean
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.rays import Rays
 from tests.bench.studies.study import relative_error

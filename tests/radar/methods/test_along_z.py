@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.methods.along_z import CAPON_STEP_M, IMAGED_STEP_M, capon, coherence_factor
+from handbench.radar.methods.alignment import CAPON_STEP_M, IMAGED_STEP_M, capon, coherence_factor
 from handbench.radar.methods.registry import method
 from tests.radar.methods.test_joint import around, point_capture
 

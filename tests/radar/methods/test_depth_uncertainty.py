@@ -9,15 +9,14 @@ from scipy.stats import norm, spearmanr
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.methods.depth_uncertainty import (
-    NOISE_PASSES,
     fsk_with_uncertainty,
-    least_coherence,
     quadrature_step_m,
     spread_m,
     wrap_probability,
 )
 from handbench.radar.methods.fsk import depth_step_m
 from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.projection import NOISE_PASSES, least_coherence
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import around, bumpy, error_m, points_capture, surface_points
 from tests.strategies import examples

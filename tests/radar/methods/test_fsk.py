@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.methods.fsk import depth_step_m, masked_mean
 from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
-from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_echoes import direct_echoes

@@ -6,8 +6,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.methods.alignment import align
-from handbench.radar.methods.depth_uncertainty import beside_nearer
+from handbench.radar.methods.alignment import align, beside_nearer
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 

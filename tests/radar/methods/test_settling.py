@@ -11,9 +11,8 @@ from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
-from handbench.radar.methods.projection import project
+from handbench.radar.methods.projection import project, settled
 from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
-from handbench.radar.methods.settling import settled
 from handbench.radar.simulation.forward import Scatterers, simulate
 
 AXES = {"x": Axis(start_m=-0.02, stop_m=0.02, step_m=0.002), "y": Axis(start_m=-0.02, stop_m=0.02, step_m=0.002)}

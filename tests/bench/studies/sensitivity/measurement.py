@@ -28,9 +28,9 @@ from handbench.bench.studies.columns import Record
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.radar.data.capture import RadarCapture, thinned
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.fsk import masked_mean
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import Method, method
-from handbench.radar.methods.smoothing import masked_mean
 from handbench.radar.simulation.effects.sensor import thermal_noise
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
