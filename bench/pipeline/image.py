@@ -31,7 +31,7 @@ class ImagingTask:
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
         """Add to a depth map of this task its standard deviations, flags and p_gross."""
-        from handbench.radar.methods.trust import with_trust  # it reads a calibration
+        from handbench.radar.methods.depth_uncertainty import with_trust  # it reads a calibration
 
         return with_trust(depth, self.echoes, self.settings, frame)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M
-from handbench.radar.methods.trust import FLAGGED
+from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
     from handbench.bench.results import Result

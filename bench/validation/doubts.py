@@ -17,8 +17,8 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.depth_uncertainty import with_trust
 from handbench.radar.methods.registry import method
-from handbench.radar.methods.trust import with_trust
 from handbench.radar.warmup import compile_kernels
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError

@@ -28,10 +28,9 @@ from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.arrays import load_positions
-from handbench.radar.data.depthmap import load_depthmap
+from handbench.radar.data.depthmap import FLAGGED, load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.registry import method
-from handbench.radar.methods.trust import FLAGGED
 from handbench.support.config import Config, load, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_json

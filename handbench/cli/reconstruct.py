@@ -13,12 +13,12 @@ from handbench.bench.validation.checks import array_warnings, flagged, pair_warn
 from handbench.bench.validation.doubts import of_image
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import FLAGGED
 from handbench.radar.imaging import api
 from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
 from handbench.radar.imaging.device import describe
 from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import Reconstruction, method
-from handbench.radar.methods.trust import FLAGGED
 from handbench.radar.warmup import compile_kernels
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz

@@ -11,6 +11,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
 OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}  # not known to every method; kinds of number
+FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class DepthMap:
     Methods that know it add, [ny, nx]: sigma_m, predicted 1σ of z_m where no phase wrapped, NaN off target; and
     wrapped (bool), pixels in doubt: their phase may have wrapped, which would put z_m off by a whole period, or their
     tones do not agree on a depth, or it is the first or last that was looked at. p_gross, NaN off target: the
-    probability that z_m is off by more than 5 mm from the nearest true surface (`radar.methods.trust`).
+    probability that z_m is off by more than 5 mm from the nearest true surface (`radar.methods.depth_uncertainty`).
     """
 
     x_m: np.ndarray

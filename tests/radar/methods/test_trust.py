@@ -8,10 +8,17 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
+from handbench.radar.methods.depth_uncertainty import (
+    FEATURES,
+    features,
+    fsk_with_uncertainty,
+    known_weights,
+    probability,
+    weights_of,
+    with_trust,
+)
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import methods
-from handbench.radar.methods.trust import FEATURES, features, known_weights, probability, weights_of, with_trust
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import TONES_HZ, around, point_capture, points_capture, surface_points
 

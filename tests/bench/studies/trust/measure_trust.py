@@ -21,12 +21,10 @@ import numpy as np
 
 from handbench.bench.results.tables import declared
 from handbench.bench.studies.columns import Record, Table
-from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods import trust
-from handbench.radar.methods.registry import method, method_key
-from handbench.radar.methods.trust import (
+from handbench.radar.data.depthmap import FLAGGED, DepthMap
+from handbench.radar.methods import depth_uncertainty
+from handbench.radar.methods.depth_uncertainty import (
     FEATURES,
-    FLAGGED,
     GROSS_M,
     WEIGHTS,
     features,
@@ -34,6 +32,7 @@ from handbench.radar.methods.trust import (
     probability,
     weights_of,
 )
+from handbench.radar.methods.registry import method, method_key
 from handbench.support.closure import key_of
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz, write_text
@@ -56,7 +55,7 @@ SCENES = ("trust.trust_cases", "ablation.assorted_scenes", "stability.random_sce
 def study(work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int) -> Study:
     """So many scenes of points, some hands and assorted scenes to them, and captures."""
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
-    features_hash = content_hash(Path(trust.__file__))  # without its weights, which no kept feature depends on
+    features_hash = content_hash(Path(depth_uncertainty.__file__))
     code = [*(key_of(f"tests.bench.studies.{name}") for name in SCENES), features_hash, *map(method_key, chosen)]
     folder = work / content_hash(*code, *chosen, seed, fit)[:16]
     drawn = cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures)
@@ -161,7 +160,7 @@ def _fitted(records: list[Record]) -> np.ndarray:
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:
     """The file of weights [1 + k] by method."""
-    parts = ["# Weights of radar/methods/trust.py, written by `tests/bench/studies/trust/measure_trust.py --fit`.\n"]
+    parts = ["# Weights of p_gross, written by `tests/bench/studies/trust/measure_trust.py --fit`.\n"]
     for id, values in weights.items():
         parts += [f"\n[{id}]\n", *(f"{n} = {w:.4f}\n" for n, w in zip(("constant", *FEATURES), values, strict=True))]
     return "".join(parts)
@@ -177,7 +176,7 @@ def main() -> None:
     parser.add_argument("--methods", default="", help="ids, separated by commas (default: twelve that differ)")
     folders = "folders with truth.ply, imaged at the methods' defaults"
     parser.add_argument("--captures", nargs="*", type=Path, default=[], metavar="CAPTURE", help=folders)
-    weights = "fit the weights anew and write them beside radar/methods/trust.py"
+    weights = "fit the weights anew and write them to radar/methods/trust.toml"
     parser.add_argument("--fit", action="store_true", help=weights)
     parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0); the weights stand on 0")
     script.measured(parser, study, "trust")

@@ -8,7 +8,7 @@ import pytest
 
 from handbench.bench.scenes.shapes import plate_mesh
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.trust import FEATURES, probability
+from handbench.radar.methods.depth_uncertainty import FEATURES, probability
 from tests.bench.studies.trust import measure_trust
 from tests.bench.studies.trust.measure_trust import as_toml, figures
 from tests.bench.studies.trust.trust_cases import BESIDE_M, off_mesh
