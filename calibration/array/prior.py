@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
-from handbench.calibration.spheres.description import Target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import Target, match
 from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls
 from handbench.calibration.transforms import perturbation_jacobian, umeyama
 from handbench.radar.data.capture import RadarCapture

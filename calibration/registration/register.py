@@ -17,11 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.registration.ransac import majority
-from handbench.calibration.registration.rigid_fit import Pairs
+from handbench.calibration.registration.rigid_fit import Pairs, majority
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Candidate, Target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import Candidate, Target, match
 from handbench.calibration.spheres.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
 from handbench.calibration.spheres.radar_detection import find_balls
 from handbench.calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
@@ -31,13 +29,6 @@ from handbench.support.progress import say
 
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved
-
-
-def calibrate(points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target) -> Transform:
-    """`radar_from_photo` from a cloud of the target ([n, 3], metres, photo frame; normals outward or None) and its
-    echoes (radar frame). Raises HandbenchError as `measure` and `solve` do."""
-    pairs, common_m2 = measure(points_m, normals, capture, target)
-    return solve(pairs, common_m2=common_m2)
 
 
 def measure(

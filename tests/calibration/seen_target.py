@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.calibration.registration.register import common_pairs, solve
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.spheres.description import Candidate, Target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import Candidate, Target, match
 from handbench.calibration.transforms import Transform
 
 ANY = tuple(range(5))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handbench.calibration.registration.register import calibrate, common_covariance
+from handbench.calibration.registration.register import common_covariance, measure, solve
 from tests.calibration.spheres.test_balls import capture, centres
 from tests.calibration.spheres.test_spheres import scene
 
@@ -13,7 +13,9 @@ def test_a_cloud_and_echoes_give_the_transform(rng, target):
     """0.1 mm at every element: spheres are good for 0.02 mm, balls for 0.03 mm each."""
     points_m, normals, photo_m = scene(rng, target, 0.35)
     radar_m = centres(rng, target)
-    found = calibrate(points_m, normals, capture(rng, target, radar_m, (0, 1, 2, 3, 4), None), target)
+    echoes = capture(rng, target, radar_m, (0, 1, 2, 3, 4), None)
+    pairs, common_m2 = measure(points_m, normals, echoes, target)
+    found = solve(pairs, common_m2=common_m2)
     miss_m = found.points(photo_m) - radar_m
     assert np.linalg.norm(miss_m, axis=1).max() < 1e-4
     assert len(found.residuals_m) == 5

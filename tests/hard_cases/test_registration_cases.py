@@ -13,12 +13,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.registration import ransac
 from handbench.calibration.registration.register import solve
-from handbench.calibration.registration.rigid_fit import HUBER, Pairs
+from handbench.calibration.registration.rigid_fit import GROSS, HUBER, Pairs
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Candidate, Element, Target, default_target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import Candidate, Element, Target, default_target, match
 from handbench.calibration.spheres.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
 from handbench.calibration.spheres.radar_detection import Ball
 from handbench.calibration.transforms import Transform, condition_number
@@ -105,7 +103,7 @@ def test_condition() -> Seen:
 @hard_case(
     "a mirror image whose height shrinks",
     kind="derived",
-    bound=ransac.GROSS,
+    bound=GROSS,
     unit="σ",
     quantity="largest distance of a pair after the fit",
     reference="the pair's own standard deviation",
@@ -150,7 +148,7 @@ def test_nearly_symmetric() -> Seen:
 @hard_case(
     "one wrong pair in five",
     kind="derived",
-    bound=float(np.sqrt(HUBER * ransac.GROSS)),
+    bound=float(np.sqrt(HUBER * GROSS)),
     unit="σ",
     quantity="error of the transform",
     reference="the other four, exact",

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.spheres.description import Candidate, Element, Target, default_target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import Candidate, Element, Target, default_target, match
 from handbench.calibration.transforms import Transform, umeyama
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import ANY, align, candidates, pose, register

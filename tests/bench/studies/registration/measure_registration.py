@@ -28,7 +28,7 @@ from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.tradeoff.target_placements import seen_cloud
-from handbench.calibration.registration.register import calibrate
+from handbench.calibration.registration.register import measure, solve
 from handbench.calibration.spheres.description import save_target
 from handbench.calibration.transforms import Transform
 from handbench.radar.data.capture import RadarCapture
@@ -130,7 +130,12 @@ def sampled(number: int, fault: str, work: Path) -> Record:
     chosen = case(number, work / f"placement-{number}", fault, photographs=False)
     points_m, normals = seen_cloud(chosen, chosen.seen)
     echoes = _echoes(chosen)
-    return tried(chosen, lambda: calibrate(points_m, normals, echoes, chosen.described))
+
+    def registered() -> Transform:
+        pairs, common_m2 = measure(points_m, normals, echoes, chosen.described)
+        return solve(pairs, common_m2=common_m2)
+
+    return tried(chosen, registered)
 
 
 def tried(chosen: Case, work: Callable[[], Transform]) -> Record:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.studies.tradeoff.target_placements import made, seen_cloud
-from handbench.calibration.spheres.description import default_target
-from handbench.calibration.spheres.matching import match
+from handbench.calibration.spheres.description import default_target, match
 from handbench.calibration.spheres.optical_detection import find_spheres
 from handbench.calibration.transforms import Transform
 from handbench.support.errors import HandbenchError
