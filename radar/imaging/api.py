@@ -20,7 +20,7 @@ import numpy as np
 from handbench.radar.data.arrays import Aperture, positions, tones
 from handbench.radar.data.capture import largest_part, near_one
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.certificate import of_nodes, of_points, opened
+from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.cpu.exact import check_samples
 from handbench.radar.imaging.device import chosen
@@ -147,8 +147,7 @@ def image_points(
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
         for executor, near, where in zip(plans, parts, places, strict=True):
             images[:, near] = executor.image(samples, where)
-    if (certificate := opened.get()) is not None:
-        of_points(certificate, images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
+    certify_points(images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -170,18 +169,18 @@ def image_volume(
     check(tolerance)
     count = len(samples) if apart else 1
     require_memory(8 * count * int(np.prod(grid.shape)), f"volume of {count} × {grid.shape} voxels [nz, ny, nx]")
-    shape = (count, *grid.shape) if apart else grid.shape
     if tolerance is None:
-        return _exact_volume(samples, frequencies_hz, aperture, grid, apart).reshape(shape)
-    imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
-    nodes, images = imager.nodes(samples, grid.z_m)
-    volumes = imager.upsampler.volume(nodes, images, carrier)
-    if (certificate := opened.get()) is not None and carrier:
+        volumes = _exact_volume(samples, frequencies_hz, aperture, grid, apart)
+    else:
+        imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
+        nodes, images = imager.nodes(samples, grid.z_m)
+        volumes = imager.upsampler.volume(nodes, images, carrier)
+    if tolerance is None or carrier:
         rows = volumes.reshape(count, -1, len(grid.x_m))
-        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
-    elif certificate is not None:
-        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
-    return volumes.reshape(shape)
+        certify_points(rows, samples, frequencies_hz, aperture, grid.points_at_m)
+    else:
+        certify_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    return volumes.reshape((count, *grid.shape) if apart else grid.shape)
 
 
 @_watched
@@ -194,8 +193,7 @@ def project_volume(
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
     nodes, images = imager.nodes(samples, grid.z_m)
-    if (certificate := opened.get()) is not None:
-        of_nodes(certificate, imager.plan, nodes, images, samples, frequencies_hz, aperture)
+    certify_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return imager.upsampler.project(nodes, images)
 
 
@@ -281,7 +279,4 @@ def _exact_volume(
         volume[:, chunk] = _device().exact_images(
             samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
         )
-    if (certificate := opened.get()) is not None:
-        rows = volume.reshape(len(volume), -1, len(grid.x_m))
-        of_points(certificate, rows, samples, frequencies_hz, aperture, grid.points_at_m)
     return volume

@@ -47,19 +47,19 @@ class Certificate:
         self.images += 1
 
 
-# The certificate that images are made under, if any: imaging asks here before it calls anything.
-opened: ContextVar[Certificate | None] = ContextVar("certificate", default=None)
+# The certificate that images are made under, if any.
+_opened: ContextVar[Certificate | None] = ContextVar("certificate", default=None)
 
 
 @contextmanager
 def certified() -> Iterator[Certificate]:
     """Yield what the images made in the block, by this thread, are certified to."""
     certificate = Certificate()
-    token = opened.set(certificate)
+    token = _opened.set(certificate)
     try:
         yield certificate
     finally:
-        opened.reset(token)
+        _opened.reset(token)
 
 
 def imaging_error(
@@ -79,15 +79,16 @@ def imaging_error(
     return float(np.divide(root_mean_square(image.ravel()[picked] - exact), root_mean_square(image)))
 
 
-def of_points(
-    certificate: Certificate,
+def certify_points(
     images: np.ndarray,
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, rows, n]; points_at_m: flat index [k] → their points [k, 3]."""
+    """Certify images [f or 1, rows, n], where a certificate is open; points_at_m: flat index [k] → points [k, 3]."""
+    if (certificate := _opened.get()) is None:
+        return
     samples, aperture = _heard(samples, aperture)
     bright = Brightness(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
     count = _count(samples)
@@ -101,8 +102,7 @@ def of_points(
     certificate.add(error, weight, bright.mean_square(), ROUNDED if whole else FACTOR)
 
 
-def of_nodes(
-    certificate: Certificate,
+def certify_nodes(
     plan: GridPlan,
     nodes: VoxelGrid,
     images: np.ndarray,
@@ -110,7 +110,9 @@ def of_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx]."""
+    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx], where a certificate is open."""
+    if (certificate := _opened.get()) is None:
+        return
     samples, aperture = _heard(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     axes = zip(_axes(grid), _axes(nodes), strict=True)  # z, y, x; each voxel counts for the nearest node

@@ -3,6 +3,9 @@
 Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch is one product per
 tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point, what is left of it in float32. Nodes'
 images pass through the processor's memory: there are thirty times fewer of them than voxels.
+
+An exact image is one complex product per tone and block. A planar scan is an array there, whose second leg is one
+antenna that the wave meets zero times.
 """
 
 from collections.abc import Iterator
@@ -12,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
-from handbench.radar.imaging.gpu.exact import exact_images as exact_images
 from handbench.radar.imaging.gpu.levels import Level, level
 from handbench.radar.imaging.peaks import Peaks, root_mean_square
 from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
@@ -25,6 +28,7 @@ from handbench.support.parallel import for_each
 PIECE = 512  # points of one leaf that share a product
 WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
 PATH_BYTES = 40  # per point and antenna: differences in double
+POINT_BYTES = 48  # per point and antenna of an exact image: distances in double, their turns, phases and products
 VOXEL_BYTES = 64  # of a piece of a volume: both planes, and what their magnitude or carrier takes
 
 
@@ -212,3 +216,29 @@ def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: 
         index, last = first[now, None] + np.arange(widest), end[now, None] - 1
         target = np.where(index <= last, where.order[np.minimum(index, last)], len(where.order))
         yield Batch(leaf[now], rows[leaf[now]], where.points_m[:, np.minimum(index, last)], target)
+
+
+def exact_images(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool
+) -> np.ndarray:
+    """As `radar.imaging.cpu.exact.exact_images`: complex64 [f or 1, n] at points_m [n, 3]."""
+    xp = array_module()
+    turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
+    matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first
+    matrices, (n_b, n_a) = xp.asarray(matrices, dtype=np.complex64), matrices.shape[1:]
+    images = np.empty((len(samples) if apart else 1, len(points_m)), np.complex64)
+    block = max(BLOCK_BYTES // (POINT_BYTES * (n_a + n_b)), 1)
+    for start in range(0, len(points_m), block):
+        here = slice(start, start + block)
+        points = xp.asarray(np.ascontiguousarray(points_m[here].T, np.float64))[:, None]
+        lengths = [
+            leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs
+        ]
+        paths_a, paths_b = as_of_an_array(aperture, lengths)
+        part = xp.zeros((len(images), points.shape[2]), np.complex64)
+        for f, turns in enumerate(turns_per_m):
+            heard = xp.matmul(matrices[f], cis(xp, turns * paths_a))  # a scan's sum over positions is a product
+            heard *= cis(xp, turns * paths_b)
+            part[f if apart else 0] += heard.sum(axis=0)
+        images[:, here] = to_host(part)
+    return images

@@ -13,7 +13,7 @@ from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, 
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.device import SETTING, array_module, chosen, describe, use_device
-from handbench.radar.imaging.gpu import exact, executor, levels
+from handbench.radar.imaging.gpu import executor, levels
 from handbench.radar.imaging.plan import TreePlan
 from handbench.radar.imaging.tree import Box, Family
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
@@ -138,7 +138,7 @@ def test_small_blocks_change_nothing(device, monkeypatch):
         volume = image_volume(samples, TONES_HZ, ARRAY, corner(nz=20), 1e-3)  # of another shape: a plan of its own
         return [volume, image_points(samples, TONES_HZ, ARRAY, points, None)]
 
-    for module in (exact, levels, executor):
+    for module in (levels, executor):
         monkeypatch.setattr(module, "BLOCK_BYTES", 1 << 21)
     for there, here in zip(*on(device, everything), strict=True):
         assert relative_error(there, here) < AGREED
