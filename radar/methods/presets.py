@@ -3,6 +3,7 @@ run, so that a method is known by name and configuration at once."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -31,8 +32,34 @@ PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
 
 
-def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **defaults: bool | float | str) -> None:
-    """Register a method by its configuration, with these defaults instead of the configuration's own; a variant's id
+def _fsk(capture: RadarCapture, config: AnyConfig, frame: int, id: str) -> Reconstruction:
+    from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
+
+    return Reconstruction(replace(fsk_with_uncertainty(capture, config, frame), method=id))
+
+
+def _mip(capture: RadarCapture, config: ProjectionConfig, frame: int, id: str) -> Reconstruction:
+    from handbench.radar.methods.projection import project, volume
+
+    depth = project(capture, config, id, frame)
+    return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
+
+
+def _sensor(capture: RadarCapture, config: PixelsConfig, frame: int, id: str) -> Reconstruction:
+    from handbench.radar.methods.optical_prior import other_sensor
+
+    return Reconstruction(other_sensor(capture, config, id, frame))
+
+
+def _preset(
+    make: Callable[[RadarCapture, Any, int, str], Reconstruction],
+    id: str,
+    config: type[Config],
+    summary: str,
+    source: str = OURS,
+    **defaults: bool | float | str,
+) -> None:
+    """Register make(capture, config, frame, id) with these defaults instead of the configuration's own; a variant's id
     begins with that of the method that it varies."""
     if defaults:
         known = config.model_fields  # whose limits hold on
@@ -42,35 +69,28 @@ def _preset(id: str, config: type[Config], summary: str, source: str = OURS, **d
         config = create_model(config.__name__, __base__=config, **fields)
 
     @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
-    def run(capture: RadarCapture, config: AnyConfig | ProjectionConfig | PixelsConfig, frame: int) -> Reconstruction:
-        from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-        from handbench.radar.methods.optical_prior import other_sensor
-        from handbench.radar.methods.projection import project, volume
-
-        if isinstance(config, AnyConfig):
-            return Reconstruction(replace(fsk_with_uncertainty(capture, config, frame), method=id))
-        if isinstance(config, PixelsConfig):
-            return Reconstruction(other_sensor(capture, config, id, frame))
-        depth = project(capture, config, id, frame)
-        return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
+    def run(capture: RadarCapture, config: Config, frame: int) -> Reconstruction:
+        return make(capture, config, frame, id)
 
 
-_preset("2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
-_preset("3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
-_preset("broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
-_preset("narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
+_preset(_fsk, "2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
+_preset(_fsk, "3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
+_preset(_mip, "broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
+_preset(_mip, "narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
-_preset("2fsk-settled", TwoToneConfig, "2-FSK that corrects z_e until it stays", corrections=SETTLING)
-_preset("3fsk-settled", ThreeToneConfig, "3-FSK that corrects z_e until it stays", corrections=SETTLING)
-_preset("3fsk-offaxis", ThreeToneConfig, "3-FSK with the path's true derivative instead of 2", off_axis=True)
-_preset("3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels with their power", weighted=True)
-_preset("3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
-_preset("nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
-_preset("nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
-_preset("broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-4)
-_preset("broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
-_preset("broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
-_preset("broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")
+_preset(_fsk, "2fsk-settled", TwoToneConfig, "2-FSK that corrects z_e until it stays", corrections=SETTLING)
+_preset(_fsk, "3fsk-settled", ThreeToneConfig, "3-FSK that corrects z_e until it stays", corrections=SETTLING)
+_preset(_fsk, "3fsk-offaxis", ThreeToneConfig, "3-FSK with the path's true derivative instead of 2", off_axis=True)
+_preset(_fsk, "3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels with their power", weighted=True)
+_preset(_fsk, "3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
+_preset(_fsk, "nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
+_preset(_fsk, "nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
+_preset(
+    _mip, "broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-4
+)
+_preset(_mip, "broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
+_preset(_mip, "broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
+_preset(_mip, "broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")
 
 
 @register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
@@ -87,6 +107,12 @@ def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruc
     return Reconstruction(prior_two_tone(capture, config, frame))
 
 
-_preset("kinect", PixelsConfig, "another sensor of the capture, if it holds one: Azure Kinect, time of flight", OTHERS)
-_preset("realsense", PixelsConfig, "the same: RealSense D435i, active stereo", OTHERS)
-_preset("zed", PixelsConfig, "the same: ZED X Mini, passive stereo", OTHERS)
+_preset(
+    _sensor,
+    "kinect",
+    PixelsConfig,
+    "another sensor of the capture, if it holds one: Azure Kinect, time of flight",
+    OTHERS,
+)
+_preset(_sensor, "realsense", PixelsConfig, "the same: RealSense D435i, active stereo", OTHERS)
+_preset(_sensor, "zed", PixelsConfig, "the same: ZED X Mini, passive stereo", OTHERS)

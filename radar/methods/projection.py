@@ -24,7 +24,7 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.cpu.executor import ToneSkeleton
-from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.imaging.peaks import Peaks
 from handbench.radar.imaging.plan import kept as kept_plan
 from handbench.radar.imaging.tree import Family
 from handbench.radar.methods.alignment import agreed, align, capon, coherence_factor
@@ -192,12 +192,11 @@ def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False)
         _KEPT.reset(token)
 
 
-def maximum_projection(image: np.ndarray | Peaks, config: ProjectionConfig, method: str) -> DepthMap:
-    """Maximum intensity projection along z of a volume [nz, ny, nx] or its peaks: each pixel takes the depth of its
+def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> DepthMap:
+    """Maximum intensity projection along z, of the peaks of a volume: each pixel takes the depth of its
     strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
     pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
     grid = config.grid()
-    peaks = image if isinstance(image, Peaks) else strongest_voxels(image)
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
     if config.subvoxel:
