@@ -150,7 +150,7 @@ class Drawn:
         Returns:
             Matplotlib's figure.
         """
-        from handbench.reports.figures.single import save
+        from handbench.reports.figures.style import save
 
         figure = self._figure()
         if file is not None:
@@ -161,7 +161,7 @@ class Drawn:
         raise NotImplementedError
 
     def _repr_png_(self) -> bytes:
-        from handbench.reports.figures.single import png
+        from handbench.reports.figures.style import png
 
         return png(self._figure())
 

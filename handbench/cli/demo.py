@@ -27,7 +27,8 @@ def run(options: argparse.Namespace) -> None:
     from handbench.calibration.transforms import identity
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.grid import PixelGrid
-    from handbench.reports.figures.single import methods_figure, save
+    from handbench.reports.figures.depth_maps import methods_figure
+    from handbench.reports.figures.style import save
     from handbench.reports.tables.result_tables import terminal_table, wide_console
     from handbench.support.cost import machine
 

@@ -47,7 +47,8 @@ def run(options: argparse.Namespace) -> None:
     for doubt in doubts:
         say(f"{options.depth}: {doubt}")
     if options.plot is not None:
-        from handbench.reports.figures.single import methods_figure, save
+        from handbench.reports.figures.depth_maps import methods_figure
+        from handbench.reports.figures.style import save
 
         save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():

@@ -47,8 +47,8 @@ def run(options: argparse.Namespace) -> None:
     if path.suffix == ".toml" or not path.exists():
         _drawing(options)
         return
-    from handbench.reports.figures.single import save
-    from handbench.reports.page.single_scene import page
+    from handbench.reports.figures.style import save
+    from handbench.reports.page.scene3d import page
 
     if options.paper or (options.out is not None and options.out.suffix.lower() == ".toml"):
         raise HandbenchError(f"{path}: is neither target nor board; --paper and -o FILE.toml are for these")

@@ -1,6 +1,6 @@
-"""Maps side by side, each with a scale of its own: all that a depth map knows, a volume's projections, a surface from
-several sides."""
+"""Maps in millimetres: what is drawn of each, and several side by side, each with a scale of its own."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,20 +8,22 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
 from handbench.bench.results import ErrorMap, Surface
-from handbench.reports.figures import depth_maps
 from handbench.reports.figures.style import STYLE
 
+DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
+ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 LIGHT = np.array([-0.45, 0.55, 0.70])  # of the eye's axes: from the upper left, a little before the surface
 HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and beside it: names, and a bar of colours
 DECIBELS: dict[str, Any] = {"colours": "magma", "norm": Normalize(-40, 0), "label": "dB below the maximum"}
 SIGMAS: dict[str, Any] = {"colours": "cividis", "norm": LogNorm(0.01, 10), "ticks": (0.01, 0.1, 1, 10)}
-ERRORS = depth_maps.error_scale()
 KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units, look
     "amplitude_db": (1, DECIBELS | {"title": "amplitude"}),
     "sigma_m": (1e3, SIGMAS | {"title": "predicted error", "label": "σ in mm"}),
@@ -30,6 +32,8 @@ KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units,
         {"title": "probability to be off by > 5 mm", "colours": "plasma", "norm": Normalize(0, 1), "label": " "},
     ),
 }
+
+Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left > right
 
 
 @dataclass(frozen=True)
@@ -47,14 +51,25 @@ class Layer:
     label: str = ""
     axes: tuple[str, str] = ("x in mm", "y in mm")
     outline: np.ndarray | None = None
-    box: depth_maps.Box | None = None
+    box: Box | None = None
     ticks: tuple[float, ...] = ()
 
     @property
-    def shown_mm(self) -> depth_maps.Box:
+    def shown_mm(self) -> Box:
         """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger than the second."""
-        (low, high), (bottom, top) = (depth_maps.edges_mm(1e-3 * axis) for axis in (self.x_mm, self.y_mm))
+        (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
+
+    def draw(self, axis: Axes) -> AxesImage:
+        """Draw it, pixel for pixel."""
+        axis.set_facecolor(EMPTY)
+        colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
+        shown = np.ma.masked_invalid(self.values) if colours else self.values
+        extent = (*edges(self.x_mm), *edges(self.y_mm))
+        image = axis.imshow(shown, colours, self.norm, interpolation="nearest", origin="lower", extent=extent)
+        if self.outline is not None and self.outline.any() and not self.outline.all():
+            axis.contour(self.x_mm, self.y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4)
+        return image
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
@@ -68,13 +83,8 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
         figure.suptitle(title, fontsize=9, y=1 - 0.06 / height)
         for layer, (wide, high), right in zip(layers, sizes_in, rights_in, strict=True):
             y, box = 0.5 + (HIGH_IN - high) / 2, layer.shown_mm
-            axis = figure.add_axes((x / width, y / height, wide / width, high / height), facecolor=depth_maps.EMPTY)
-            colours = colormaps[layer.colours].with_extremes(bad=depth_maps.EMPTY) if layer.colours else None
-            shown = np.ma.masked_invalid(layer.values) if colours else layer.values
-            extent = (*depth_maps.edges_mm(1e-3 * layer.x_mm), *depth_maps.edges_mm(1e-3 * layer.y_mm))
-            image = axis.imshow(shown, colours, layer.norm, interpolation="nearest", origin="lower", extent=extent)
-            if layer.outline is not None and layer.outline.any() and not layer.outline.all():
-                axis.contour(layer.x_mm, layer.y_mm, layer.outline, levels=[0.5], colors="0.35", linewidths=0.4)
+            axis = figure.add_axes((x / width, y / height, wide / width, high / height))
+            image = layer.draw(axis)
             axis.set(xlabel=layer.axes[0], ylabel=layer.axes[1], title=layer.title, xlim=box[:2], ylim=box[2:])
             axis.xaxis.set_major_locator(MaxNLocator(2 if wide < 1.6 else 4))
             if layer.label:
@@ -87,21 +97,65 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
     return figure
 
 
+def edges(centres: np.ndarray) -> tuple[float, float]:
+    """Outer edges of the first and the last pixel, in the centres' unit."""
+    half = (centres[-1] - centres[0]) / (len(centres) - 1) / 2
+    return centres[0] - half, centres[-1] + half
+
+
+def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
+    """The box around every pixel that any surface has."""
+    x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
+    y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
+    if not len(x_mm):
+        x_mm, y_mm = 1e3 * surfaces[0].x_m, 1e3 * surfaces[0].y_m
+    return x_mm.max() + margin_mm, x_mm.min() - margin_mm, y_mm.min() - margin_mm, y_mm.max() + margin_mm
+
+
+def depth_scale(surface: Surface) -> Normalize:
+    """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
+    z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
+    if not len(z_mm):
+        return Normalize(0, 1)
+    return Normalize(5 * math.floor(z_mm.min() / 5 - 0.5), 5 * math.ceil(z_mm.max() / 5 + 0.5))
+
+
+def error_scale() -> SymLogNorm:
+    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
+    return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
+
+
+def depth_layer(title: str, surface: Surface, norm: Normalize) -> Layer:
+    """Depths on a scale."""
+    x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
+    return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
+
+
 def depth_layers(surface: Surface, others: dict[str, np.ndarray]) -> list[Layer]:
     """A depth map's panel, and those of what else is KNOWN [ny, nx]."""
-    look, box = (depth_maps.DEPTH_COLOURS, depth_maps.depth_scale(surface), "z in mm"), depth_maps.box_of([surface])
-    depth = Layer("depth", 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m, *look, box=box)
+    depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
     return [depth] + [replace(depth, values=values, **look) for values, look in known]
 
 
-def error_layer(errors: ErrorMap) -> Layer:
-    """Signed errors with the reference's outline; red lies behind the reference, blue before it."""
-    seen_mm, look = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)]), (depth_maps.ERROR_COLOURS, ERRORS)
-    title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
-    box = depth_maps.box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)])
-    layer = Layer(title, 1e3 * errors.x_m, 1e3 * errors.y_m, 1e3 * errors.error_m, *look, "z − z_ref in mm", box=box)
-    return replace(layer, ticks=depth_maps.ERROR_TICKS_MM, outline=np.isfinite(errors.reference_z_m))
+def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
+    """Signed errors with the reference's outline; red lies behind the reference, blue before it. title: None for their
+    mean."""
+    if title is None:
+        seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
+        title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
+    return Layer(
+        title,
+        1e3 * errors.x_m,
+        1e3 * errors.y_m,
+        1e3 * errors.error_m,
+        ERROR_COLOURS,
+        error_scale(),
+        "z − z_ref in mm",
+        outline=np.isfinite(errors.reference_z_m),
+        box=box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)]),
+        ticks=ERROR_TICKS_MM,
+    )
 
 
 def volume_layers(volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> list[Layer]:

@@ -1,9 +1,12 @@
-"""The look of every picture: fonts, colours and markers of the methods, how times are written."""
+"""The look of every picture: fonts, colours and markers of the methods, how times are written; and its file."""
 
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
+import matplotlib
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
@@ -14,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from handbench.bench.results import MethodFacts, Result
 from handbench.reports.tables.blocks import known
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_path
 
 STYLE: dict[RcKeyType, object] = {
     "font.size": 9,
@@ -60,6 +65,7 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
     "#44AA99",
     "#999933",
 )
+FORMATS = (".png", ".pdf", ".svg")
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 
 
@@ -71,20 +77,6 @@ class Picture:
     caption: str
     alt: str
     figure: Figure
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The places of rows of panels, in inches from the lower left: the sizes of the whole and of a panel, the left
-    edges of the columns, that of the bars of colours and their width, and each row of panels with its lower edge."""
-
-    width: float
-    height: float
-    wide: float
-    high: float
-    lefts: list[float]
-    bar: tuple[float, float]
-    rows: list[tuple[Any, float]]
 
 
 def narrow() -> bool:
@@ -162,3 +154,19 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
     ticks.set_major_formatter("{x:g}")
     ticks.set_minor_formatter(NullFormatter())
     axis.grid(axis=side, alpha=0.25, linewidth=0.4)
+
+
+def save(figure: Figure, file: str | Path) -> None:
+    """Write a figure, atomically; HandbenchError for a suffix other than those of FORMATS."""
+    if Path(file).suffix.lower() not in FORMATS:
+        raise HandbenchError(f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}")
+    with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
+        figure.savefig(temporary, format=Path(file).suffix[1:].lower())
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as the bytes of a PNG."""
+    stream = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(stream, format="png")
+    return stream.getvalue()

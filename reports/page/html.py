@@ -11,7 +11,7 @@ from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import methods
-from handbench.reports.page import cause_section, rendering, scene3d, sections, tradeoff_section
+from handbench.reports.page import rendering, scene3d, sections, tradeoff_section
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import caption
@@ -69,7 +69,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     parts = page_names(groups)
     swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
-    causes = cause_section.section(result, out / "figures")
+    causes = sections.causes(result, out / "figures")
     further = track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts))
     counts = charts.added([charts.counted(result, groups[0]), *further])
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")

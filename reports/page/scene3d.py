@@ -10,8 +10,9 @@ from PIL import Image
 
 from handbench.bench.results import CaptureFacts, Result, Surface
 from handbench.reports.figures import layers
-from handbench.reports.figures.depth_maps import DEPTH_COLOURS, ERROR_COLOURS, depth_scale, error_scale, mean_text
+from handbench.reports.figures.depth_maps import mean_text
 from handbench.reports.figures.style import methods
+from handbench.reports.page.rendering import image, render
 from handbench.reports.tables.blocks import AGAINST, DRAWN
 from handbench.support.errors import HandbenchError
 
@@ -21,72 +22,71 @@ ERROR_STEP_MM, NO_ERROR = 0.002, -32_768
 COLOURS = 65  # samples of each colour scale
 STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
+Errors = dict[str, tuple[np.ndarray, str]]  # by reference: signed errors [ny, nx] in metres, and a note
+Part = tuple[str, str, Surface, Errors]  # name, title, surface, and its errors
+
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     """One capture for the view; None where nothing was observed at all."""
     references = [reference for reference in DRAWN if reference in capture.references]
-    found = {name: result.surface(capture.name, name) for name in references}
-    maps = {method.name: result.surface(capture.name, method.name) for method in methods(result)}
-    everything = np.concatenate([s.z_m[np.isfinite(s.z_m)] for s in (*found.values(), *maps.values())])
-    if not len(everything):
-        return None
-    low_mm, high_mm = 1e3 * everything.min(), 1e3 * everything.max()
-    step_mm = max((high_mm - low_mm) / LEVELS, 1e-6)
-    norm = depth_scale(next(iter((*found.values(), *maps.values()))))
-    surfaces = [_surface(name, AGAINST[name], s, low_mm, step_mm) for name, s in found.items()]
+    parts: list[Part] = [(name, AGAINST[name], result.surface(capture.name, name), {}) for name in references]
     for method in methods(result):
-        errors = {r: result.errors(capture.name, method.name, r) for r in references}
-        told: dict[str, Any] = {
-            r: (e.error_m, f"{mean_text(result, e.error_m)} {AGAINST[r]}") for r, e in errors.items()
-        }
-        surfaces.append(_surface(method.name, method.title, maps[method.name], low_mm, step_mm, told))
+        errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
+        told = {r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}") for r, error_m in errors.items()}
+        parts.append((method.name, method.title, result.surface(capture.name, method.name), told))
+    return _scene(capture.name, references, parts)
+
+
+def page(name: str, title: str, surface: Surface) -> str:
+    """A page with one surface, to turn; HandbenchError where nothing was observed."""
+    scene = _scene(name, [], [(title, title, surface, {})])
+    if scene is None:
+        raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
+    picture = layers.shaded(surface, np.isfinite(surface.z_m))[::-1, ::-1]
+    still = image(Image.fromarray(np.round(255 * picture).astype(np.uint8)), f"{title}, seen from the array.", shown=2)
+    facts = {"methods": [{"name": title, "title": title}], "shown": title, "scales": scales(), "still": still}
+    return render("single.html", name=name, scenes=[scene], **facts)
+
+
+def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any] | None:
+    """Surfaces for the view, on the depth scale of the first; None where nothing was observed at all."""
+    z_mm = 1e3 * np.concatenate([surface.z_m[np.isfinite(surface.z_m)] for _, _, surface, _ in parts])
+    if not len(z_mm):
+        return None
+    norm, low_mm, step_mm = layers.depth_scale(parts[0][2]), z_mm.min(), max(np.ptp(z_mm) / LEVELS, 1e-6)
     return {
-        "capture": capture.name,
-        "low_mm": low_mm,
-        "step_mm": step_mm,
+        "capture": name,
+        "low_mm": float(low_mm),
+        "step_mm": float(step_mm),
         "depth_mm": [norm.vmin, norm.vmax],
         "references": references,
-        "surfaces": surfaces,
+        "surfaces": [_surface(*part, low_mm, step_mm) for part in parts],
     }
-
-
-def plain(name: str, title: str, surface: Surface) -> dict[str, Any]:
-    """A surface alone for the view; HandbenchError where nothing was observed at all."""
-    z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
-    if not len(z_mm):
-        raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
-    norm, low_mm, step_mm = depth_scale(surface), float(z_mm.min()), max(float(np.ptp(z_mm)) / LEVELS, 1e-6)
-    depth = {"low_mm": low_mm, "step_mm": step_mm, "depth_mm": [norm.vmin, norm.vmax]}
-    return {"capture": name, "references": [], "surfaces": [_surface(title, title, surface, low_mm, step_mm)], **depth}
 
 
 def scales() -> dict[str, Any]:
     """The colours of depth and error, and where an error of so many mm stands on its scale (0 to 1)."""
-    norm = error_scale()
-    ticks_mm = [-30, -10, -3, -1, 0, 1, 3, 10, 30]
+    norm = layers.error_scale()
     at = np.linspace(0, 1, COLOURS)
     return {
         "skin": layers.SKIN,
-        "depth": _hex(DEPTH_COLOURS, at),
-        "error": _hex(ERROR_COLOURS, at),
+        "depth": _hex(layers.DEPTH_COLOURS, at),
+        "error": _hex(layers.ERROR_COLOURS, at),
         "error_mm": [round(float(value), 6) for value in norm.inverse(at)],  # the error at each colour, rising
-        "ticks": [[tick, round(float(norm(tick)), 4)] for tick in ticks_mm],
+        "ticks": [[tick, round(float(norm(tick)), 4)] for tick in layers.ERROR_TICKS_MM],
         "error_step_mm": ERROR_STEP_MM,
         "no_error": NO_ERROR,
     }
 
 
-def _surface(
-    name: str, title: str, surface: Surface, low_mm: float, step_mm: float, errors: dict[str, Any] | None = None
-) -> dict[str, Any]:
-    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box. errors: signed errors
-    [ny, nx] in metres and a note, by reference."""
+def _surface(name: str, title: str, surface: Surface, errors: Errors, low_mm: float, step_mm: float) -> dict[str, Any]:
+    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
     x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
     seen = np.isfinite(z_mm)
     against = {}
-    for reference, (error_m, note) in (errors or {}).items():
+    for reference, (error_m, note) in errors.items():
         error_mm = 1e3 * error_m[inside][seen]
         steps = np.clip(np.nan_to_num(error_mm) / ERROR_STEP_MM, NO_ERROR + 1, -NO_ERROR - 1)
         against[reference] = {
@@ -138,7 +138,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
         errors = result.errors(capture.name, method, reference)
         if errors.error_m.shape == surface.z_m.shape:
             error_mm = 1e3 * errors.error_m[inside]
-            colours = colormaps[ERROR_COLOURS](error_scale()(np.nan_to_num(error_mm)))[..., :3]
+            colours = colormaps[layers.ERROR_COLOURS](layers.error_scale()(np.nan_to_num(error_mm)))[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
             there = there | np.isfinite(error_mm)
     picture = np.dstack([picture, there])[::-1, ::-1]  # y up, x to the left; the page shows through beside it

@@ -14,7 +14,7 @@ from handbench.bench.evaluation.error_causes import Scored
 from handbench.bench.results.tables import each
 from handbench.radar.data.depthmap import DepthMap
 from handbench.reports.figures.charts import CAUSES, explained
-from handbench.reports.page import cause_section, html
+from handbench.reports.page import html, sections
 from handbench.reports.tables.blocks import number
 from tests.bench.evaluation.explained import explain
 from tests.reports.synthetic_result import METHODS, write_synthetic
@@ -72,7 +72,7 @@ def test_pictures_show_what_the_tables_say(told):
 
 
 def test_tables_have_every_bin_and_method(told):
-    grid = cause_section.by_cause(told)[0]
+    grid = sections.by_cause(told)[0]
     assert grid.headings == ("cause", "bin", "Broadband", "2-FSK", "3-FSK", "Narrowband")
     lines = told.causes[(told.causes.reference == "photogrammetry") & (told.causes.method == "3fsk")]
     assert len(grid.rows) == len(lines)
@@ -80,7 +80,7 @@ def test_tables_have_every_bin_and_method(told):
     for line in each(lines):
         assert f"{number(line.absolute_mm, 2)} [{number(line.mean_mm, 2)}] {line.n_pixels}/{line.n_captures}" in cells
     assert {row[5] for row in grid.rows} == {"–"}
-    table = cause_section.reliability(told)[0]
+    table = sections.reliability(told)[0]
     assert [row[:2] for row in table.rows] == [(m, p) for m in ("2-FSK", "3-FSK") for p in ("all", "not flagged")]
 
 
@@ -89,4 +89,4 @@ def test_the_page_has_the_section_and_that_of_an_older_result_does_not(result_fo
     html.build(tell(small, ("3fsk",)).folder, tmp_path / "new")
     assert 'id="causes"' in (tmp_path / "new" / "index.html").read_text("utf-8")
     assert {"causes__truth.png", "reliability.pdf"} <= {p.name for p in (tmp_path / "new" / "figures").iterdir()}
-    assert cause_section.section(results.load(result_folder), tmp_path) is None
+    assert sections.causes(results.load(result_folder), tmp_path) is None

@@ -20,9 +20,9 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.statistics.paired import compare
 from handbench.bench.results.tables import COMPARISONS, frame
-from handbench.reports.figures import depth_maps
 from handbench.reports.figures.charts import added, counted, overview
 from handbench.reports.figures.depth_maps import panels
+from handbench.reports.figures.layers import edges
 from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, PAGE, STYLE, looks
 from handbench.reports.page import html, rendering, scene3d, sections
 from handbench.reports.page.rendering import render
@@ -206,8 +206,8 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
 def test_a_pixel_is_drawn_where_it_lies():
     """The pixel at x = 10 mm, y = 20 mm covers exactly 9…11 mm and 19…21 mm of the panel."""
     axis_m = np.array([0.008, 0.010, 0.012])
-    assert depth_maps.edges_mm(axis_m) == pytest.approx((7, 13))
-    assert depth_maps.edges_mm(axis_m + 0.010) == pytest.approx((17, 23))
+    assert edges(1e3 * axis_m) == pytest.approx((7, 13))
+    assert edges(1e3 * axis_m + 10) == pytest.approx((17, 23))
 
 
 def test_the_error_scale_is_the_same_for_every_capture(result_folder):
