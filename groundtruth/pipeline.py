@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.cameras.model_files import write_model
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Volume
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME

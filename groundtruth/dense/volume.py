@@ -84,6 +84,11 @@ class Volume:
     box_m: tuple[float, ...] | None
     source: str
 
+    @classmethod
+    def found(cls, box_m: np.ndarray, source: str) -> "Volume":
+        """A box [2, 3] that was found, to the micrometre."""
+        return cls(tuple(box_m.ravel().round(6).tolist()), source)
+
     def box(self) -> np.ndarray | None:
         """Lowest and highest corner [2, 3]."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
@@ -108,8 +113,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
         centres_m = np.array([camera.centre_m for camera in sparse.cameras()])
         local, source = off_plane(plane, points_m, centres_m)
         box_m = plane.around(local)
-    box_m = in_common_field(box_m, sparse.cameras())
-    return Volume(tuple(box_m.ravel().round(6).tolist()), source)
+    return Volume.found(in_common_field(box_m, sparse.cameras()), source)
 
 
 def _seen(sparse: Sparse) -> np.ndarray:
@@ -151,8 +155,7 @@ def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volum
     low, high = sides[:, 0].min(axis=0), sides[:, 1].max(axis=0)
     room_m = COARSE_ROOM * np.linalg.norm(high - low) + COARSE_ROOM_PX * cloud.pixel_m
     sides = np.stack([[*(low - room_m)[:2], -BELOW_M], high + room_m])
-    box_m = np.clip(plane.around(sides), *box)
-    return Volume(tuple(box_m.ravel().round(6).tolist()), f"{found.source}, and coarse depth maps")
+    return Volume.found(np.clip(plane.around(sides), *box), f"{found.source}, and coarse depth maps")
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:

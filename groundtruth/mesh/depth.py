@@ -52,9 +52,8 @@ def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np
     in front of the mesh, and the depth is computed again in double precision on the triangle that was hit.
     """
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
-    hit, triangle = _cast(vertices_m, faces, x_m, y_m)
-    x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
-    return _spread(hit, _depth_of_plane(vertices_m[faces[triangle]], x, y), np.nan)
+    unknown_m, seen = np.full(len(vertices_m), np.nan), np.ones(len(vertices_m), dtype=bool)
+    return reference_on_grid(Surface(vertices_m, faces, unknown_m, seen), x_m, y_m).z_m
 
 
 def reference_on_grid(

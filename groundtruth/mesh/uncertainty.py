@@ -6,7 +6,7 @@ one of their images in common with a chance that makes their errors correlated b
 pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
 (1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
 map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on fine strong textures.
-*Cameras*: `covariance.point_covariance`. *Distance*: where the surface runs on beyond the points that were seen, its
+*Cameras*: `adjust.point_covariance`. *Distance*: where the surface runs on beyond the points that were seen, its
 slope is known to SLOPE only. *Windows*: where a surface bends or is seen aslant they shift all maps alike, by SHARED_PX
 of a pixel, and where the seen surface ends, mostly at a silhouette, they see what lies behind it too: by FATTENED_PX at
 the border, and less up to the reach of a window. No spread shows either; both are measured.
@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.sparse.covariance import CameraCovariance, point_covariance
+from handbench.groundtruth.sparse.adjust import CameraCovariance, point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # of a surface that was not seen

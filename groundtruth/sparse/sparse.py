@@ -8,18 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.groundtruth.cameras.camera_files import cameras_in, load_model
+from handbench.groundtruth.cameras.camera_files import cameras_in, load_model, write_model
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered
-from handbench.groundtruth.cameras.model_files import write_model
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.photos.photos import Photo
-from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance
-from handbench.groundtruth.sparse.features import DATABASE, Lenses, scales_px
 from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
 from handbench.groundtruth.sparse.inputs import Inputs
-from handbench.groundtruth.sparse.sfm import changes, refinement, structure_from_motion, triangulated
+from handbench.groundtruth.sparse.sfm import (
+    DATABASE,
+    Lenses,
+    changes,
+    refinement,
+    scales_px,
+    structure_from_motion,
+    triangulated,
+)
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.progress import say

@@ -13,8 +13,7 @@ from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.pipeline import reconstruct
-from handbench.groundtruth.sparse.features import Lenses
-from handbench.groundtruth.sparse.sfm import structure_from_motion
+from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
 from handbench.support.errors import HandbenchError
 
 FOUNTAIN = Path(__file__).parents[2].parent / "shared" / "data" / "fountain-P11"

@@ -16,9 +16,8 @@ from handbench.groundtruth.mesh.surface import Surface
 from handbench.groundtruth.mesh.target import Target
 from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.inputs import Inputs
 from handbench.groundtruth.sparse.sparse import INTRINSICS, Sparse

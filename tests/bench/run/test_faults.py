@@ -24,7 +24,7 @@ from handbench.bench import results
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.bench.run.tabulation import tables
-from handbench.groundtruth.cameras.model_files import write_model
+from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.dense.planesweep import swept_disparity
 from handbench.groundtruth.dense.views import Stereo
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh

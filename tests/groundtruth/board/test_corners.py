@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.groundtruth.board.corners import refined, to_light
+from handbench.groundtruth.board.markers import refined, to_light
 
 FINE = 8  # sub-pixels of the drawing
 QUAD = np.array([(60.3, 40.7), (150.9, 52.2), (141.6, 139.8), (52.4, 131.1)])  # clockwise, as indices

@@ -17,8 +17,8 @@ from handbench.groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
+from handbench.groundtruth.sparse.adjust import CameraCovariance, camera_covariance, point_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.noisy_model import noisy_model
 

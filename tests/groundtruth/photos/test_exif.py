@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.exif import body_of, focal_length_px, is_plausible, orientation_of, read_exif
+from handbench.groundtruth.photos.photos import body_of, focal_length_px, is_plausible, orientation_of, read_exif
 
 WIDTH, HEIGHT = 320, 240
 

@@ -11,7 +11,7 @@ from handbench.groundtruth.cameras.cameras import Camera, save_cameras
 from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.inputs import content, gather, resolve
-from handbench.groundtruth.sparse.sfm import structure_from_motion
+from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
 from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
@@ -103,7 +103,7 @@ def test_the_poses_of_three_photographs_give_the_scale(tmp_path, posed, enough):
 def solve(folder):
     (folder / "sfm").mkdir()
     photos = find_photos(folder)
-    return photos, structure_from_motion(photos, folder / "sfm")
+    return photos, structure_from_motion(photos, folder / "sfm", Lenses())
 
 
 def test_hard_photographs_register_and_a_stranger_is_named(tmp_path, capsys):

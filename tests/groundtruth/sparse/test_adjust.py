@@ -5,9 +5,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
-from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import pixel_jacobians, project
 from tests.groundtruth.noisy_model import FEATURE_PX, PARAMS, noisy_model, poses_of

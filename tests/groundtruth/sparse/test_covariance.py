@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance, point_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import CameraCovariance, camera_covariance, point_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import noisy_model

@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale, board_from_model
 from handbench.support.errors import HandbenchError
 

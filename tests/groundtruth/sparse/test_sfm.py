@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from handbench.groundtruth.cameras.camera_files import cameras_in
 from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, find_photos
-from handbench.groundtruth.sparse.features import Lenses, find_features, pipeline_options
-from handbench.groundtruth.sparse.sfm import changes, refinement
+from handbench.groundtruth.sparse.sfm import Lenses, changes, find_features, pipeline_options, refinement
 from tests.groundtruth.synthetic_model import synthetic_model
 
 
