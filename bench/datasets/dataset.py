@@ -4,8 +4,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from handbench.bench.datasets.mapped_capture import MappedCapture
-from handbench.bench.datasets.mapping import MAPPING
+from handbench.bench.datasets.mapped_capture import MAPPING, MappedCapture
 from handbench.bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
 from handbench.bench.datasets.native import (
     DESCRIPTION,

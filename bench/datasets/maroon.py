@@ -21,43 +21,39 @@ from pydantic import Field
 
 from handbench.bench.datasets.maroon_alignment import (
     ALIGNMENT,
+    LENSES,
     Handedness,
+    OtherSensor,
     Triangles,
     handedness_of,
     load_alignment,
+    pictures,
     read_table,
 )
 from handbench.bench.datasets.maroon_frame import read_frame
-from handbench.bench.datasets.maroon_mask import eroded, radar_kernel_px
-from handbench.bench.datasets.maroon_sensors import LENSES, OtherSensor, pictures
 from handbench.bench.datasets.native import CaptureFile, NativeCapture
 from handbench.calibration.transforms import Transform, checked_numbers
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support.config import Config, parse, suggest
+from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, inside, require_file
+from handbench.support.files import content_hash, inside
 from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
-MESHES = {
-    "masked": "mesh_masked.obj",  # reconstructed from photographs cut to the object
-    "whole": "mesh.obj",
-    "masked_smoothed": "mesh_masked_smoothed.obj",  # their code writes these two, and scores against them
-    "smoothed": "mesh_smoothed.obj",
-    "cleaned": "mesh_smoothed_cleaned.ply",
-    "synthetic": "mesh_synthetic.obj",  # the model behind an object that was printed
-}
+MESHES = {"masked": "mesh_masked.obj", "whole": "mesh.obj"}  # the first: of photographs cut to the object
 BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
 NEAR_ZMIN_M, ZMAX_M = 0.26, 0.7  # their code's, where metadata.json has none: the first for objects at 0.3 m only
 ROUNDED = 7  # decimals of metres: they keep float32
 PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)  # the methods that want pixels, and those of voxels
 PROJECTIONS = ("broadband", "narrowband")
+FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
+RADAR_KERNEL = 4  # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 
 
 class Metadata(Config, extra="ignore"):
@@ -136,17 +132,14 @@ class MaroonCapture(NativeCapture):
         folder = self.folder / PHOTOGRAMMETRY / "rgb"
         return folder if folder.is_dir() else None
 
-    def mesh(self, kind: str | None = None) -> Path | None:
-        """One of the MESHES, in their photogrammetry's frame, metres; by default the masked one or, as in their code
-        and said, the whole one where there is no masked one. None without any."""
-        if kind is not None and kind not in MESHES:
-            raise HandbenchError(f"mesh: unknown kind '{kind}'; {suggest(kind, list(MESHES))}")
-        here = {name: path for name, file in MESHES.items() if (path := self.folder / PHOTOGRAMMETRY / file).is_file()}
-        if kind is not None:
-            return require_file(self.folder / PHOTOGRAMMETRY / MESHES[kind], f"the mesh (there are: {', '.join(here)})")
-        if "masked" not in here and "whole" in here:
-            say(f"{self.folder}: has no {MESHES['masked']}; {MESHES['whole']} is taken, as their code does")
-        return here.get("masked", here.get("whole"))
+    def mesh(self) -> Path | None:
+        """The masked mesh, in their photogrammetry's frame, metres; or, as in their code and said, the whole one where
+        there is no masked one; None without any."""
+        masked, whole = (self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole"))
+        if masked.is_file() or not whole.is_file():
+            return masked if masked.is_file() else None
+        say(f"{self.folder}: has no {masked.name}; {whole.name} is taken, as their code does")
+        return whole
 
     def transform(self) -> Transform | None:
         """radar_from_photo in our frame, with a note on its hand; None without an alignment."""
@@ -173,7 +166,7 @@ class MaroonCapture(NativeCapture):
         """
         found = np.isfinite(depth.z_m)
         if erode:
-            found = eroded(found, radar_kernel_px(self.metadata.mask_erosion))
+            found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
         turned = bool({"xmin", "xmax"} & self.metadata.mask_bb.keys()) and self.handedness.mirrored
         x_m, y_m = np.meshgrid(-depth.x_m if turned else depth.x_m, depth.y_m)
         for axis, values_m in zip("xyz", (x_m, y_m, depth.z_m), strict=True):
@@ -272,3 +265,19 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
         found = {PHOTOGRAMMETRY: lambda: read_triangles(mesh_file)[:2]}
     source, surface = next(iter(found.items()), (PHOTOGRAMMETRY, None))
     return handedness_of(file, source, surface, lambda: capture.echoes(1))
+
+
+def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
+    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller one that leaves more than
+    FEWEST_PX pixels (their `SensorVisualizer.add_sensor`); of y upwards and our x, as all maps here are.
+
+    The map's border erodes nothing. Their images are ours turned by 180°, which an even kernel minds.
+    """
+    import cv2
+
+    theirs = np.ascontiguousarray(mask[::-1, ::-1], np.uint8)
+    for side in range(pixels, 1, -1):
+        smaller = cv2.erode(theirs, np.ones((side, side), np.uint8)) > 0
+        if np.count_nonzero(smaller) > FEWEST_PX:
+            return smaller[::-1, ::-1]
+    return mask.astype(bool)

@@ -1,4 +1,4 @@
-"""`alignment.json`, the file of transforms of the MAROON data set (Wirth et al. 2024, arXiv 2411.00527).
+"""`alignment.json`, MAROON's file of transforms (Wirth et al. 2024, arXiv 2411.00527), and the sensors that it aligns.
 
 It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the frames of the sensors
 `radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`; metres in the first two, millimetres in
@@ -8,22 +8,25 @@ frame is ours already, or that the sensor's points are a mirror image. Both read
 the radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in docs/maroon.md.
 """
 
-from collections.abc import Callable, Mapping
-from itertools import permutations
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from handbench.calibration.transforms import Transform, checked_numbers, identity, load_transform
+from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
+from handbench.support.pictures import opened_picture
 from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
@@ -35,6 +38,13 @@ PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
 LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}  # 3-FSK, a ninth of the paper's pixels
 FAR_MM = 20.0  # off the nearer reading the radar's depth is of something else
 CLEAR_MM = 0.5  # by which the reading that the matrix does not suggest must fit better; below, the object is symmetric
+LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}  # sensor → its lens in calibration.json (Kinect: own form)
+SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
+LONGEST_MM = 10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
+# Kinect's modes NFOV_UNBINNED and 1080P, which their code asks for: sides of the whole picture, corner and sides of it.
+MODES = {"D0": ((1024, 1024), (192, 180), (640, 576)), "PV0": ((1920, 1440), (0, 180), (1920, 1080))}
+LOCATION, MODEL = "CALIBRATION_CameraLocation", "CALIBRATION_LensDistortionModelBrownConrady"
+BROWN_CONRADY = [0, 1, 2, 3, 4, 5, 13, 12, 6, 7, 8, 9]  # FULL_OPENCV's parameters among the factory's 14
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 
 
@@ -64,28 +74,24 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
     return Transform(FRAMES.get(source, source), "radar", _straight(path, key, flip @ matrix))
 
 
-def save_alignment(
-    path: str | Path, transform: Transform, mirrored: bool | None = None, others: Mapping[str, Transform] | None = None
-) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically, and `radar_from_SENSOR` of the others: between each two of
-    them and the radar, and into the world, which is the radar's frame in a new file.
+def save_alignment(path: str | Path, transform: Transform) -> None:
+    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and into the world, which is the
+    radar's frame in a new file.
 
-    An existing file keeps its other keys, and the hand of its radar frame; mirrored: the hand of a new one, None: x to
-    the right, as their code draws it. The covariance has no place there.
+    An existing file keeps its other keys, and the hand of its radar frame; that of a new one has x to the right, as
+    their code draws it. The covariance has no place there.
     """
     transform.require("photo", "radar", "transform")
     known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}  # which no viewer corrects
+    flip = MIRROR_X  # from our radar frame to theirs, or back
     if Path(path).exists():
         known |= read_table(path)
-        if mirrored is None and "photogrammetry2radar" in known:
-            mirrored = load_alignment(path, mirrored=True).scale > 0
-    flip = np.eye(4) if mirrored is False else MIRROR_X  # from our radar frame to theirs, or back
-    sensors = {"photogrammetry": transform, **(others or {})}
-    to_radar = {name: flip @ of.matrix for name, of in sensors.items()} | {"radar": np.eye(4)}
+        if "photogrammetry2radar" in known and load_alignment(path, mirrored=True).scale < 0:
+            flip = np.eye(4)
     world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(4, 4)
-    from_radar = {name: of.inverse().matrix @ flip for name, of in sensors.items()} | {"radar": np.eye(4)}
-    between = {f"{a}2{b}": from_radar[b] @ to_radar[a] for a, b in permutations(to_radar, 2)}
-    write_json(path, known | between | {f"{name}2world": world @ to_radar[name] for name in sensors})
+    to_radar = flip @ transform.matrix
+    ways = {"photogrammetry2radar": to_radar, "photogrammetry2world": world @ to_radar}
+    write_json(path, known | ways | {"radar2photogrammetry": transform.inverse().matrix @ flip})
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
@@ -170,3 +176,108 @@ def load_any_transform(file: Path | None) -> Transform:
         return identity("radar")
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
     return transform.require(transform.source, "radar", file)
+
+
+def pictures(folder: Path, sensor: str, kind: str) -> list[Path]:
+    """A sensor's pictures of a kind ("depth", "mask"), in order."""
+    return sorted((folder / sensor / kind / SIDES.get(sensor, "")).glob("[0-9]*.png"))
+
+
+@dataclass(frozen=True)
+class OtherSensor:
+    """A sensor of an object's folder; alignment: the file with its matrix; mirrored: tells later how to read it."""
+
+    folder: Path
+    name: str
+    alignment: Path
+    mirrored: Callable[[], bool]
+
+    def __call__(self, grid: PixelGrid, frame: int = 0) -> np.ndarray:
+        """Depth z [ny, nx] of what it saw, from the radar: `depth_on_grid` of its pixels joined to triangles."""
+        points, faces = self.triangles(frame)
+        transform = load_alignment(self.alignment, self.name, self.mirrored())
+        return depth_on_grid(mesh(transform.points(points), faces), grid.x_m, grid.y_m)
+
+    def triangles(self, frame: int = 0) -> Triangles:
+        """A frame in its matrix's frame and unit, cut to the object where there is a mask. HandbenchError for a frame
+        that is not there, and for files that are not the sensor's."""
+        from handbench.groundtruth.photos.photos import read_gray
+
+        depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
+        if not frame < len(depths):
+            raise HandbenchError(f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}")
+        counts, mask = _counts(depths[frame]), read_gray(masks[-1]) > 0 if masks else np.array(True)
+        content = read_table(self.folder / self.name / "calibration.json", f"the cameras of MAROON's {self.name}")
+        try:
+            depth_mm = counts * 1e3 * _numbers(content.get("capture", {}).get("scale", 1e-3), 1)
+            points_mm, seen = (self._kinect if self.name == "kinect" else self._pinhole)(depth_mm, mask, content)
+        except (HandbenchError, KeyError, TypeError, ValueError, AttributeError) as error:
+            raise HandbenchError(f"{depths[frame].parent}: does not fit its calibration.json ({error})") from error
+        scale = load_alignment(self.alignment, self.name).scale
+        unit = {-3: 1.0, 0: 1e-3}.get(round(np.log10(scale)))
+        if unit is None:
+            raise HandbenchError(f"{self.alignment}: {self.name}2radar scales by {scale:.3g}; expected 0.001 or 1")
+        return unit * points_mm, _joined(depth_mm, seen)
+
+    def _pinhole(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Points [n, 3] of the pixels [height, width] that are seen, and these."""
+        lens, (height, width), seen = content[LENSES[self.name]], depth_mm.shape, (depth_mm > 0) & mask
+        params = tuple(_numbers([lens[key] for key in ("fx", "fy", "cx", "cy")], 4) + [0, 0, 0.5, 0.5])
+        camera = Camera(name=self.name, width=width, height=height, model="PINHOLE", params=params)
+        return _points(camera, depth_mm, seen), seen
+
+    def _kinect(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The same, the mask being of the colour camera, in the frame of its matrix."""
+        from scipy.ndimage import map_coordinates
+
+        cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
+        depth, colour = (kinect_camera(cameras[place]) for place in MODES)
+        rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))
+        points_mm = _points(depth, depth_mm, seen := depth_mm > 0)
+        of_colour_mm = points_mm @ rotation.reshape(3, 3).T + 1e3 * shift_m
+        if mask.ndim:
+            pixels = np.asarray(colour.colmap().img_from_cam(of_colour_mm)) - 0.5
+            kept = map_coordinates(mask.astype(np.uint8), pixels.T[::-1], order=0) > 0
+            points_mm, of_colour_mm, seen[seen] = points_mm[kept], of_colour_mm[kept], kept
+        space = read_table(self.alignment).get("kinect_calib", {}).get("space", "color")
+        return (points_mm if space == "depth" else of_colour_mm), seen
+
+
+def kinect_camera(factory: dict[str, Any]) -> Camera:
+    """The camera of a mode from the factory's entry for its sensor; ValueError for a lens of another model."""
+    lens, place = factory["Intrinsics"], factory["Location"].removeprefix(LOCATION)
+    (wide, high), (left, top), (width, height) = MODES[place]
+    if lens["ModelType"] != MODEL:
+        raise ValueError(f"the lens is {lens['ModelType']}, expected {MODEL}")
+    cx, cy, fx, fy, *others = _numbers(lens["ModelParameters"], 14)
+    params = np.array([fx * wide, fy * high, cx * wide - left, cy * high - top, *others])[BROWN_CONRADY]
+    return Camera(name=place, width=width, height=height, model="FULL_OPENCV", params=tuple(params))
+
+
+def _numbers(values: Any, count: int) -> np.ndarray:
+    return checked_numbers("its", "numbers", np.reshape(values, -1).tolist(), [(count,)], 1e4)
+
+
+def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Points [n, 3] of the pixels that are seen, in the camera's frame."""
+    if depth_mm.shape != (camera.height, camera.width):
+        raise ValueError(f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}")
+    xy = np.asarray(camera.colmap().cam_from_img(np.argwhere(seen)[:, ::-1] + 0.5))
+    return np.concatenate([xy, np.ones((len(xy), 1))], axis=1) * depth_mm[seen, None]
+
+
+def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Faces [m, 3] between neighbouring pixels whose depths differ by no more than LONGEST_MM."""
+    index = np.where(seen, np.cumsum(seen).reshape(seen.shape) - 1, -1)
+    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1).reshape(-1, 4)
+    faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [3, 2, 1]]])
+    faces = faces[(faces >= 0).all(axis=1)]
+    return faces[np.ptp(depth_mm[seen][faces], axis=1) <= LONGEST_MM]
+
+
+def _counts(file: Path) -> np.ndarray:
+    """A grey picture of 16 bits [height, width]."""
+    with opened_picture(file) as image:
+        if image.mode != "I;16":
+            raise HandbenchError(f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits")
+        return np.asarray(image, np.float64)

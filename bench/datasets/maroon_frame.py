@@ -1,23 +1,41 @@
-"""One radar frame of MAROON: echoes of 96 × 96 antennas, of which the inner 94 × 94 are used.
+"""One radar frame of MAROON: a numpy file that holds a pickled dictionary, read here without running anything.
 
-What their public code says of `xr`: it is [receiver, transmitter, frequency]; rows and columns 1 to 94 are used, which
-are `radar.data.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, so that the echo is e^{−j2πfτ} as with us,
-and nothing is conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
+What their public code says of its echoes, `xr`: they are [receiver, transmitter, frequency] of 96 × 96 antennas; rows
+and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, so that
+the echo is e^{−j2πfτ} as with us, and nothing is conjugated. Pairs of antennas that the radar could not use may be
+zero; they stay so.
+
+A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
+numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
+Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. As a few
+hundred bytes can make a tuple of 2⁶⁰ parts, which what hashes or prints it walks through, keys are text, and only those
+steps are taken, and counted, that arrays and plain values need.
 """
 
+import math
+import pickle
+import pickletools
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.maroon_pickle import read_dictionary
 from handbench.radar.data.capture import single
 from handbench.support.errors import HandbenchError
+from handbench.support.files import read_bytes
+from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
 
 ANTENNAS, USED = 96, slice(1, 95)
 RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between
 MOST = 1_000_000  # frames that six digits number
+NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
+PLAIN = (np.generic, bool, int, float, str, type(None))
+WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 
 
 @dataclass(frozen=True)
@@ -61,3 +79,149 @@ def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
     if value.dtype.kind not in "biufc" or value.size == 0:
         raise HandbenchError(f"{file}: '{key}' is {value.dtype} {value.shape}; expected numbers")
     return value
+
+
+def read_dictionary(path: str | Path) -> dict[str, Any]:
+    """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
+    nothing that the file names is ever called."""
+    content = read_bytes(path, WHAT, PICKLE_BYTES)
+    try:
+        return _unpickle(content)
+    except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
+
+
+def _unpickle(content: bytes) -> dict[str, Any]:
+    stream = BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    shape, _, dtype = read_header(stream)
+    if not dtype.hasobject or dtype.names or shape != ():
+        raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
+    start = stream.tell()
+    if sum(1 for _ in islice(pickletools.genops(stream), MOST_STEPS + 1)) > MOST_STEPS:
+        raise ValueError("its program has too many steps")
+    stream.seek(start)
+    outermost = _Unpickler(stream).load()
+    held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
+    if not isinstance(held, dict):
+        raise ValueError("it holds no dictionary")
+    return {key: _checked(key, value) for key, value in held.items()}
+
+
+def _checked(key: Any, value: Any) -> Any:
+    if not isinstance(key, str):
+        raise ValueError(f"a key is {type(key).__name__}, not text")
+    if isinstance(value, _Array) and value.numbers is not None:
+        return value.numbers
+    if isinstance(value, PLAIN):
+        return value
+    kinds = {_Array: "an array of objects", _Table: "dict"}
+    kind = kinds.get(type(value), type(value).__name__)
+    raise ValueError(f"'{key}' is {kind}")
+
+
+class _Dtype:
+    """Stands in for numpy.dtype: a kind of number and its byte order, or the object of the outermost array."""
+
+    def __init__(self, name: str, *_: bool) -> None:
+        if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
+            raise ValueError(f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type")
+        self.name, self.order = name, "="
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        if state[1] not in ("<", ">", "=", "|") or any(part is not None for part in state[2:5]):
+            raise ValueError("structured numbers")
+        self.order = state[1]
+
+    def numbers(self, content: bytes, count: int) -> np.ndarray:
+        """`count` numbers from their bytes."""
+        dtype = np.dtype(self.name).newbyteorder(self.order)
+        if dtype.hasobject or not isinstance(content, bytes) or len(content) != count * dtype.itemsize:
+            raise ValueError(f"not the bytes of {count} numbers of type {self.name}")
+        return np.frombuffer(content, dtype)
+
+
+class _Array:
+    """Stands in for numpy.ndarray: an array of `numbers`, or the outermost one with its only object."""
+
+    def __init__(self, *_: Any) -> None:
+        self.numbers: np.ndarray | None = None
+        self.objects: list[Any] = []
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        _, shape, dtype, by_column, content = state
+        if len(shape) > 32 or any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
+            raise ValueError("an array without shape or type")
+        if dtype.name.startswith("O"):
+            if shape != () or not isinstance(content, list) or len(content) != 1:
+                raise ValueError("an array of objects")
+            self.objects = content
+        else:
+            self.numbers = dtype.numbers(content, math.prod(shape)).reshape(shape, order="F" if by_column else "C")
+
+
+def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
+    """Stands in for numpy.core.multiarray.scalar."""
+    return dtype.numbers(content, 1)[0]
+
+
+@dataclass(frozen=True)
+class _Name:
+    """Stand-in for a name in the pickle: it can be called, and nothing else."""
+
+    make: Callable[..., Any]
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.make(*arguments)
+
+    def __setstate__(self, state: Any) -> None:
+        raise ValueError("a name that is changed")
+
+
+CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since
+NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
+    (core, name): make for core in CORES for name, make in (("_reconstruct", _Array), ("scalar", _scalar))
+}
+
+
+KNOWN = (
+    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT LONG_BINGET MEMOIZE "
+    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
+    "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINBYTES SHORT_BINBYTES"
+)
+
+
+class _Table(dict[str, Any]):
+    """Takes text alone as keys: whatever else is never hashed."""
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        if not isinstance(key, str):
+            raise ValueError(f"a key is {type(key).__name__}, not text")
+        super().__setitem__(key, value)
+
+
+def _call(unpickler: Any) -> None:
+    """The step that calls a name; Python would print whatever else stands there, however long."""
+    arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
+    if not isinstance(name, _Name) or not isinstance(arguments, tuple):
+        raise ValueError("it calls what is no name")
+    unpickler.stack[-1] = name(*arguments)
+
+
+CODES = [getattr(pickle, name)[0] for name in KNOWN.split()]
+STEPS: dict[int, Callable[[Any], None]] = {code: pickle._Unpickler.dispatch[code] for code in CODES}
+STEPS[pickle.REDUCE[0]] = _call
+STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
+
+
+class _Unpickler(pickle._Unpickler):
+    """Knows the closed list of names, and of steps."""
+
+    dispatch = STEPS
+
+    def find_class(self, module: str, name: str) -> _Name:
+        if (module, name) not in NAMES:
+            raise ValueError(f"it names {module[:80]}.{name[:80]}")
+        return _Name(NAMES[module, name])

@@ -187,14 +187,13 @@ def maroon_sensors(folder: Path) -> None:
     """A Kinect and a RealSense of an object of MAROON."""
     import cv2
 
-    from handbench.bench.datasets.maroon_alignment import save_alignment
     from handbench.calibration.transforms import Transform
     from handbench.support.files import write_json
-    from tests.bench.datasets.maroon_writer import KINECT
+    from tests.bench.datasets.maroon_writer import KINECT, write_alignment
 
     matrix = np.diag([1e-3, 1e-3, 1e-3, 1.0])
     others = {name: Transform(name, "radar", matrix) for name in ("kinect", "realsense")}
-    save_alignment(folder / "alignment.json", radar_from_photo(), others=others)
+    write_alignment(folder / "alignment.json", radar_from_photo(), others=others)
     for name, shape, shown in (("kinect", (576, 640), (1080, 1920)), ("realsense", (12, 16), (12, 16))):
         for kind in ("depth", "mask"):
             (folder / name / kind).mkdir(parents=True)

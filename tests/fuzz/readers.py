@@ -55,7 +55,7 @@ def _maroon(folder: Path) -> None:
 
 
 def _maroon_sensors(folder: Path) -> None:
-    from handbench.bench.datasets.maroon_sensors import OtherSensor
+    from handbench.bench.datasets.maroon_alignment import OtherSensor
 
     for name in ("realsense", "kinect"):
         OtherSensor(folder, name, folder / "alignment.json", lambda: True)(PixelGrid(np.zeros(2), np.ones(3)))

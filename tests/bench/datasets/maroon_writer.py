@@ -3,15 +3,15 @@
 import json
 import shutil
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from handbench.bench.datasets.maroon_alignment import ALIGNMENT, save_alignment
+from handbench.bench.datasets.maroon_alignment import ALIGNMENT, MIRROR_X, kinect_camera
 from handbench.bench.datasets.maroon_frame import ANTENNAS, USED, Frame
-from handbench.bench.datasets.maroon_sensors import kinect_camera
 from handbench.bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
 from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.transforms import Transform, load_transform
@@ -94,8 +94,8 @@ def _volume(capture: NativeCapture, mirrored: bool) -> dict[str, list[float]]:
 
 
 def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect_frames: int) -> None:
-    """alignment.json; the true surface as "synthetic" mesh; the measured surface, or else the true one, as the meshes
-    that are scored and seen by a camera. Where nothing was photographed, the photo frame is the radar's own."""
+    """alignment.json; the measured surface, or else the true one, as the meshes that are scored and seen by a camera.
+    Where nothing was photographed, the photo frame is the radar's own."""
     measured, true, transform = capture.mesh(), capture.truth, capture.transform()
     file = capture.folder / TRUE_TRANSFORM
     if transform is None and file.exists():
@@ -108,10 +108,10 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
         if true is not None:
             vertices_m, faces, _ = read_triangles(true)
             carried = transform.inverse().points(vertices_m), faces
-            surfaces = {"synthetic": carried} | (surfaces or dict.fromkeys(("whole", "masked"), carried))
+            surfaces = surfaces or dict.fromkeys(("whole", "masked"), carried)
             if kinect_frames:
                 others["kinect"] = _write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
-        save_alignment(folder / ALIGNMENT, transform, mirrored, others)
+        write_alignment(folder / ALIGNMENT, transform, mirrored, others)
         if "masked" in surfaces:
             _write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
     for kind, (vertices_m, faces) in surfaces.items():
@@ -120,6 +120,20 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
         with file.open("w", encoding="ascii") as stream:
             np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
             np.savetxt(stream, faces + 1, "f %d %d %d")
+
+
+def write_alignment(
+    file: Path, transform: Transform, mirrored: bool = True, others: dict[str, Transform] | None = None
+) -> None:
+    """alignment.json with every way between the photographs' frame, those of the other sensors, the radar's and the
+    world, which is the radar's."""
+    flip = MIRROR_X if mirrored else np.eye(4)
+    sensors = {"photogrammetry": transform, **(others or {})}
+    to_radar = {name: flip @ of.matrix for name, of in sensors.items()} | {"radar": np.eye(4)}
+    from_radar = {name: np.linalg.inv(matrix) for name, matrix in to_radar.items()}
+    between = {f"{a}2{b}": from_radar[b] @ to_radar[a] for a, b in permutations(to_radar, 2)}
+    world = {f"{name}2world": matrix for name, matrix in to_radar.items()}
+    write_json(file, {"kinect_calib": {"space": "depth"}} | between | world)
 
 
 def _write_photograph(folder: Path, vertices: np.ndarray, faces: np.ndarray, radar_from_photo: Transform) -> None:

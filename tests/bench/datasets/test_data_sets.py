@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.mapping import Mapping, Pairs
+from handbench.bench.datasets.mapped_capture import Mapping, Pairs
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.run.benchmark_file import BenchFile, Source, load_benchmark
 from handbench.support.config import load

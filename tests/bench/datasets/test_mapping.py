@@ -7,7 +7,7 @@ import tomlkit
 from scipy.io import savemat
 
 from handbench.bench.datasets.dataset import import_capture, open_capture
-from handbench.bench.datasets.mapping import MAPPING
+from handbench.bench.datasets.mapped_capture import MAPPING
 from handbench.radar.data.arrays import AntennaArray
 from handbench.support.errors import HandbenchError
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.datasets.maroon_pickle import read_dictionary
+from handbench.bench.datasets.maroon_frame import read_dictionary
 from handbench.support.errors import HandbenchError
 from handbench.support.limits import PICKLE_BYTES
 from tests.strategies import examples

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon_alignment import save_alignment
-from handbench.bench.datasets.maroon_sensors import kinect_camera
+from handbench.bench.datasets.maroon_alignment import kinect_camera, save_alignment
 from handbench.bench.run.reconstruct_stage import Imager
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
