@@ -1,75 +1,75 @@
-"""Problems of capture folders."""
+"""Problems of capture folders, of any form, and of folders of photographs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import (
     ARRAY,
+    DESCRIPTION,
     ECHOES,
     EMPTY,
     FAR_M,
-    MESH,
     PHOTOS,
     TARGET,
     TRANSFORM,
-    TRUTH,
     CaptureFile,
+    NativeCapture,
 )
-from handbench.bench.validation.checks import array_warnings, pair_warnings, surface_warnings, transform_warnings
-from handbench.bench.validation.photo_problems import photo_problems
-from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
+from handbench.bench.pipeline.image import configured
+from handbench.bench.validation.checks import (
+    array_warnings,
+    pair_warnings,
+    surface_warnings,
+    transform_warnings,
+    warnings_of,
+)
+from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, findings, parsed, warnings_at
 from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.spheres.description import Target
-from handbench.calibration.transforms import load_transform
+from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.cameras.camera_files import cameras_of
+from handbench.groundtruth.cameras.cameras import Camera, CameraFile
 from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.groundtruth.photos.photos import SUFFIXES, Photo, find_photos
 from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.advice import require_tones
-from handbench.radar.methods.registry import Method, method
+from handbench.radar.methods.registry import method
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 
+LOOKED_AT, FEWEST_SEEN = 3, 4  # photographs in which a board is looked for, at most; corners that make it one
+
 
 @dataclass(frozen=True)
-class Seen:
-    """Facts of a capture that a benchmark must know: its name, frequencies [f], number of frames (None: as many as
-    asked for), what its sensor asks of methods, whether it can be scored, without and with a transform from elsewhere,
-    and what it lacks to calibrate with."""
+class CaptureFacts:
+    """Facts of a capture that a benchmark must know: its description (None: not readable), frequencies [f], number of
+    frames (None: as many as asked for), whether it can be scored, without and with a transform from elsewhere, and
+    what it lacks to calibrate with."""
 
-    name: str | None
+    about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
     frames: int | None = None
-    methods: dict[str, dict[str, Any]] | None = None
     scored: tuple[bool, bool] = (True, True)
     lacks: tuple[str, ...] = ()
 
-    @classmethod
-    def of(
-        cls, about: CaptureFile | None, echoes: RadarCapture | None, scored: tuple[bool, bool], lacks: tuple[str, ...]
-    ) -> "Seen":
-        """The facts of a capture, of which some could not be read."""
-        name, methods = (about.name, about.methods) if about else (None, None)
-        frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
-        return cls(name, frequencies_hz, frames, methods, scored, lacks)
-
-    def problem_of(self, chosen: Method, asked: dict[str, Any]) -> str | None:
-        """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture; None: it
-        can."""
-        of_sensor = self.methods or {}
-        values = {**of_sensor.get(chosen.base or chosen.id, {}), **of_sensor.get(chosen.id, {}), **asked}
-        try:
-            config = chosen.configure(values, "configuration")
-        except HandbenchError:
-            return None  # told where it stands
-        if self.frequencies_hz is None:
+    def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
+        """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture's tones."""
+        if self.about is None or self.frequencies_hz is None:
             return None
+        try:
+            config = configured(self.about, id, asked)
+        except HandbenchError:
+            return None  # a problem of its own
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
             require_tones(RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config)
@@ -78,37 +78,54 @@ class Seen:
         return None
 
 
-def capture_problems(folder: Path, scored: bool | None = True) -> Found[Seen]:
-    """All problems of a capture folder; what is missing is one only where something needs it. scored: whether a
+def is_native(folder: Path) -> bool:
+    """True for a folder in handbench's own form."""
+    return (folder / ECHOES).exists() or (folder / DESCRIPTION).exists()
+
+
+def is_of_photographs(folder: Path) -> bool:
+    """True if pictures lie in the folder itself, and no capture does."""
+    return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(folder)
+
+
+def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureFacts]:
+    """All problems of a capture, of any form; what is missing is one only where something needs it. scored: whether a
     reference is needed; None: its absence is a warning."""
-    found, about = yield from parsed(CaptureFile, folder / "capture.toml", "a capture description")
-    if isinstance(found.values, dict):
-        yield from _described(folder, found)
-    echoes = yield from _echoes(folder)
-    surfaces = {}
-    for name in (TRUTH, MESH):
-        if (folder / name).exists():
-            surfaces[name] = yield from surface_problems(folder / name)
-    if (folder / TRANSFORM).exists():
-        yield from _transform(folder / TRANSFORM, surfaces.get(MESH))
+    native = is_native(folder)
+    capture = NativeCapture(folder) if native else (yield from attempt(folder, lambda: open_capture(folder)))
+    if capture is None:
+        return CaptureFacts()
+    about = yield from (_described(folder) if native else attempt(folder, lambda: capture.about))
+    echoes = yield from _echoes(folder / ECHOES if native else folder, capture)
+    mesh = yield from attempt(folder, capture.mesh)
+    surfaces: dict[Path | None, Surface | None] = {}
+    for file in filter(None, (capture.truth, mesh)):
+        surfaces[file] = yield from surface_problems(file)
+    file = folder / TRANSFORM if (folder / TRANSFORM).exists() else folder
+    transform = yield from attempt(file, capture.transform)
+    yield from warnings_at(file, transform_warnings(transform, surfaces.get(mesh)) if transform else ())
     if (folder / TARGET).exists():
         yield from _target(folder / TARGET)
     if (folder / PHOTOS).is_dir():
         yield from photo_problems(folder / PHOTOS)
-    lacks = tuple(name for name in (TARGET, PHOTOS, ECHOES) if not (folder / name).exists())
+    there = {TARGET: (folder / TARGET).exists(), PHOTOS: capture.photos is not None}
+    there[ECHOES] = not native or (folder / ECHOES).exists()
+    lacks = tuple(name for name in there if not there[name])
     kind = about.kind if about is not None else "other"
-    if kind == "target" and TARGET in lacks:
-        yield Problem(folder, None, f"is a target's capture without {TARGET}; copy the target's description here")
-    measured = any((folder / name).exists() for name in (MESH, PHOTOS))
-    if scored is not False and kind != "target" and not measured and TRUTH not in surfaces:
-        text = f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}"
-        yield Problem(folder, None, text, warning=scored is None)
-    true, carried = TRUTH in surfaces, measured and (folder / TRANSFORM).exists()
-    return Seen.of(about, echoes, (true or carried, true or measured), lacks)
+    yield from findings(folder, "capture", kind=kind, lacks=lacks)
+    true, measured = capture.truth is not None, mesh is not None or capture.photos is not None
+    if scored is not False and kind != "target":
+        yield from findings(folder, "reference", needed=bool(scored), known=true or measured)
+    frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
+    carried = transform is not None or file != folder
+    return CaptureFacts(about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks)
 
 
-def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
-    """Problems of a capture.toml: of the files, the scene and the methods that it names."""
+def _described(folder: Path) -> Found[CaptureFile | None]:
+    """A capture.toml, and the problems of the files, the lengths and the methods that it names."""
+    sheet, about = yield from parsed(CaptureFile, folder / DESCRIPTION, "a capture description")
+    if not isinstance(sheet.values, dict):
+        return None
     contains = sheet.values.get("contains")
     for index, name in enumerate(contains if isinstance(contains, list) else ()):
         at = ("contains", index)
@@ -117,18 +134,17 @@ def _described(folder: Path, sheet: Sheet) -> Iterator[Problem]:
         path = yield from sheet.attempt(at, partial(inside, folder, name, "contains"))
         if path is not None and not path.exists():
             yield sheet.problem(at, f"{name} is missing, but is said to be there; copy it again")
-    distance_m, box_m = sheet.values.get("distance_m"), sheet.values.get("box_m")
-    if isinstance(distance_m, int | float) and abs(distance_m) > FAR_M:
-        yield sheet.problem(("distance_m",), f"distance_m is {distance_m:g}; is that millimetres?", warning=True)
-    if isinstance(box_m, list) and len(box_m) == 6 and all(isinstance(value, int | float) for value in box_m):
-        if any(low >= high for low, high in zip(box_m[:3], box_m[3:], strict=True)):
-            text = f"box_m is {box_m}; expected xmin, ymin, zmin, then the larger xmax, ymax, zmax"
-            yield sheet.problem(("box_m",), text)
-        if max(map(abs, box_m)) > FAR_M:
-            yield sheet.problem(("box_m",), f"box_m reaches {max(map(abs, box_m)):g} m; is that millimetres?", True)
+    if about is not None and about.distance_m is not None:
+        place, far_m = sheet.at(("distance_m",)), abs(about.distance_m)
+        yield from findings(place, "length", name="distance_m is", far_m=far_m, most_m=FAR_M)
+    if about is not None and about.box_m is not None:
+        place, far_m = sheet.at(("box_m",)), max(map(abs, about.box_m))
+        yield from findings(place, "box", box_m=list(about.box_m))
+        yield from findings(place, "length", name="box_m reaches", far_m=far_m, most_m=FAR_M)
     methods = sheet.values.get("methods")
     for id, values in methods.items() if isinstance(methods, dict) else ():
         yield from method_problems(sheet, id, values, ("methods", id), ("methods", id))
+    return about
 
 
 def method_problems(sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location) -> Found[Config | None]:
@@ -137,38 +153,68 @@ def method_problems(sheet: Sheet, id: str, values: Any, at_id: Location, at_valu
     return None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
 
 
-def _echoes(folder: Path) -> Found[RadarCapture | None]:
-    echoes = yield from attempt(folder / ECHOES, lambda: load_capture(folder / ECHOES))
+def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
+    echoes = yield from attempt(file, partial(capture.echoes, calibrated=False))
     if echoes is None:
         return None
-    calibration, empty = folder / ARRAY, folder / EMPTY
+    calibration, empty = capture.folder / ARRAY, capture.folder / EMPTY
     yield from attempt(calibration, lambda: with_calibration(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
-    for text in (*array_warnings(echoes), *pair_warnings(echoes)):
-        yield Problem(folder / ECHOES, None, text, warning=True)
+    yield from warnings_at(file, (*array_warnings(echoes), *pair_warnings(echoes)))
     return echoes
 
 
 def surface_problems(file: Path) -> Found[Surface | None]:
     """Problems of a surface's file."""
     surface = yield from attempt(file, lambda: read_surface(file))
-    for text in surface_warnings(surface) if surface is not None else ():
-        yield Problem(file, None, text, warning=True)
+    yield from warnings_at(file, surface_warnings(surface) if surface else ())
     return surface
-
-
-def _transform(file: Path, mesh: Surface | None) -> Iterator[Problem]:
-    transform = yield from attempt(file, lambda: load_transform(file).require("photo", "radar", file))
-    for text in transform_warnings(transform, mesh) if transform is not None else ():
-        yield Problem(file, None, text, warning=True)
 
 
 def _target(file: Path) -> Iterator[Problem]:
     found, target = yield from parsed(Target, file, "a calibration target description")
     for index, element in enumerate(target.element if target is not None else ()):
-        for key in ("centre_m", "sphere_radius_m", "ball_radius_m"):
-            largest_m = float(np.abs(getattr(element, key)).max())
-            if largest_m > (FAR_M if key == "centre_m" else 1.0):
-                text = f"{key} is {largest_m:g} m; is that millimetres?"
-                yield found.problem(("element", index, key), text, warning=True)
+        for key, most_m in (("centre_m", FAR_M), ("sphere_radius_m", 1.0), ("ball_radius_m", 1.0)):
+            far_m = float(np.abs(getattr(element, key)).max())
+            place = found.at(("element", index, key))
+            yield from findings(place, "length", name=f"{key} is", far_m=far_m, most_m=most_m)
+
+
+def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
+    """All problems of a folder of photographs, its cameras.json and its board.toml; scaled: one of these must give the
+    scale."""
+    photos = yield from attempt(folder, lambda: find_photos(folder))
+    described, cameras = folder / "board.toml", folder / "cameras.json"
+    board, known = None, None
+    if described.exists():
+        _, board = yield from parsed(Board, described, "an ArUco board description")
+    posed = 0
+    if cameras.exists():
+        _, read = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
+        posed = sum(camera.R is not None and camera.t is not None for camera in read.cameras) if read else 0
+        if read is not None and photos is not None:
+            known = yield from attempt(cameras, partial(cameras_of, photos, cameras))
+    yield from findings(folder, "photographs", needed=scaled, board=described.exists(), posed=posed)
+    yield from warnings_at(described, board_warnings(photos or (), board, known or ()) if board else ())
+
+
+def board_warnings(photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()) -> list[str]:
+    """A warning about the board's unit: its corners lie out of reach, or the first photograph that shows it, with a
+    camera's focal length or the photograph's own, was taken from further or nearer than cameras stand about a hand."""
+    from handbench.groundtruth.board.markers import detect_corners, focal_length_px
+
+    corners_m = {(id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)}
+    if far := list(warnings_of("board", {"far_m": float(np.abs(list(corners_m.values())).max())})):
+        return far
+    for photo, camera in zip_longest(photos[:LOOKED_AT], cameras[:LOOKED_AT]):
+        seen = detect_corners(photo, board)
+        if len(seen) < FEWEST_SEEN:
+            continue
+        focal_px = camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
+        board_m, seen_px = (
+            np.linalg.norm(np.std(of, axis=0)) for of in ([corners_m[at] for at in seen], [*seen.values()])
+        )
+        distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / seen_px)
+        return list(warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m}))
+    return []

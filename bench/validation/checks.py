@@ -1,7 +1,9 @@
-"""Every check of numbers that can be read and can hardly be meant, in one list: its subject, when it warns, advice.
+"""Every check of a thing that can be read, in one list: its subject, its name, when it applies, its advice.
 
-The facts of a thing (an array, a depth map, a surface, …) are a dictionary of plain values; a check's `found` and its
-advice, a format string, take them by name. What only images show is in doubts.py, focus.py and surface_fit.py.
+The facts of a thing (an array, a depth map, a photograph of a board, …) are a dictionary of plain values; a check's
+`found` and its advice, a format string, take them by name. Files that cannot be read need no check: their readers say
+why. doubts.py and mistakes.py form the facts that take images; benchmark_problems.py checks that captures, methods and
+depth maps go together.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from handbench.bench.datasets.native import FAR_M
+from handbench.bench.datasets.native import FAR_M, MESH, PHOTOS, TARGET, TRUTH
 from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
@@ -31,18 +33,22 @@ OPEN_PERCENT = 10  # of a surface's edges at its rim
 CROWDED_PERCENT, WIDE_M = 50, 0.1  # of an image that nothing near a hand fills, if it is that wide and high
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
+NEAREST_M, FARTHEST_M = 0.05, 2.0  # that photographs of a hand are taken from, from the board beside it
+SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board"
+SHARPER_DB = 3.0  # of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
 CURE = "is the surface in metres, and in the radar's frame? `handbench inspect` both"
 
 Facts = Mapping[str, Any]
 
 
 class Check(NamedTuple):
-    """A warning about one kind of thing: found(facts) is true where the advice applies."""
+    """A check of one kind of thing: found(facts) is true where the advice applies; fails: a run would fail, too."""
 
     of: str
     name: str
     found: Callable[[Facts], Any]
     advice: str
+    fails: bool = False
 
 
 CHECKS = (
@@ -128,7 +134,10 @@ CHECKS = (
         "it moves by {offset_m:g} m; are these millimetres?",
     ),
     Check(
-        "transform", "scale", lambda f: not 0.5 < f["scale"] < 2, "its scale is {scale:g}; are both frames in metres?"
+        "transform",
+        "scale",
+        lambda f: not 0.5 < abs(f["scale"]) < 2,
+        "its scale is {scale:g}; are both frames in metres?",
     ),
     Check(
         "transform", "inverse", lambda f: f["behind"], "it carries all of mesh.ply behind the radar; is it the inverse?"
@@ -183,6 +192,60 @@ CHECKS = (
             or (f["metric"] == "mae_mm" and f["value"] > FARTHEST_MM)
         ),
         "{method}: {title} is {value:.4g} {unit}: `handbench inspect` the captures",
+    ),
+    Check("length", "in millimetres", lambda f: f["far_m"] > f["most_m"], "{name} {far_m:g} m; is that millimetres?"),
+    Check(
+        "board",
+        "in millimetres",
+        lambda f: f["far_m"] > FAR_M,
+        "a corner lies {far_m:g} m away; are these millimetres?",
+    ),
+    Check(
+        "box",
+        "ends exchanged",
+        lambda f: any(low >= high for low, high in zip(f["box_m"][:3], f["box_m"][3:], strict=True)),
+        "box_m is {box_m}; expected xmin, ymin, zmin, then the larger xmax, ymax, zmax",
+        fails=True,
+    ),
+    Check(
+        "capture",
+        "target without description",
+        lambda f: f["kind"] == "target" and TARGET in f["lacks"],
+        f"is a target's capture without {TARGET}; copy the target's description here",
+        fails=True,
+    ),
+    Check(
+        "reference",
+        "missing",
+        lambda f: not f["known"],
+        f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}",
+        fails=True,
+    ),
+    Check(
+        "photographs",
+        "no scale",
+        lambda f: not f["board"] and f["posed"] < 3,
+        "nothing gives the scale; add board.toml, or poses (R, t) to cameras.json",
+        fails=True,
+    ),
+    Check(
+        "photograph of a board",
+        "board too large",
+        lambda f: f["distance_m"] >= FARTHEST_M,
+        f"{SEEN_FROM}: is that ten times too large? measure a marker, in metres",
+    ),
+    Check(
+        "photograph of a board",
+        "board too small",
+        lambda f: f["distance_m"] <= NEAREST_M,
+        f"{SEEN_FROM}: is that ten times too small? measure a marker, in metres",
+    ),
+    Check(
+        "echoes",
+        "conjugated",
+        lambda f: f["sharper_db"] >= SHARPER_DB,
+        "the echoes focus better, {sharper_db:.0f} dB sharper, conjugated: if the target stands within {within_m:.2g} "
+        'm, conjugate the samples (sign = "+" in a mapping.toml, time = "-jwt" in echoes.h5)',
     ),
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
 from handbench.bench.pipeline.image import configuration
-from handbench.bench.validation import focus, surface_fit
+from handbench.bench.validation import mistakes
 from handbench.bench.validation.checks import array_warnings, map_warnings
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import AntennaArray
@@ -26,7 +26,7 @@ from handbench.support.files import write_json
 from handbench.support.progress import say
 
 EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
-FIRST, NEAR_M = "first_depth_m", (0.05, FAR_M)  # where some methods begin to look, and where that may be
+FIRST = "first_depth_m"  # where some methods begin to look
 FURTHER_M = 1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
 
@@ -53,10 +53,10 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return  # all that follows would be about these
     compile_kernels()
     surface, imaged = surface_of(recorded), _imaged(recorded, capture)
-    as_is = surface_fit.fit(imaged[0], surface) if surface is not None and imaged is not None else None
+    as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
         return  # what lies on its surface needs no further look
-    wrong = focus.findings(capture)
+    wrong = mistakes.conjugated(capture)
     yield from wrong
     if wrong or imaged is None:
         return
@@ -66,7 +66,7 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
     near, _ = _imaged(recorded, capture, start_m) or imaged
-    found = surface_fit.fit(near, surface)
+    found = mistakes.fit(near, surface)
     if found.covers and found.explains(as_is):
         begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
         yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
@@ -81,12 +81,12 @@ def _explained(
     """The mistake, if any, without which an image fits its surface, which begins start_m away, best; two where one in
     the order of the data explains it as well as one of frames, as exchanged antennas of an array that is its own mirror
     image. Others than that of the antennas are looked for only where no frame or unit explains the images."""
-    as_is = max((surface_fit.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
-    share, moved = max((surface_fit.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
+    as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
+    share, moved = max((mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
     found: dict[str, float] = {}
     for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
         image = _imaged(recorded, undone, scale * start_m)
-        fitted = surface_fit.fit(image[0], surface_fit.moved(surface, scale * np.eye(3))) if image else as_is
+        fitted = mistakes.fit(image[0], mistakes.moved(surface, scale * np.eye(3))) if image else as_is
         if fitted.explains(as_is):
             text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
             found[f"{text}: {cure}"] = fitted.share
@@ -119,7 +119,7 @@ def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
     about = list(map_warnings(depth))
     yield from about
     try:
-        yield from focus.findings(capture) if about else ()
+        yield from mistakes.conjugated(capture) if about else ()
     except HandbenchError:  # a doubt that cannot be looked into takes no result away
         return
 
@@ -140,12 +140,9 @@ def _imaged(
     """The depth map of the first of PROBES that the capture's tones serve, and its configuration; first_depth_m: where
     those that begin with a depth do (None: at their own)."""
     for name in PROBES:
-        begun = (
-            first_depth_m is not None
-            and 0 < first_depth_m < FAR_M
-            and "first_depth_m" in method(name).config.model_fields
-        )
-        config = configuration(recorded.folder, name, {"first_depth_m": first_depth_m} if begun else {})
+        begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
+        begun = begun and FIRST in method(name).config.model_fields
+        config = configuration(recorded.folder, name, {FIRST: first_depth_m} if begun else {})
         try:
             return method(name).run(capture, config, 0).depth, config
         except HandbenchError:

@@ -1,14 +1,16 @@
-"""Problems of files, each with its line: all that a strict configuration complains of, not the first alone; and
-the line numbers of the keys of TOML and JSON, which their parsers do not tell."""
+"""Problems of files, each with its line: what `checks.CHECKS` finds, and all that a strict configuration complains of,
+not the first alone; and the line numbers of the keys of TOML and JSON, which their parsers do not tell."""
 
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pydantic
 
+from handbench.bench.validation.checks import CHECKS
 from handbench.support.config import Config, complaint, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -127,6 +129,7 @@ class _Scanner:
 Read = TypeVar("Read")
 Model = TypeVar("Model", bound=Config)
 Found = Generator["Problem", None, Read]  # problems on the way, then what was read (None: nothing could be)
+Place = Callable[[str, bool], "Problem"]  # a text, and whether it is a warning, as a problem where it belongs
 
 
 @dataclass(frozen=True)
@@ -151,9 +154,13 @@ class Sheet:
     values: Any
     lines: dict[Location, int]
 
-    def problem(self, location: Location, text: str, warning: bool = False) -> Problem:
+    def at(self, location: Location) -> Place:
+        """The place of a key: a text and whether it is a warning become a problem there."""
+        return partial(Problem, self.file, line_of(self.lines, location))
+
+    def problem(self, location: Location, text: str) -> Problem:
         """A problem at a key."""
-        return Problem(self.file, line_of(self.lines, location), text, warning)
+        return self.at(location)(text, False)
 
     def attempt(self, location: Location, read: Callable[[], Read]) -> Found[Read | None]:
         """The result of read(), or its complaint, at a key."""
@@ -173,20 +180,29 @@ class Sheet:
             return None
 
 
-def failure(file: Path, error: HandbenchError) -> Problem:
-    """A reader's error as a problem of its file; the line is taken from the message, if it names one."""
-    text = str(error).removeprefix(f"{file}: ")
-    line = re.search(r"\bline (\d+)\b(?! of its header)", text)
-    return Problem(file, int(line[1]) if line else None, text)
-
-
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """The result of read(), or its complaint about `file`."""
+    """The result of read(), or its complaint about `file`; the line is taken from the message, if it names one."""
     try:
         return read()
     except HandbenchError as error:
-        yield failure(file, error)
+        text = str(error).removeprefix(f"{file}: ")
+        line = re.search(r"\bline (\d+)\b(?! of its header)", text)
+        yield Problem(file, int(line[1]) if line else None, text)
         return None
+
+
+def warnings_at(file: Path, texts: Iterable[str]) -> Iterator[Problem]:
+    """Warnings about a file as a whole."""
+    return (Problem(file, None, text, warning=True) for text in texts)
+
+
+def findings(place: "Path | Place", of: str, needed: bool = True, **facts: Any) -> Iterator[Problem]:
+    """Problems that the checks of a kind of thing find in its facts: at a file, or at a key of a sheet. needed: False
+    where a run does without the thing, so that all of them are warnings."""
+    problem = partial(Problem, place, None) if isinstance(place, Path) else place
+    for check in CHECKS:
+        if check.of == of and check.found(facts):
+            yield problem(check.advice.format(**facts), not (check.fails and needed))
 
 
 def sheet(file: Path, what: str) -> Found[Sheet]:

@@ -19,7 +19,7 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.unit is not None:
         raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
-    from handbench.bench.validation.photo_problems import board_doubts
+    from handbench.bench.validation.capture_problems import board_warnings
     from handbench.groundtruth.board.board import load_board
     from handbench.groundtruth.options import Options, predicted
     from handbench.groundtruth.photos.photos import find_photos
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
         free(options.workdir / kept, options.overwrite)
     chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
-    for doubt in board_doubts(photos, load_board(described)) if described.is_file() else ():
+    for doubt in board_warnings(photos, load_board(described)) if described.is_file() else ():
         say(f"{described}: {doubt}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
     core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)

@@ -33,7 +33,7 @@ def method_ids(**_: object) -> list[str]:
     return [method.id for method in methods()]
 
 
-TYPES = {"int": int, "float": float, "path": Path, "str": str, "positive": positive}
+TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
 
 
 @cache

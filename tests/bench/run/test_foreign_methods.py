@@ -287,7 +287,12 @@ def test_a_map_that_is_missing_is_a_failure_of_its_capture(folder, tmp_path, cap
     [failure] = load(tmp_path / "r").about.failures
     assert (failure.capture, failure.method) == ("ball", "given")
     assert "expected the depth map of 'ball', found nothing; did you mean 'bull'?" in failure.message
+    with np.load(folder / "maps" / "ball.npz") as content:
+        np.savez(folder / "other" / "ball.npz", **{**content, "z_m": 1e3 * content["z_m"]})
     capsys.readouterr()
+    assert main(["inspect", str(folder / "hole.toml")]) == 2  # it reads the maps as a run does
+    found = capsys.readouterr().out
+    assert f"{folder / 'other' / 'ball.npz'}: z_m reaches" in found and "has no depth map" not in found
 
 
 REFUSED = {

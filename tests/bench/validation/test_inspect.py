@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.validation import checks, focus
+from handbench.bench.validation import checks
+from handbench.bench.validation.mistakes import conjugated
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
@@ -150,7 +151,7 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
         points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m + [0, 0, distance_m]
         capture = points_before(CROSS, BANDS_HZ[band], points_m, noise=0.1 * (number % 2))
-        assert focus.findings(capture) == []
+        assert conjugated(capture) == []
 
 
 def test_arrays_with_missing_columns_and_scans_are_looked_at():
@@ -158,14 +159,14 @@ def test_arrays_with_missing_columns_and_scans_are_looked_at():
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
     right = points_before(array, BANDS_HZ["wide"], point_m)
     right.samples[:, :, ::2] = 0
-    [text] = focus.findings(replace(right, samples=right.samples.conj()))
-    assert focus.findings(right) == [] and "conjugate" in text
+    [text] = conjugated(replace(right, samples=right.samples.conj()))
+    assert conjugated(right) == [] and "conjugate" in text
     places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(-1, 3)
     path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
     samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * BANDS_HZ["26 GHz"][:, None] * path_m)[None]
     scan = RadarCapture(samples.astype(np.complex64), BANDS_HZ["26 GHz"], PlanarScan(places_m))
-    [text] = focus.findings(replace(scan, samples=scan.samples.conj()))
-    assert focus.findings(scan) == [] and "conjugate" in text
+    [text] = conjugated(replace(scan, samples=scan.samples.conj()))
+    assert conjugated(scan) == [] and "conjugate" in text
 
 
 def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, capsys):
@@ -181,8 +182,8 @@ def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, cap
 
 def test_a_single_tone_tells_its_sign(right):
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
-    assert focus.findings(one) == []
-    [text] = focus.findings(replace(one, samples=one.samples.conj()))
+    assert conjugated(one) == []
+    [text] = conjugated(replace(one, samples=one.samples.conj()))
     assert "conjugate" in text
 
 
@@ -203,14 +204,18 @@ def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):
     assert "nothing looks wrong" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply"))
     wrong = written(tmp_path / "wrong", right, turned=(-1, 1, 1))
     assert "mirrored in x" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(wrong / "truth.ply"))
+    (tmp_path / "t.json").write_text('{"from": "photo"}')
+    command = ["inspect", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]
+    assert main([*command, "--transform", str(tmp_path / "t.json")]) == 2
+    assert f"{tmp_path / 't.json'}: " in capsys.readouterr().out
     assert main(["inspect", str(folder), "--mesh", str(folder / "truth.ply")]) == 2
     assert "capture has its own surface" in capsys.readouterr().err
 
 
 def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
-    conjugated = written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
+    mistaken = written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
     depth = tmp_path / "depth.npz"
-    assert main(["reconstruct", str(conjugated), "--method", "3fsk", "-o", str(depth)]) == 0
+    assert main(["reconstruct", str(mistaken), "--method", "3fsk", "-o", str(depth)]) == 0
     assert "conjugate the samples" in capsys.readouterr().err
     again = [str(written(tmp_path / "right", right)), "--method", "3fsk", "-o", str(depth), "--overwrite"]
     assert main(["reconstruct", *again]) == 0
@@ -270,5 +275,6 @@ def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monk
         *checks.map_warnings(depth),
         *checks.figure_warnings(depth, figures),
     ]
-    assert len(said) == sum(check.of != "result" for check in always) and "{" not in "".join(said)
-    assert len({check.name for check in always}) == len(always)
+    numbers = {"array", "pairs", "surface", "mesh", "transform", "depth map", "figures"}
+    assert len(said) == sum(check.of in numbers for check in always) and "{" not in "".join(said)
+    assert len({(check.of, check.name) for check in always}) == len(always)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.validation import surface_fit
+from handbench.bench.validation import mistakes
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
 
@@ -26,9 +26,9 @@ def plate_map(slope: float, off_m: float = 0.0, noise_m: float = 1e-4) -> DepthM
 
 def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_near():
     depth = plate_map(SLOPE)
-    as_is = surface_fit.fit(depth, plate(-SLOPE))
-    assert as_is.share == pytest.approx(3e-3 / (2 * SLOPE * 0.04), abs=0.05) and as_is.share > 1 / surface_fit.GAINED
-    [found] = surface_fit.findings(depth, plate(-SLOPE))
+    as_is = mistakes.fit(depth, plate(-SLOPE))
+    assert as_is.share == pytest.approx(3e-3 / (2 * SLOPE * 0.04), abs=0.05) and as_is.share > 1 / mistakes.GAINED
+    [found] = mistakes.misplaced(depth, plate(-SLOPE))
     assert "mirrored in y" in found and "mirrored in x" not in found
 
 
@@ -38,4 +38,4 @@ def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_
     ids=["right", "1.5 mm behind", "2 mm behind and flatter", "noise of 3 mm"],
 )
 def test_a_plate_that_is_right_but_for_its_errors_is_not_doubted(depth):
-    assert surface_fit.findings(depth, plate(SLOPE)) == []
+    assert mistakes.misplaced(depth, plate(SLOPE)) == []

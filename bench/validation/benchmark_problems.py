@@ -1,0 +1,167 @@
+"""Problems of benchmark and scene files, and of the captures and depth maps that they name."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
+from handbench.bench.datasets.native import TRANSFORM, CaptureFile
+from handbench.bench.pipeline.image import configured
+from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, Origin, Source, checked
+from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
+from handbench.bench.validation.capture_problems import CaptureFacts, capture_problems, method_problems
+from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
+from handbench.calibration.spheres.description import load_target
+from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.arrays import load_positions
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.methods.fsk_config import PixelsConfig
+from handbench.support.config import Config, load
+from handbench.support.files import inside
+from handbench.support.limits import MOST_TABLES
+from handbench.support.progress import track
+
+Table = TypeVar("Table", bound=Config)
+SHOWN = 5  # names in a list, at most
+
+
+def scene_problems(path: Path) -> Found[CaptureFacts]:
+    """Problems of a scene file and of the files that it names."""
+    found, scene = yield from parsed(SceneFile, path, "a scene description")
+    if scene is None:
+        return CaptureFacts()
+    readers: dict[str, Callable[[Path], Any]] = {"file": load_target, "path": read_triangles}
+    for key, read in readers.items():
+        name = getattr(scene.target, key, None)
+        if name is not None:
+            file = yield from found.attempt(("target", key), partial(inside, path.parent, name, "target"))
+            if file is not None:
+                yield from found.attempt(("target", key), partial(read, file))
+    if scene.sensor.array != BUILT_IN_ARRAY:
+        at = ("sensor", "array")
+        array = yield from found.attempt(at, partial(inside, path.parent, scene.sensor.array, "array"))
+        for file in () if array is None else (array / "tx_m.csv", array / "rx_m.csv"):
+            yield from found.attempt(at, partial(load_positions, file))
+    return CaptureFacts(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
+
+
+def benchmark_problems(found: Sheet) -> Iterator[Problem]:
+    """A benchmark's own keys; every method with its configuration; every capture and scene, and whether the methods can
+    image it and something can score it."""
+    yield from found.complaints(BenchFile, found.values)
+    methods = yield from _methods(found)
+    calibrated = "calibration" in found.values
+    for at, origin in _tables(found, "calibration", Origin):
+        facts = yield from _source(found, at, origin)
+        if facts is not None and facts.lacks:
+            text = f"calibration by a capture without {', '.join(facts.lacks)}; add what is missing"
+            yield found.problem(at, text)
+    sources = list(_tables(found, "capture", Source))
+    for at, dataset in _tables(found, "dataset", DataSet):
+        below = yield from found.attempt((*at, "path"), partial(dataset.sources, found.file.parent))
+        sources += [(at, source) for source in below or ()]
+    places: dict[str, str] = {}
+    scored: dict[str, CaptureFile] = {}
+    for at, source in track(sources, "captures"):
+        accuracy = "accuracy" in source.measures
+        facts = yield from _source(found, at, source, accuracy)
+        if facts is None or facts.about is None:
+            continue
+        about, here = facts.about, str(source.scene or source.path)
+        for name in [name_of_person(about.name, number) for number in source.persons or ()] or [about.name]:
+            if name in places:
+                text = f"capture '{name}' in {here} is named as the one in {places[name]}; give one another name"
+                yield found.problem(at, text)
+            places.setdefault(name, here)
+            scored |= {name: about} if accuracy else {}
+        if accuracy and not facts.scored[calibrated]:
+            text = f"capture '{about.name}': nothing carries its surface into the radar frame"
+            yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
+        yield from _imaged(found, at, source, facts, methods)
+    yield from _maps(found, scored, methods)
+
+
+def _tables(found: Sheet, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
+    """The tables of a key, each with its place, also where there is but one. What is wrong by itself is left out: the
+    complaints about the file as a whole name it."""
+    given = found.values.get(key, [])
+    tables = {(key, index): table for index, table in enumerate(given[:MOST_TABLES] if isinstance(given, list) else ())}
+    for at, table in ({(key,): given} if isinstance(given, dict) else tables).items():
+        with suppress(ValidationError):
+            yield at, model.model_validate(table)
+
+
+def _methods(found: Sheet) -> Found[list[MethodEntry]]:
+    """The entries of handbench's own methods, of those that are well formed."""
+    own = []
+    for at, entry in _tables(found, "method", MethodEntry):
+        if entry.foreign:
+            yield from found.attempt(at, partial(checked, entry, found.file))
+        elif (yield from method_problems(found, entry.id, entry.config, (*at, "id"), (*at, "config"))) is not None:
+            own.append(entry)
+    return own
+
+
+def _source(found: Sheet, at: Location, source: Origin, scored: bool = True) -> Found[CaptureFacts | None]:
+    """The scene or the capture that a benchmark names."""
+    key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
+    path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
+    if path is None:
+        return None
+    if not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
+        yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
+        return None
+    if key == "path":
+        return (yield from capture_problems(path, scored))
+    facts = yield from scene_problems(path)
+    if facts.about is not None and isinstance(source, Source) and source.persons:
+        scene = load(SceneFile, path, "a scene description")
+        yield from found.attempt((*at, "persons"), partial(scene.of_person, 1))
+    return facts
+
+
+def _imaged(
+    found: Sheet, at: Location, source: Source, facts: CaptureFacts, methods: Sequence[MethodEntry]
+) -> Iterator[Problem]:
+    """Problems of captures that lack the tones or the frames that a method takes."""
+    name = facts.about.name if facts.about else ""
+    repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
+    frames = repeats if facts.frames is None else facts.frames
+    for entry in methods:
+        repeated = "precision" in source.measures and entry.precision
+        if repeated and isinstance(repeats, int) and frames < repeats:
+            text = f"capture '{name}' has {frames} frames, but the precision of '{entry.id}' takes repeats = {repeats}"
+            yield found.problem(at, f"{text}; record more, or ask for fewer")
+        refusal = facts.refusal(entry.id, entry.config) if repeated or "accuracy" in source.measures else None
+        if refusal is not None:
+            yield found.problem(at, f"capture '{name}' with method '{entry.id}': {refusal}")
+
+
+def _maps(found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]) -> Iterator[Problem]:
+    """Captures of which a folder of depth maps has none, and depth maps that a run would refuse."""
+    for at, entry in _tables(found, "method", MethodEntry):
+        folder = found.file.parent / (entry.maps or "")
+        if entry.maps is None or not folder.is_dir():
+            continue
+        missing = [name for name in scored if not (folder / f"{name}.npz").is_file()]
+        if missing:
+            few = ", ".join(missing[:SHOWN]) + (", …" if len(missing) > SHOWN else "")
+            text = f"{entry.maps} has no depth map of {len(missing)} of {len(scored)} captures: {few}"
+            yield found.problem((*at, "maps"), f"{text}; add NAME.npz for each")
+        for name, about in scored.items():
+            if name not in missing:
+                file = folder / f"{name}.npz"
+                yield from attempt(file, partial(_read_map, file, entry.id, about, methods))
+
+
+def _read_map(file: Path, id: str, about: CaptureFile, methods: Sequence[MethodEntry]) -> None:
+    """Read a depth map as a run does: on the pixels of the first own method, or else the paper's."""
+    from handbench.bench.run.foreign import read_map  # whose module images
+
+    config = configured(about, methods[0].id, methods[0].config) if methods else PixelsConfig()
+    grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
+    read_map(file, id, grid.pixels if isinstance(grid, VoxelGrid) else grid)
