@@ -1,7 +1,7 @@
 """Photographs to a metric mesh: three stages, each kept in a store (`support.store`)."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
 from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.fusion import Cloud
@@ -26,7 +27,7 @@ from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
 from handbench.support.config import Config
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
 from handbench.support.progress import say
-from handbench.support.store import Stage, kept, stage
+from handbench.support.store import Stage, cached
 
 SUMMARY_VERSION = 1
 
@@ -72,15 +73,14 @@ def stages(
     that its key holds all that it can depend on. content, masks: what tells the photographs, with all that lies beside
     them, and the masks apart; capture: whose photographs they are."""
 
-    def staged(name: str, kind: type[Config], depends_on: list[Any], **earlier: Stage) -> Stage:
-        folders = {each: str(made.folder(root)) for each, made in earlier.items()}
+    def staged(name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage) -> Stage:
+        folders = {made.name: str(made.folder(root)) for made in on}
         given = {"photos": str(photos), "options": options.part(kind), **folders}
-        depends_on = [*depends_on, options.part(kind, paths=False)]
-        return stage(name, f"handbench.groundtruth.{name}_stage:make", depends_on, given, capture)
+        return Stage(name, function, given, [*inputs, options.part(kind, paths=False)], capture)
 
-    sparse = staged("sparse", SparseOptions, [content])
-    dense = staged("dense", DenseOptions, [sparse.key, masks], sparse=sparse)
-    return sparse, dense, staged("mesh", MeshOptions, [dense.key], sparse=sparse, dense=dense)
+    sparse = staged("sparse", sparse_stage.make, SparseOptions, [content])
+    dense = staged("dense", dense_stage.make, DenseOptions, [sparse.key, masks], sparse)
+    return sparse, dense, staged("mesh", mesh_stage.make, MeshOptions, [dense.key], sparse, dense)
 
 
 def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:
@@ -121,13 +121,13 @@ def _made(
     each took when it was made."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
-        found, options = resolve(photos, options)
+        inputs, options = resolve(photos, options)
         masks = None if options.masks is None or not options.masks.exists() else content_hash(options.masks)
         seconds = {}
-        chain = stages(root, photos, options, content(found, options), masks)[:count]
+        chain = stages(root, photos, options, content(inputs, options), masks)[:count]
         for each in chain:
-            stamp, cached = kept(root, each)
-            if cached:
+            stamp, found = cached(root, each)
+            if found:
                 say(f"{each.name}: cached")
             seconds[each.name] = stamp.seconds
         yield options, [each.folder(root) for each in chain], seconds

@@ -1,134 +1,208 @@
-"""Executors carry out the jobs of a run: this process, others beside it, or a Dask cluster's workers.
+"""Executors carry out the jobs of a run: this process, several processes of this machine, or a Dask cluster's workers.
 
-The jobs of one call depend on nothing in that call: what needs another stage's outcome is in a later call. So the order
-in which they end does not matter, and a worker's loss costs the jobs that it had.
+A job is a function of the store's folder and a stage. An error that the user can mend is a HandbenchError of the job's
+future; any other exception keeps its traceback and ends the run.
 """
 
 from __future__ import annotations
 
 import logging
+import os
+import pickle
+import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import closing, contextmanager
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
+from multiprocessing import current_process, get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
 
-from handbench.bench.run.processes import WORTH_S, Processes
-from handbench.bench.run.tasks import Done, perform
+import psutil
+
+from handbench.radar.methods.registry import method_key
+from handbench.support import cost
 from handbench.support.errors import HandbenchError
-from handbench.support.store import Stage
+from handbench.support.parallel import begin_process, script_left_out, workers
+from handbench.support.store import Stage, code_hash
 
 if TYPE_CHECKING:  # an extra
-    from distributed import Client, Future
+    from distributed import Client
 
-Group = tuple[int, ...]  # numbers of jobs that go to a worker together
-
-IN_FLIGHT = 256  # groups that the scheduler knows of at once: enough for as many workers, and little of anyone's memory
-BATCH = 64
-GROUPS_A_THREAD, LARGEST_GROUP = 16, 8  # so many groups at least, that no worker waits long for the last one
+HASH = "hash"  # no stage that is kept: a capture's folder has to be read to know what it holds
+WORTH_S = 60.0  # processor time of a run, several times what the processes take to import the libraries
+MOST = 4  # processes: rounds have about as many long stages
+STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
+IN_FLIGHT = 256  # jobs that an executor has at once: enough for as many workers, and little of anyone's memory
 CONNECT_S = 20.0
 LOGS = "distributed", "distributed.client", "tornado.application", "asyncio"  # print tracebacks of lost connections
+_ALONE = threading.Lock()  # a cost is measured of the whole process, which therefore does one job at a time
 
 
-class Executor(Protocol):
-    """Carries out jobs that do not depend on each other."""
+class Here(Executor):
+    """This process: a job has ended when `submit` returns."""
 
-    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
-        """Yield each job's number and outcome as it ends; folders go under `root`. Unknown exceptions are raised."""
-        ...
-
-
-class InPlace:
-    """In this process, in the order of the list."""
-
-    def __init__(self, perform: Callable[[Path, Stage], Done] = perform) -> None:
-        self.perform = perform
-
-    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
-        """See `Executor`."""
-        for number, job in enumerate(jobs):
-            yield number, self.perform(root, job)
-
-
-class Cluster:
-    """On the workers of a Dask scheduler. Few jobs are submitted ahead, so that neither side holds the whole run; of
-    many more than there are workers, some go together, for a Dask task by itself costs as much as a small job.
-
-    A group whose worker is lost is given to another one by the scheduler, which is safe, for a stage's folder appears
-    complete or not at all. Where several died over it, its jobs go again one by one, and the one to blame fails alone.
-    """
-
-    def __init__(self, client: Client, perform: Callable[[Path, Stage], Done] = perform) -> None:
-        self.client, self.perform = client, perform
-
-    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
-        """See `Executor`."""
-        from distributed import as_completed
-
-        threads = max(sum(self.client.nthreads().values()), 1)
-        size = min(max(len(jobs) // (GROUPS_A_THREAD * threads), 1), LARGEST_GROUP)
-        waiting = [tuple(range(first, min(first + size, len(jobs)))) for first in range(0, len(jobs), size)][::-1]
-        groups: dict[str, Group] = {}  # those that the scheduler knows of
-
-        def submit() -> list[Future]:
-            batch = [waiting.pop() for _ in range(min(len(waiting), IN_FLIGHT - len(groups)))]
-            work = [[jobs[number] for number in group] for group in batch]
-            futures = self.client.map(partial(_perform, self.perform, root), work, pure=False)
-            groups.update(zip((future.key for future in futures), batch, strict=True))
-            return futures
-
-        ending = as_completed(submit(), loop=self.client.loop)
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call the function; its HandbenchError is the future's, any other exception is raised."""
+        future: Future[Any] = Future()
         try:
-            for batch in ending.batches():  # what has ended by now, fetched together
-                ended = [(groups.pop(future.key), future) for future in batch]
-                for group, done in self._outcomes(ended, jobs):
-                    if done is None:
-                        waiting.extend((number,) for number in group)
-                    else:
-                        yield from zip(group, done, strict=True)
-                if waiting and len(groups) <= IN_FLIGHT - BATCH:
-                    ending.update(submit())
+            future.set_result(function(*args, **kwargs))
+        except HandbenchError as error:
+            future.set_exception(error)
+        return future
+
+
+class Processes(ThreadPoolExecutor):
+    """Processes of this machine, each with its share of the cores. They start with their first job and end with the
+    block, or with this process. A process that the system ends, for want of memory, costs its own job only, which is
+    tried once more while the others wait."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count)
+        cores = sorted(os.sched_getaffinity(0))[: workers()]
+        self._shares = [cores[n * len(cores) // count : (n + 1) * len(cores) // count] for n in range(count)]
+        self._machine = cost.calibrated_machine()  # measured while nothing else runs
+        self._pools = [self._pool(number) for number in range(count)]
+        self._idle: SimpleQueue[int] = SimpleQueue()
+        for number in range(count):
+            self._idle.put(number)
+        self._alone, self._ended = threading.Lock(), False
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call the function in one of the processes."""
+        return super().submit(self._call, partial(elsewhere, self._machine, function, *args, **kwargs))
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes, and what they are at; nothing writes any more once this returns."""
+        self._ended = True
+        super().shutdown(wait=False, cancel_futures=True)
+        for pool in self._pools:
+            for process in list((pool._processes or {}).values()):
+                process.kill()
+            pool.shutdown()
+        super().shutdown(wait=True)
+
+    def _pool(self, number: int) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, get_context("spawn"), begin_process, (self._shares[number], os.getpid()))
+
+    def _call(self, job: Callable[[], Any]) -> Any:
+        """In a thread: have a process that is idle do the job."""
+        try:
+            return self._tried(self._idle.get(), job)
+        except BrokenProcessPool:
+            with self._alone:
+                held = [self._idle.get() for _ in self._pools]
+                try:
+                    return self._tried(held.pop(), job)
+                except BrokenProcessPool:
+                    raise HandbenchError(
+                        "its process was ended twice; free memory, or set HANDBENCH_WORKERS=1"
+                    ) from None
+                finally:
+                    for number in held:
+                        self._idle.put(number)
+
+    def _tried(self, number: int, job: Callable[[], Any]) -> Any:
+        try:
+            with script_left_out():
+                future = self._pools[number].submit(job)
+            return future.result()
+        except BrokenProcessPool:
+            if not self._ended:
+                self._pools[number] = self._pool(number)
+            raise
         finally:
-            self.client.cancel(list(ending.futures))
-
-    def _outcomes(
-        self, ended: list[tuple[Group, Future]], jobs: Sequence[Stage]
-    ) -> Iterator[tuple[Group, list[Done] | None]]:
-        """Each group with what its jobs came to; None where they have to go again one by one."""
-        well = [future for _, future in ended if future.status == "finished"]
-        fetched = dict(zip((future.key for future in well), self.client.gather(well), strict=True))
-        for group, future in ended:
-            yield group, fetched[future.key] if future.key in fetched else _unwell(future, [jobs[n] for n in group])
+            self._idle.put(number)
 
 
-def _perform(perform: Callable[[Path, Stage], Done], root: Path, jobs: list[Stage]) -> list[Done]:
-    return [perform(root, job) for job in jobs]
+class Cluster(Executor):
+    """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the scheduler, which is
+    safe, for a stage's folder appears complete or not at all."""
+
+    def __init__(self, client: Client) -> None:
+        self._workers: Executor = client.get_executor(pure=False)
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call the function on one of the workers."""
+        future: Future[Any] = Future()
+        sent = self._workers.submit(elsewhere, {}, function, *args, **kwargs)
+        sent.add_done_callback(partial(_pass_on, future))
+        return future
 
 
-def _unwell(future: Future, jobs: list[Stage]) -> list[Done] | None:
+def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
+    """Give a future the outcome of one on the cluster."""
     from distributed import KilledWorker
 
     try:
-        return future.result()
+        future.set_result(ended.result())
     except KilledWorker as error:
-        if len(jobs) > 1:
-            return None
         deaths = error.allowed_failures + 1
-        return [Done(failure=f"{jobs[0].label}: {deaths} workers died over it; give the workers more memory")]
-    except CancelledError as error:
+        future.set_exception(HandbenchError(f"{deaths} workers died over it; give the workers more memory"))
+    except BaseException as error:
+        future.set_exception(error)
+
+
+def elsewhere(machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage) -> Any:
+    """Do a job in another process, or on another machine. machine: its facts, where they were measured before."""
+    cost.CALIBRATED |= machine
+    try:
+        with _ALONE:
+            if stage.name != HASH:
+                _require_same(root, stage)
+            return function(root, stage)
+    except Exception as error:
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            raise RuntimeError(traceback.format_exc()) from None  # one that arrives
+        raise
+
+
+def _require_same(root: Path, stage: Stage) -> None:
+    """HandbenchError where this machine does not see the store, or has other code than the client."""
+    if not root.is_dir():
+        raise HandbenchError(f"{root}: is not there on this machine; expected the result folder, shared by all workers")
+    plugged = method_key(stage.method) if stage.method else ()
+    if code_hash(stage.function, plugged) != stage.code:
         raise HandbenchError(
-            f"--scheduler: {jobs[0].label} was cancelled ({error}); is the scheduler alive? Run again, it resumes"
-        ) from error
+            f"{stage.label}: this worker's handbench or libraries differ from the client's; install the same on both"
+        )
+
+
+def assigned(executor: Executor, root: Path, stages: Sequence[Stage]) -> list[tuple[Executor, list[int]]]:
+    """Executors with the numbers of the stages that each carries out, one executor after the other. Processes take two
+    or more stages that have to be made and whose time is no result; imaging is done here, with nothing else at work."""
+    numbers = list(range(len(stages)))
+    if not isinstance(executor, Processes):
+        return [(executor, numbers)]
+    long = [n for n in numbers if not stages[n].method and stages[n].name != HASH]
+    long = [n for n in long if not stages[n].folder(root).exists()]
+    if len(long) < 2:
+        return [(Here(), numbers)]
+    return [(executor, long), (Here(), [n for n in numbers if n not in long])]
+
+
+def room(bytes_: float = 0.0) -> int:
+    """Processes that the cores and the memory that is free have room for; bytes_: what a stage takes, if more than most
+    do. One where this process may not start others."""
+    if current_process().daemon:
+        return 1
+    cores = min(workers(), len(os.sched_getaffinity(0)))
+    return min(cores, MOST, int(psutil.virtual_memory().available / max(bytes_, STAGE_BYTES)))
 
 
 @contextmanager
 def executor(scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0) -> Iterator[Executor]:
-    """In place, with processes beside this one where so much processor time, core_s, is worth them; or the cluster of
-    the Dask scheduler at this address, tcp://host:port."""
+    """This process, with others where so much processor time, core_s, is worth them; or the cluster of the Dask
+    scheduler at this address, tcp://host:port."""
     if scheduler is None:
-        with closing(Processes(bytes_=bytes_)) as processes:
-            yield processes if core_s > WORTH_S else InPlace()
+        count = room(bytes_) if core_s > WORTH_S else 1
+        with Processes(count) if count > 1 else Here() as found:
+            yield found
         return
     try:
         from distributed import Client

@@ -6,20 +6,25 @@ each other; last `scoring`, of the captures that have a reference.
 """
 
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
+from handbench.bench.datasets.checksums import require_unchanged
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
-from handbench.bench.run import foreign
+from handbench.bench.results import REFERENCES
+from handbench.bench.run import calibrate_stage, foreign, reconstruct_stage, repeat_stage, simulate_stage
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.executors import HASH
+from handbench.bench.run.outcome import Capture, Outcome
 from handbench.bench.run.photogrammetry import photographs
-from handbench.bench.run.tasks import HASH
+from handbench.bench.run.scoring import make as score
 from handbench.bench.scenes.build import named_files
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.calibration.transforms import Transform
+from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.dense_stage import CLOUD
+from handbench.groundtruth.mesh_stage import MESH, VIEW
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.imaging.device import chosen
 from handbench.radar.methods.fsk_config import PixelsConfig
@@ -28,8 +33,11 @@ from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
-from handbench.support.store import Stage, stage
+from handbench.support.store import Stage
 
+INSPECT = (
+    "handbench.bench.validation.doubts:make"  # by name: its room checks benchmark files too, so it imports this one
+)
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
@@ -38,13 +46,22 @@ def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: b
     anything needs the scene's photographs."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
-        return Stage(HASH, open_capture(folder).about.name, arguments={"folder": str(folder), "frames": frames})
+        given = {"folder": str(folder), "frames": frames}
+        return Stage(HASH, content_key, given, [], open_capture(folder).about.name)
     scene, path = scene_of(bench, base, source)
     if not photos:
         scene = scene.model_copy(update={"photos": None})
     given = {"scene": scene.model_dump(mode="json"), "base": str(path.parent), "frames": frames}
-    depends_on = [given["scene"], frames, *named_files(scene, path.parent)]
-    return stage("simulate", "handbench.bench.run.simulate_stage:simulate", depends_on, given, scene.name)
+    inputs = [given["scene"], frames, *named_files(scene, path.parent)]
+    return Stage("simulate", simulate_stage.simulate, given, inputs, scene.name)
+
+
+def content_key(root: Path, stage: Stage) -> str:
+    """Hash of a capture's folder, as `opening` names it."""
+    folder = Path(stage.arguments["folder"])
+    key = open_capture(folder).key(stage.arguments["frames"])
+    require_unchanged(folder)
+    return key
 
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
@@ -62,13 +79,8 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
 
 def inspection(capture: Capture) -> Stage:
     """To look the capture over for mistakes before anything is believed of it."""
-    return stage(
-        "inspect",
-        "handbench.bench.validation.doubts:make",
-        [capture.key],
-        {"capture": str(capture.folder)},
-        capture.name,
-    )
+    given = {"capture": str(capture.folder)}
+    return Stage("inspect", resolve_name(INSPECT), given, [capture.key], capture.name)
 
 
 def clouds(bench: BenchFile, capture: Capture, work: Path) -> Clouds:
@@ -83,8 +95,8 @@ def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage
         "captures": [str(target.folder) for target in targets],
         "clouds": [str(each.folder(work) / CLOUD) for each in dense],
     }
-    depends_on = [*(target.key for target in targets), *(each.key for each in dense)]
-    return stage("calibrate", "handbench.bench.run.calibrate_stage:calibrate", depends_on, given, targets[0].name)
+    inputs = [*(target.key for target in targets), *(each.key for each in dense)]
+    return Stage("calibrate", calibrate_stage.calibrate, given, inputs, targets[0].name)
 
 
 def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
@@ -106,25 +118,23 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
         "device": chosen(),
         "every_nth_antenna": entry.every_nth_antenna,
     }
-    depends_on = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
-    wanted = {"reconstruct": bench.frames} if "accuracy" in capture.measures else {}
+    inputs = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
+    wanted = [("reconstruct", reconstruct_stage.reconstruct, bench.frames)] if "accuracy" in capture.measures else []
     if "precision" in capture.measures and entry.precision:
-        wanted["repeat"] = bench.repeats
+        wanted.append(("repeat", repeat_stage.repeat, bench.repeats))
     about = capture.name, entry.id, method_key(entry.id)
     return [
-        stage(
-            name, f"handbench.bench.run.{name}_stage:{name}", [*depends_on, frames], {**given, "frames": frames}, *about
-        )
-        for name, frames in wanted.items()
+        Stage(name, function, {**given, "frames": frames}, [*inputs, frames], *about)
+        for name, function, frames in wanted
     ]
 
 
 def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
     """To take a foreign method's depth map of the capture, or to have its command make one."""
-    grid = _foreign_grid(bench, capture)
+    grid, function = _foreign_grid(bench, capture), foreign.run if entry.command is not None else foreign.take
     given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
     if entry.command is not None:
-        maker, key = "run", foreign.program_key(entry.command, base)
+        key = foreign.program_key(entry.command, base)
         given |= {"capture": str(capture.folder), "command": foreign.words(entry.command, base)}
         limit_mb = foreign.LIMIT_MB if entry.limit_mb is None else entry.limit_mb
         given |= {"limits": (entry.limit_s or foreign.LIMIT_S, limit_mb), "config": {"command": entry.command}}
@@ -134,10 +144,10 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
         if not file.is_file():
             there = suggest(capture.name, [found.stem for found in folder.glob("*.npz")]) or "none"
             raise HandbenchError(f"{file}: expected the depth map of '{capture.name}', found nothing; {there}")
-        maker, key = "take", [content_hash(file)]
+        key = [content_hash(file)]
         given |= {"file": str(file), "config": {"maps": entry.maps}}
-    depends_on = [capture.key, maker, key, grid.x_m, grid.y_m]
-    return stage("reconstruct", f"handbench.bench.run.foreign:{maker}", depends_on, given, capture.name, entry.id)
+    inputs = [capture.key, function.__name__, key, grid.x_m, grid.y_m]
+    return Stage("reconstruct", function, given, inputs, capture.name, entry.id)
 
 
 def _foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
@@ -149,6 +159,35 @@ def _foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
     return grid.pixels if isinstance(grid, VoxelGrid) else grid
 
 
+def references(
+    capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
+) -> dict[str, tuple[Path, Transform]]:
+    """Reference name → mesh file and the transform that carries it into the radar frame. made: the folder with the mesh
+    of the capture's photographs."""
+    available: dict[str, tuple[Path, Transform]] = {}
+    data = open_capture(capture.folder)
+    transform, mesh = data.transform() or registration, data.mesh()
+    if transform is not None and transform.refined:
+        found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
+    if transform is not None and transform.note:
+        found.facts.setdefault("transform_notes", {})[capture.name] = transform.note
+    if transform is not None and mesh is not None:
+        available["photogrammetry"] = mesh, transform
+    elif transform is not None and made is not None:
+        available["photogrammetry"] = made / MESH, transform
+        found.views[capture.name] = made / VIEW
+    if data.truth is not None:
+        available["truth"] = data.truth, identity("radar")
+        if "photogrammetry" in available:
+            available["completed"] = available["photogrammetry"]
+    if not available:
+        raise HandbenchError(
+            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "
+            "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
+        )
+    return {name: available[name] for name in REFERENCES if name in available}
+
+
 def scoring(
     bench: BenchFile, capture: Capture, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]]
 ) -> Stage:
@@ -156,5 +195,5 @@ def scoring(
     given = {"capture": str(capture.folder), "maps": maps, "references": references, "protocol": bench.protocol}
     carried = {name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()}
     imaged = {method: file.parent.name for method, file in maps.items()}  # a stage's folder is named by its key
-    depends_on = [capture.key, imaged, carried, bench.protocol]
-    return stage("score", "handbench.bench.run.scoring:make", depends_on, given, capture.name)
+    inputs = [capture.key, imaged, carried, bench.protocol]
+    return Stage("score", score, given, inputs, capture.name)

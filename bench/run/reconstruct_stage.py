@@ -1,7 +1,8 @@
 """The stage that images a capture by one method: echoes → depth map, and the time that it took."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -80,25 +81,35 @@ class Imager:
         what the first image took more is the plan's, and its certificate's."""
         from handbench.radar.imaging.certificate import certified
 
-        with certified() as certificate:
-            first = self._timed(0)
-        results, (first_s, *seconds) = zip(first, *map(self._timed, range(1, self.frames)), strict=True)
-        if not seconds and first_s < PLANNED_S:
-            seconds = [self._timed(0)[1]]
+        task, times, results = self.task, list[float](), list[Reconstruction]()
+        with certified() as certificate, timed(times):
+            results.append(task.method.run(task.echoes, task.settings, 0))
+        for frame in range(1, self.frames):
+            with timed(times):
+                results.append(task.method.run(task.echoes, task.settings, frame))
+        if len(times) == 1 and times[0] < PLANNED_S:
+            with timed(times):
+                task.image()
+        first_s, *seconds = times
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
-        return Images(list(results), seconds or [first_s], plan_s, certificate.bound if certificate.images else None)
+        return Images(results, seconds or [first_s], plan_s, certificate.bound if certificate.images else None)
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """These times of the frames, and more of them, imaged again in turns until their median has settled or
         SETTLE_S have gone by."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
-            found.append(self._timed(len(found) % self.frames)[1])
+            with timed(found):
+                self.task.image(len(found) % self.frames)
         return found
 
-    def _timed(self, frame: int) -> tuple[Reconstruction, float]:
-        start = time.perf_counter()
-        return self.task.image(frame), time.perf_counter() - start
+
+@contextmanager
+def timed(seconds: list[float]) -> Iterator[None]:
+    """Append the seconds that the block takes."""
+    start = time.perf_counter()
+    yield
+    seconds.append(time.perf_counter() - start)
 
 
 def settled(seconds: list[float]) -> bool:

@@ -1,6 +1,10 @@
-"""Threads over independent blocks; results never depend on how many there are. Processes beside a caller's script."""
+"""Threads over independent blocks; results never depend on how many there are. Processes beside a caller's script.
 
+Nothing here imports a library that counts the cores, so that a process can take its share of them first."""
+
+import ctypes
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -13,6 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from handbench.support.errors import HandbenchError
 
+PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 Item = TypeVar("Item")
 
 
@@ -72,6 +77,17 @@ def script_left_out() -> Iterator[None]:
             yield
         finally:
             vars(script).update(hidden)
+
+
+def begin_process(cores: list[int], parent: int) -> None:
+    """Begin a process that works for the process `parent`: it keeps to these cores, leaves Ctrl-C to its parent and
+    ends with it, for what outlives a run would write into the next one's folders."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.getppid() != parent:
+        os._exit(1)
+    os.sched_setaffinity(0, cores)
+    os.environ["HANDBENCH_WORKERS"] = str(len(cores))
 
 
 _hiding = RLock()

@@ -3,11 +3,11 @@
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sized
+from multiprocessing import parent_process
 from typing import TypeVar
 
 Item = TypeVar("Item")
 PLAIN_INTERVAL_S = 10.0
-BARS = True  # False where several processes write to one terminal
 
 
 def say(text: str) -> None:
@@ -19,7 +19,7 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
     """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most every 10 s, with
     the time that is left where the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
-    if BARS and sys.stderr.isatty():
+    if sys.stderr.isatty() and parent_process() is None:  # bars of several processes would draw over each other
         from rich.console import Console
         from rich.progress import track as rich_track
 

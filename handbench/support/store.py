@@ -13,9 +13,9 @@ import os
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import InitVar, asdict, dataclass, field
 from functools import cache
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +32,28 @@ LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "open
 
 @dataclass(frozen=True)
 class Stage:
-    """One piece of work as plain data, which any machine that sees the files can do. capture, method: what it is of
-    (empty: of none); maker: "package.module:function", called with the folder to fill and `arguments` (plain values and
-    paths); code: the hash of all that runs; key: that of everything that the result depends on."""
+    """A call whose result is kept: `function`, of a module's top level, with the folder to fill and `arguments` (plain
+    values and paths). Any machine that sees the files can make it.
+
+    inputs: all that the result depends on besides code: values, paths of files, keys of earlier stages. capture and
+    method: what it is of (empty: of none). plugged: what stands for code that no import leads to. code: the hash of all
+    that runs; key: that of everything that the result depends on.
+    """
 
     name: str
+    function: Callable[..., Any]
+    arguments: dict[str, Any]
+    inputs: InitVar[list[Any]]
     capture: str = ""
     method: str = ""
-    maker: str = ""
-    arguments: dict[str, Any] = field(default_factory=dict)
-    code: str = ""
-    key: str = ""
+    plugged: InitVar[tuple[str, ...]] = ()
+    code: str = field(init=False)
+    key: str = field(init=False)
+
+    def __post_init__(self, inputs: list[Any], plugged: tuple[str, ...]) -> None:
+        code = code_hash(self.function, plugged)
+        object.__setattr__(self, "code", code)
+        object.__setattr__(self, "key", content_hash(self.name, self.capture, self.method, *inputs, code))
 
     @property
     def label(self) -> str:
@@ -53,11 +64,6 @@ class Stage:
         """The place of its files, in the store at `root`."""
         return root / f"{self.label}-{self.key[:16]}"
 
-    def make(self, folder: Path) -> None:
-        """Fill a folder."""
-        module, _, function = self.maker.partition(":")
-        getattr(import_module(module), function)(folder, **self.arguments)
-
 
 @dataclass
 class Stamp(Cost):
@@ -66,65 +72,34 @@ class Stamp(Cost):
     machine: dict[str, Any] = field(default_factory=dict)
 
 
-def stage(
-    name: str,
-    maker: str,
-    depends_on: list[Any],
-    arguments: dict[str, Any],
-    capture: str = "",
-    method: str = "",
-    plugged: tuple[str, ...] = (),
-) -> Stage:
-    """A stage whose key is the hash of depends_on (values, paths, keys of earlier stages) and of the code: the import
-    closure of the maker's module, and `plugged`, which tells the code that no import leads to."""
-    code = code_hash(maker, plugged)
-    return Stage(name, capture, method, maker, arguments, code, content_hash(name, capture, method, *depends_on, code))
+def code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
+    """Hash of the code that a function runs, the import closure of its module, as it was when this process first asked;
+    plugged: what stands for code that no import leads to."""
+    return content_hash(closure.key_of(function.__module__), plugged)
 
 
-def code_hash(maker: str, plugged: tuple[str, ...] = ()) -> str:
-    """Hash of the code that a maker runs, as it was when this process first asked."""
-    return content_hash(closure.key_of(maker.partition(":")[0]), plugged)
-
-
-def kept(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Have a stage's folder made in the store at `root`, unless it is there; its stamp, and whether it was."""
+def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+    """Have a stage's folder made in the store at `root`, unless it is there, whole; returns what the work cost when it
+    was done, and whether it had been. A folder whose files have changed since is reported, deleted and made again."""
     own(root)
-    return kept_stage(stage.folder(root), stage.label, stage.make)
-
-
-def kept_stage(folder: Path, label: str, make: Callable[[Path], None]) -> tuple[Stamp, bool]:
-    """As `keep`, timed; returns what the work cost when it was done, and whether it had been."""
-    stamps: list[Stamp] = []
-
-    def timed(temporary: Path) -> None:
-        say(f"{label} ...")
-        machine = calibrated_machine()  # once, before anything is timed
-        with measured() as cost:
-            make(temporary)
-        stamps.append(Stamp(**asdict(cost), machine=machine))
-        write_json(temporary / STAMP, asdict(stamps[0]))
-
-    if keep(folder, timed):
-        return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
-    return stamps[0], False
-
-
-def keep(folder: Path, make: Callable[[Path], None]) -> bool:
-    """Have make(temporary) fill a folder unless it is there already, whole; returns whether it was. What was changed
-    since it was made (a disk's error, a hand's) is said, dropped and made again."""
+    folder = stage.folder(root)
     if is_own_folder(folder):
-        wrong = changed(folder)
-        if wrong is None:
-            return True
+        if (wrong := changed(folder)) is None:
+            return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
         say(f"{folder}: {wrong}; it is made again")
+    say(f"{stage.label} ...")
+    machine = calibrated_machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
-        make(temporary)
+        with measured() as cost:
+            stage.function(temporary, **stage.arguments)
+        stamp = Stamp(**asdict(cost), machine=machine)
+        write_json(temporary / STAMP, asdict(stamp))
         write_json(temporary / MANIFEST, _checksums(temporary))
-    return False
+    return stamp, False
 
 
 def changed(folder: Path) -> str | None:
-    """The files of a kept folder that are no longer as they were made, in words, or None."""
+    """The files of a cached folder that are no longer as they were made, in words, or None."""
     try:
         written = json.loads(b"".join(read_own(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}

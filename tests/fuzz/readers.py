@@ -13,6 +13,7 @@ import numpy as np
 from handbench.radar.data.grid import PixelGrid
 from tests.fuzz import capture_seeds, geometry_seeds, result_seeds
 
+KEPT = result_seeds.kept_stage().folder(Path())
 OUT = "out"  # beside an input: where a reader that writes may write
 
 
@@ -209,10 +210,11 @@ def _map(folder: Path) -> None:
 
 def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
-    from handbench.support.store import kept_stage
+    from handbench.support.store import cached
 
-    kept_stage(folder / "stage", "stage", result_seeds.stage)
-    if (folder / "stage" / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
+    one = result_seeds.kept_stage()
+    cached(folder, one)
+    if (one.folder(folder) / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
         raise AssertionError("a changed file of a kept stage was taken for what the stage had made")
 
 
@@ -303,5 +305,5 @@ READERS: tuple[Reader, ...] = (
     Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),
     Reader("array", capture_seeds.array, _array, ("array.json",)),
     Reader("colmap_map", geometry_seeds.colmap_map, _map, ("depth.bin",), 1),
-    Reader("stage", result_seeds.kept, _stage, ("stage/depth.npz", "stage/stage.json"), 2),
+    Reader("stage", result_seeds.kept, _stage, (f"{KEPT}/depth.npz", f"{KEPT}/stage.json"), 2),
 )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from handbench.support.store import Stage, cached
 from tests.fuzz.geometry_seeds import AXIS_M, SIZE, depth
 
 if TYPE_CHECKING:
@@ -155,14 +156,13 @@ def tradeoff(folder: Path) -> None:
     )
 
 
-def stage(folder: Path) -> None:
-    """Content that the kept stage makes."""
-    depth(folder)
+def kept_stage() -> Stage:
+    """The stage whose content is a depth map."""
+    return Stage("stage", depth, {}, [])
 
 
 def kept(folder: Path) -> None:
     """A kept stage, and what it made once more beside it."""
-    from handbench.support.store import kept_stage
-
-    kept_stage(folder / "stage", "stage", stage)
-    (folder / "fresh.npz").write_bytes((folder / "stage" / "depth.npz").read_bytes())
+    one = kept_stage()
+    cached(folder, one)
+    (folder / "fresh.npz").write_bytes((one.folder(folder) / "depth.npz").read_bytes())

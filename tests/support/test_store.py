@@ -6,7 +6,7 @@ import pytest
 
 from handbench.support import store
 from handbench.support.errors import HandbenchError
-from handbench.support.store import MANIFEST, STAMP, kept, stage
+from handbench.support.store import MANIFEST, STAMP, Stage, cached
 
 made: list[str] = []
 
@@ -24,14 +24,14 @@ def of(monkeypatch):
     """A stage by its name and what it depends on; this module stands for one of the packages."""
     made.clear()
     monkeypatch.setattr(store.closure, "key_of", lambda module: module)
-    return lambda name, depends_on, **given: stage(name, f"{__name__}:make", depends_on, given)
+    return lambda name, inputs, **given: Stage(name, make, given, inputs)
 
 
 def test_what_was_made_is_not_made_again(tmp_path, of):
     first = of("dense", ["a", 1, None])
-    stamp, cached = kept(tmp_path, first)
-    assert not cached and stamp.seconds >= 0 and stamp.machine["cores"] >= 1
-    again = kept(tmp_path, of("dense", ["a", 1, None]))
+    stamp, there = cached(tmp_path, first)
+    assert not there and stamp.seconds >= 0 and stamp.machine["cores"] >= 1
+    again = cached(tmp_path, of("dense", ["a", 1, None]))
     assert again == (stamp, True)  # what it cost when it was made
     assert len(made) == 1 and (first.folder(tmp_path) / "result.txt").read_text() == "made 1"
     assert {path.name for path in first.folder(tmp_path).iterdir()} == {"result.txt", STAMP, MANIFEST}
@@ -41,7 +41,7 @@ def test_what_was_made_is_not_made_again(tmp_path, of):
 def test_what_depends_on_something_else_is_another_folder(tmp_path, of, other):
     folders = set()
     for each in (of("dense", ["a", 1, None]), of("dense", other), of("mesh", other)):
-        kept(tmp_path, each)
+        cached(tmp_path, each)
         folders.add(each.folder(tmp_path))
     assert len(folders) == len(made) == 3
 
@@ -49,23 +49,23 @@ def test_what_depends_on_something_else_is_another_folder(tmp_path, of, other):
 @pytest.mark.parametrize("end", [KeyboardInterrupt(), ValueError(), HandbenchError("known")])
 def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, of, end):
     with pytest.raises(type(end)):
-        kept(tmp_path, of("dense", ["a"], end=end))
+        cached(tmp_path, of("dense", ["a"], end=end))
     assert not list(tmp_path.iterdir())
-    assert not kept(tmp_path, of("dense", ["a"]))[1] and len(made) == 2
+    assert not cached(tmp_path, of("dense", ["a"]))[1] and len(made) == 2
 
 
 def test_changed_code_is_another_folder(of, monkeypatch):
     before = of("dense", ["a"])
     monkeypatch.setattr(store.closure, "key_of", lambda module: f"{module} changed")
     assert of("dense", ["a"]).key != before.key
-    plugged = [stage("dense", f"{__name__}:make", ["a"], {}, plugged=(code,)).key for code in ("one", "another")]
+    plugged = [Stage("dense", make, {}, ["a"], plugged=(code,)).key for code in ("one", "another")]
     assert len({before.key, *plugged}) == 3
 
 
 @pytest.mark.parametrize("name", [STAMP, MANIFEST, "result.txt"])
 def test_a_broken_file_is_named_and_the_stage_made_again(tmp_path, of, capsys, name):
     one = of("dense", ["a"])
-    kept(tmp_path, one)
+    cached(tmp_path, one)
     (one.folder(tmp_path) / name).write_text("{")
-    assert not kept(tmp_path, one)[1]
+    assert not cached(tmp_path, one)[1]
     assert f"{name} " in capsys.readouterr().err and (one.folder(tmp_path) / "result.txt").read_text() == "made 2"

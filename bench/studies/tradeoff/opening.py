@@ -14,9 +14,10 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.statistics.intervals import Interval
 from handbench.bench.results import Failure, Section, Setting
 from handbench.bench.run.benchmark_file import BenchFile
-from handbench.bench.run.executors import InPlace
+from handbench.bench.run.executors import Here
+from handbench.bench.run.jobs import references
 from handbench.bench.run.outcome import Capture, Outcome, failing
-from handbench.bench.run.runner import Run, references
+from handbench.bench.run.runner import Run
 from handbench.bench.run.sweep import SectionName
 from handbench.support.errors import HandbenchError
 
@@ -85,26 +86,31 @@ def opened(bench: BenchFile, base: Path, work: Path, photographed: int) -> Opene
         unseen = (source.model_copy(update={"photos": False}) for source in sources[photographed:])
         sources = (*sources[:photographed], *unseen)
     alone = bench.model_copy(update={"capture": sources, "method": (), "calibration": (), "tradeoff": None})
-    run = Run(alone, base.resolve(), work.resolve(), InPlace())
-    captures, targets = run.open()
+    job = Run(alone, base.resolve(), work.resolve(), Here())
+    job.open()
+    captures = job.found.captures
     if captures and all(open_capture(capture.folder).truth is not None for capture in captures):
-        found, reference = Outcome(alone, captures, run.tasks, run.failures), "truth"
+        reference = "truth"
         for capture in captures:
-            with failing(found.failures, capture.name, "references"):
-                given = references(capture, None, None, found)
-                found.references[capture.name] = {"truth": given["truth"]}
+            with failing(job.found.failures, capture.name, "references"):
+                given = references(capture, None, None, job.found)
+                job.found.references[capture.name] = {"truth": given["truth"]}
     else:
         whole = alone.model_copy(update={"calibration": bench.calibration})
-        _, targets = Run(whole, base.resolve(), work.resolve(), InPlace()).open()
-        found, reference = Run(whole, base.resolve(), work.resolve(), InPlace()).execute(), "photogrammetry"
-        for name, files in list(found.references.items()):
-            found.references[name] = {key: files[key] for key in files if key == reference}
-            if not found.references[name]:
-                found.failures.append(
+        job, reference = Run(whole, base.resolve(), work.resolve(), Here()), "photogrammetry"
+        job.open()
+        job.inspect()
+        stages = job.photographed()
+        job.collect(stages, job.perform(stages))
+        job.find_references()
+        for name, files in list(job.found.references.items()):
+            job.found.references[name] = {key: files[key] for key in files if key == reference}
+            if not job.found.references[name]:
+                job.found.failures.append(
                     Failure(capture=name, stage="references", message="has no photogrammetry, which scores the others")
                 )
-    ready = Opened(found, reference, targets)
+    ready = Opened(job.found, reference, job.targets)
     if not ready.captures:
-        reason = found.failures[0].message if found.failures else "no capture has a reference"
+        reason = job.found.failures[0].message if job.found.failures else "no capture has a reference"
         raise HandbenchError(f"every capture failed; the first: {reason}")
     return ready

@@ -9,7 +9,9 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial, wraps
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -68,9 +70,14 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
 
-    for stage in ("run.simulate_stage.simulate", "validation.doubts.make", "run.reconstruct_stage.reconstruct"):
-        monkeypatch.setattr(f"handbench.bench.{stage}", make)
-    monkeypatch.setattr("handbench.bench.run.repeat_stage.repeat", make)
+    for stage in (
+        "run.simulate_stage.simulate",
+        "validation.doubts.make",
+        "run.reconstruct_stage.reconstruct",
+        "run.repeat_stage.repeat",
+    ):
+        replaced = resolve_name(f"handbench.bench.{stage}")  # whose code is the stage's
+        monkeypatch.setattr(f"handbench.bench.{stage}", wraps(replaced)(partial(make)))
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -13,12 +13,14 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from contextlib import redirect_stderr
 from dataclasses import replace
 from os import devnull
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import psutil
@@ -29,14 +31,13 @@ from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import HEADLINE, errors_path, write_errors
 from handbench.bench.results.tables import Column
-from handbench.bench.run import reconstruct_stage, scoring, tasks
+from handbench.bench.run import reconstruct_stage, runner
 from handbench.bench.run.benchmark_file import BenchFile
-from handbench.bench.run.executors import Cluster, Executor, InPlace, executor
+from handbench.bench.run.executors import executor
 from handbench.bench.run.outcome import Capture, Outcome, basis
 from handbench.bench.run.runner import Run
 from handbench.bench.run.scoring import EACH_FRAME, FIGURES, GRIDS, REFERENCES, TREATED, write_reference
 from handbench.bench.run.tabulation import tables
-from handbench.bench.run.tasks import Done
 from handbench.bench.studies.columns import Record, Table
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
@@ -44,7 +45,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
-from handbench.support.store import Stage
+from handbench.support.store import Stage, Stamp, cached
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0
@@ -62,26 +63,25 @@ def nothing(folder: Path, **arguments: Any) -> None:
     write_json(folder / reconstruct_stage.TIMING, {"seconds": [0.0]})
 
 
-def perform(root: Path, stage: Stage) -> Done:
-    """As `bench.run.tasks.perform`, in a process whose makers do nothing."""
-    reconstruct_stage.reconstruct = scoring.make = nothing
-    return tasks.perform(root, stage)
+def idle(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+    """As `cached`, of a stage that does nothing."""
+    object.__setattr__(stage, "function", nothing)
+    return cached(root, stage)
 
 
-class Watched:
-    """An executor; memory_mb: the client's resident memory at each tenth of the tasks that it yields."""
+class Watched(Executor):
+    """An executor; memory_mb: the client's resident memory at each tenth of so many jobs."""
 
-    def __init__(self, executor: Executor) -> None:
-        self.executor = executor
+    def __init__(self, executor: Executor, jobs: int) -> None:
+        self.executor, self.tenth, self.count = executor, max(jobs // 10, 1), 0
         self.memory_mb: list[float] = []
 
-    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
-        """See `Executor`."""
-        process, tenth = psutil.Process(), max(len(jobs) // 10, 1)
-        for count, ended in enumerate(self.executor.run(root, jobs)):
-            if count % tenth == 0:
-                self.memory_mb.append(process.memory_info().rss / 1e6)
-            yield ended
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have the function called by the executor."""
+        if self.count % self.tenth == 0:
+            self.memory_mb.append(psutil.Process().memory_info().rss / 1e6)
+        self.count += 1
+        return self.executor.submit(function, *args, **kwargs)
 
 
 def write_captures(base: Path, count: int) -> BenchFile:
@@ -100,12 +100,16 @@ def write_captures(base: Path, count: int) -> BenchFile:
 
 def run_record(name: str, bench: BenchFile, base: Path, work: Path, workers: Executor) -> Record:
     """One run of all tasks, opening and planning included."""
-    watched = Watched(workers)
+    watched = Watched(workers, len(bench.capture) * (len(METHODS) + 2))
     run, start, cpu_start = Run(bench, base, work, watched), time.perf_counter(), time.process_time()
-    with Path(devnull).open("w") as nowhere, redirect_stderr(nowhere):
-        run.execute()
-    seconds, cpu_seconds, count = time.perf_counter() - start, time.process_time() - cpu_start, len(run.tasks)
-    assert count == len(bench.capture) * (len(METHODS) + 1) and not run.failures  # the last is the score's
+    with Path(devnull).open("w") as nowhere, redirect_stderr(nowhere), patch.object(runner, "cached", idle):
+        run.open()
+        stages = run.imaging()
+        run.collect(stages, run.perform(stages))
+        run.find_references()
+        run.score()
+    seconds, cpu_seconds, count = time.perf_counter() - start, time.process_time() - cpu_start, len(run.found.tasks)
+    assert count == len(bench.capture) * (len(METHODS) + 1) and not run.found.failures  # the last is the score's
     each_ms, cpu_ms = 1e3 * seconds / count, 1e3 * cpu_seconds / count
     return {"what": name, "each_ms": each_ms, "cpu_ms": cpu_ms, "memory_mb": watched.memory_mb[-10:]}
 
@@ -158,8 +162,7 @@ def measure(captures: int, scheduler: str | None) -> list[Record]:
         base.mkdir()
         work.mkdir()
         bench = write_captures(base, captures)
-        workers = Cluster(found.client, perform) if isinstance(found, Cluster) else InPlace(perform)
-        runs = [run_record(name, bench, base, work, workers) for name in ("first run", "all cached")]
+        runs = [run_record(name, bench, base, work, found) for name in ("first run", "all cached")]
         return [*runs, table_record(scored_captures(bench, base, Path(folder).resolve() / "scores"))]
 
 

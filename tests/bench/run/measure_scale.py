@@ -16,7 +16,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterable
-from contextlib import nullcontext
 from pathlib import Path
 from shutil import copytree
 from typing import Any
@@ -28,15 +27,14 @@ import tomlkit
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DESCRIPTION, save_capture_file
 from handbench.bench.results.tables import Column
-from handbench.bench.run import executors, jobs, runner, scoring, tasks
+from handbench.bench.run import jobs, runner
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.simulate_stage import CAPTURE
-from handbench.bench.run.tasks import Done
 from handbench.bench.studies.columns import Record, Table
 from handbench.support.folder import MARKER, WORK
 from handbench.support.progress import say
-from handbench.support.store import MANIFEST, STAMP, Stage
+from handbench.support.store import MANIFEST, STAMP, Stage, Stamp, cached
 
 SAMPLE_S = 0.2
 MODULE = "tests.bench.run.measure_scale"
@@ -107,17 +105,17 @@ def linked(folder: Path, capture: str, **_: Any) -> None:
         os.link(file, target.with_name(f"{place.name}__{rest}") if rest else target)
 
 
-def perform(root: Path, stage: Stage) -> Done:
-    """As `bench.run.tasks.perform`, in a process that links scores."""
-    scoring.make = linked
-    return tasks.perform(root, stage)
+def linking(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+    """As `cached`, but scores are linked."""
+    if stage.name == "score":
+        object.__setattr__(stage, "function", linked)
+    return cached(root, stage)
 
 
 def client(bench: str, out: str, scheduler: str) -> None:
     """A run whose workers link scores."""
     found, base = load_benchmark(bench)
-    with executors.executor(scheduler) as workers, patch.object(runner, "executor", lambda *_: nullcontext(workers)):
-        workers.perform = perform
+    with patch.object(runner, "cached", linking):
         runner.run(found, base, Path(out), scheduler=scheduler)
 
 

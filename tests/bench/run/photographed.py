@@ -16,10 +16,9 @@ import os, shutil, sys
 from pathlib import Path
 import numpy as np
 from handbench.cli.main import main
-from handbench.bench.run import calibrate_stage
+from handbench.bench.run import calibrate_stage, runner
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
-from handbench.support import store
 
 bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
 exact = np.diag([1e-5] * 6) ** 2
@@ -40,16 +39,23 @@ def calibrate(folder, captures, clouds):
     assert all(Path(cloud).is_file() for cloud in clouds)
     Transform("photo", "radar", np.eye(4), exact, np.array([1e-5])).save(folder / calibrate_stage.REGISTRATION)
 
-sparse_stage.make, dense_stage.make, mesh_stage.make, calibrate_stage.calibrate = sparse, dense, mesh, calibrate
-keep = store.keep
+for stage, name, function in (
+    (sparse_stage, "make", sparse),
+    (dense_stage, "make", dense),
+    (mesh_stage, "make", mesh),
+    (calibrate_stage, "calibrate", calibrate),
+):
+    function.__module__ = stage.__name__  # whose code is the stage's
+    setattr(stage, name, function)
+cached = runner.cached
 
-def killed(folder, make):
-    cached = keep(folder, make)
-    if folder.name.startswith(f"{last}-"):
+def killed(root, stage):
+    made = cached(root, stage)
+    if stage.name == last:
         os._exit(9)
-    return cached
+    return made
 
-store.keep = killed
+runner.cached = killed
 sys.exit(main(["run", str(bench), "-o", out]))
 """
 

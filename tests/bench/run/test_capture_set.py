@@ -7,11 +7,10 @@ import shutil
 import pytest
 
 from handbench.bench.results import load
-from handbench.bench.run import capture_set
+from handbench.bench.run import capture_set, jobs
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.tasks import HASH, perform
+from handbench.bench.run.executors import HASH
 from handbench.cli.main import main
-from handbench.support.store import Stage
 from tests.small_benchmark import write_bench
 
 
@@ -94,8 +93,9 @@ def test_captures_that_no_set_lists_are_not_compared(changed, tmp_path, capsys):
     append(changed / "captures" / "ball" / "echoes.h5")
     assert main(["inspect", str(changed / "bench.toml")]) == 0
     capsys.readouterr()
-    about = {"folder": str(changed / "captures" / "ball"), "frames": 1}
-    assert perform(tmp_path, Stage(HASH, "ball", arguments=about)).failure is None
+    bench, base = load_benchmark(str(changed / "bench.toml"))
+    stage = jobs.opening(bench, base, bench.capture[0], frames=1)
+    assert stage.name == HASH and jobs.content_key(tmp_path, stage)
 
 
 def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, capsys):

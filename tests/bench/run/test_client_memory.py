@@ -6,9 +6,10 @@ Counted are live objects and the allocations of numpy and Python, which are the 
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 from weakref import ref
 
 import numpy as np
@@ -17,12 +18,11 @@ import pytest
 from handbench.bench.evaluation.floor import RESAMPLES, floor_interval
 from handbench.bench.evaluation.statistics.intervals import median_interval, precision_interval
 from handbench.bench.results.tables import TASKS, frame
-from handbench.bench.run import executors
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.runner import Run
-from handbench.bench.run.tasks import HASH, Done
+from handbench.bench.run import executors, runner
+from handbench.bench.run.executors import Here
 from handbench.support.store import Stage, Stamp
 from tests.bench.evaluation.test_floor import level
+from tests.bench.run.jobs_of_tests import performed, run_of, stage_of, stamped
 
 FEW, MANY, JOBS = 4, 16, 60
 LEVEL = level(1e-4, (0, 0, 1e-4, 3e-3, 2e-3, 0))
@@ -63,44 +63,38 @@ def test_an_interval_keeps_no_draws_of_a_capture(of):
 
 
 class Stamping:
-    """An executor whose stages end in reverse, each with a stamp. most: of the stamps that were alive at once."""
+    """A job whose stages have a stamp each. most: of the stamps that were alive at once."""
 
     def __init__(self) -> None:
         self.stamps: list[ref[Stamp]] = []
         self.most = 0
 
-    def run(self, root: Path, jobs: Sequence[Stage]) -> Iterator[tuple[int, Done]]:
-        for number in reversed(range(len(jobs))):
-            yield number, self.ended(number)
-            self.most = max(self.most, sum(stamp() is not None for stamp in self.stamps))
-
-    def ended(self, number: int) -> Done:
+    def __call__(self, root: Path, job: Stage) -> tuple[Stamp, bool]:
+        number = len(self.stamps)
         stamp = Stamp(float(number), 0.0, 0.0, {"host": f"host{number % 2}", "of": number})
+        self.most = max(self.most, sum(known() is not None for known in self.stamps))
         self.stamps.append(ref(stamp))
-        return Done(stamp)
+        return stamp, False
 
 
 def test_a_run_keeps_no_stamp_of_a_stage_that_has_ended(tmp_path):
     """But its line, in the order of the list, and of each machine what its first stage of the list tells."""
-    bench, base = load_benchmark("hands")
-    run = Run(bench, base, tmp_path, Stamping())
-    assert len(run.perform([Stage(HASH, f"c{k}") for k in range(JOBS)])) == JOBS
-    assert run.executor.most <= 2  # the one at hand and the one before it
-    assert frame(TASKS, run.tasks).seconds.tolist() == list(range(JOBS))
-    assert list(run.machines.items()) == [(f"host{k}", {"host": f"host{k}", "of": k}) for k in range(2)]
-
-
-def _ends(root: Path, job: Stage) -> Done:
-    return Done(key=job.capture)
+    run, job = run_of(Here(), tmp_path), Stamping()
+    with patch.object(runner, "cached", job):
+        assert len(run.perform([stage_of("mesh", f"c{k}") for k in range(JOBS)])) == JOBS
+    assert job.most <= 2  # the one at hand and the one before it
+    assert frame(TASKS, run.found.tasks).seconds.tolist() == list(range(JOBS))
+    assert list(run.found.machines.items()) == [(f"host{k}", {"host": f"host{k}", "of": k}) for k in range(2)]
 
 
 def test_a_cluster_keeps_no_future_of_a_stage_that_has_ended(tmp_path, monkeypatch):
     """Those that the scheduler knows of, and at most as many that are just being handed on."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     monkeypatch.setattr(executors, "IN_FLIGHT", 6)
-    monkeypatch.setattr(executors, "BATCH", 2)
-    monkeypatch.setattr(executors, "LARGEST_GROUP", 1)
-    jobs = [Stage(HASH, f"c{k}") for k in range(JOBS)]
+    known: list[int] = []
     with distributed.Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0") as client:
-        known = [len(client.futures) for _ in executors.Cluster(client, _ends).run(tmp_path, jobs)]
-    assert len(known) == JOBS and max(known) <= 2 * executors.IN_FLIGHT
+        monkeypatch.setattr(runner, "say", lambda line: known.append(len(client.futures)))
+        ended = performed(
+            executors.Cluster(client), stamped, tmp_path, [stage_of("mesh", f"c{k}") for k in range(JOBS)]
+        )
+    assert len(known) == len(ended) == JOBS and max(known) <= 2 * executors.IN_FLIGHT

@@ -12,6 +12,7 @@ import sys
 import time
 import tracemalloc
 from collections import namedtuple
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -34,10 +35,11 @@ from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_json
+from handbench.support.files import atomic_folder, write_json
 from handbench.support.folder import claimed
-from handbench.support.store import MANIFEST, keep, kept_stage
+from handbench.support.store import MANIFEST, Stage, cached
 from tests.bench.run.faults import DISK, content, instant, nobody_s_rights
+from tests.bench.run.jobs_of_tests import few_bytes, some_time, two_files
 from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
 from tests.installed_copy import ROOMS
@@ -141,30 +143,30 @@ def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(small_bench
 
 
 def test_every_single_bit_counts(tmp_path):
-    keep(tmp_path / "kept", lambda folder: (folder / "a").write_bytes(b"echoes"))
+    one = Stage("one", few_bytes, {}, [])
+    cached(tmp_path, one)
+    kept = one.folder(tmp_path)
     for name in ("a", MANIFEST):
-        whole = (tmp_path / "kept" / name).read_bytes()
+        whole = (kept / name).read_bytes()
         for bit in range(8 * len(whole)):
             broken = bytearray(whole)
             broken[bit // 8] ^= 1 << bit % 8
-            (tmp_path / "kept" / name).write_bytes(broken)
-            assert not keep(tmp_path / "kept", lambda folder: (folder / "a").write_bytes(b"echoes"))
-            assert (tmp_path / "kept" / name).read_bytes() == whole
+            (kept / name).write_bytes(broken)
+            assert not cached(tmp_path, one)[1]
+            if name != MANIFEST:  # which has the size of the stamp, and that the time that was taken
+                assert (kept / name).read_bytes() == whole
 
 
 def test_a_kept_file_that_is_gone_is_missed_and_a_new_one_is_not(tmp_path, capsys):
-    def make(folder: Path) -> None:
-        (folder / "sub").mkdir()
-        (folder / "sub" / "a").write_text("1")
-        (folder / "b").write_text("2")
-
-    keep(tmp_path / "kept", make)
-    (tmp_path / "kept" / ".DS_Store").write_text("a file browser was here")
-    assert keep(tmp_path / "kept", make)
-    (tmp_path / "kept" / "sub" / "a").unlink()
-    (tmp_path / "kept" / "b").unlink()
-    assert not keep(tmp_path / "kept", make)
-    assert "b and 1 more differs" in capsys.readouterr().err and keep(tmp_path / "kept", make)
+    two = Stage("two", two_files, {}, [])
+    cached(tmp_path, two)
+    kept = two.folder(tmp_path)
+    (kept / ".DS_Store").write_text("a file browser was here")
+    assert cached(tmp_path, two)[1]
+    (kept / "sub" / "a").unlink()
+    (kept / "b").unlink()
+    assert not cached(tmp_path, two)[1]
+    assert "b and 1 more differs" in capsys.readouterr().err and cached(tmp_path, two)[1]
 
 
 def test_a_clock_that_jumps_changes_nothing(small_bench, clean, tmp_path, monkeypatch):
@@ -174,8 +176,8 @@ def test_a_clock_that_jumps_changes_nothing(small_bench, clean, tmp_path, monkey
         monkeypatch.setattr(time, "time", lambda jump_s=jump_s: now + jump_s)
         result = execute(small_bench, clean)
         assert result.tasks.cached.all() and content(clean) == expected
-        stamp, cached = kept_stage(tmp_path / f"new{jump_s}", "new", lambda folder: time.sleep(0.01))
-        assert not cached and 0 < stamp.seconds < 1e7  # neither jump counts
+        stamp, there = cached(tmp_path, Stage("new", some_time, {}, [jump_s]))
+        assert not there and 0 < stamp.seconds < 1e7  # neither jump counts
 
 
 WALL_CLOCKS = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow"), ("date", "today")}
@@ -267,6 +269,11 @@ def test_a_plane_sweep_beyond_memory_is_refused_before_it_is_made(small_machine)
     )
 
 
+def write_folder(path: Path, write: Callable[[Path], None]) -> None:
+    with atomic_folder(path) as folder:
+        write(folder)
+
+
 def test_libraries_that_do_not_mind_a_full_disk_are_minded(tmp_path):
     """Open3D and COLMAP write what fits and say nothing; HDF5's library fails when it closes the file."""
     sphere = load_open3d().geometry.TriangleMesh.create_sphere(0.02)
@@ -276,7 +283,7 @@ def test_libraries_that_do_not_mind_a_full_disk_are_minded(tmp_path):
         for name, write in (
             ("a.ply", lambda path: write_mesh(path, sphere)),
             ("a.h5", lambda path: save_capture(path, echoes)),
-            ("sparse", lambda path: keep(path, lambda folder: write_model(model, folder))),
+            ("sparse", lambda path: write_folder(path, lambda folder: write_model(model, folder))),
         ):
             if (name, size) == ("sparse", 6000):  # fits
                 continue

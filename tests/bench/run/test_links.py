@@ -13,7 +13,7 @@ from handbench.bench.studies.tradeoff.run import run as tradeoff
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
 from handbench.support.folder import MARKER, claimed, drop
-from handbench.support.store import MANIFEST, kept, stage
+from handbench.support.store import MANIFEST, Stage, cached
 from tests.bench.run.faults import content, instant
 
 NAMES = (
@@ -109,14 +109,14 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(small_bench, hom
 
 def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed, monkeypatch):
     monkeypatch.setattr("handbench.support.closure.key_of", lambda module: module)
-    one = stage("dense", "nowhere:make", [], {})
+    one = Stage("dense", print, {}, [])
     (tmp_path / "stages").mkdir()
     one.folder(tmp_path / "stages").symlink_to(home)
     with pytest.raises(HandbenchError, match="is a link"):
-        kept(tmp_path / "stages", one)
+        cached(tmp_path / "stages", one)
     (tmp_path / "linked").symlink_to(home)
     with pytest.raises(HandbenchError, match="linked: is a link"):
-        kept(tmp_path / "linked", one)
+        cached(tmp_path / "linked", one)
     with pytest.raises(HandbenchError, match="a link stands in the folder's place"), atomic_folder(tmp_path / "linked"):
         pass
     assert (tmp_path / "linked").is_symlink()

@@ -9,17 +9,18 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
+from concurrent.futures import Executor
 from pathlib import Path
 
 import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.executors import HASH, Cluster, Here, elsewhere
 from handbench.bench.run.runner import run
-from handbench.bench.run.tasks import HASH, Done, perform
 from handbench.support.errors import HandbenchError
-from handbench.support.store import Stage, stage
+from handbench.support.store import Stage, cached
+from tests.bench.run.jobs_of_tests import deadly, performed, stage_of
 
 CAPTURES = 2
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
@@ -118,61 +119,53 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tm
     assert again.tasks.cached.all()
 
 
-def _fails_or_ends(root: Path, job: Stage) -> Done:
+def _fails_or_ends(root: Path, job: Stage) -> str:
     if job.capture == "bug":
         raise ZeroDivisionError("a bug")
-    return Done(failure="mend me") if job.capture == "bad" else Done(key=job.capture)
+    if job.capture == "bad":
+        raise HandbenchError("mend me")
+    return job.capture
 
 
 @pytest.fixture(params=["in place", "cluster"])
-def executor(request, tmp_path) -> Iterator[executors.Executor]:
+def executor(request, tmp_path) -> Iterator[Executor]:
     if request.param == "in place":
-        yield executors.InPlace(_fails_or_ends)
+        yield Here()
         return
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     # Threads of this process: what is tested is the client's side.
     with distributed.Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0") as client:
-        yield executors.Cluster(client, _fails_or_ends)
+        yield Cluster(client)
 
 
 def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypatch):
     monkeypatch.setattr(executors, "IN_FLIGHT", 5)
-    monkeypatch.setattr(executors, "BATCH", 2)
     names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
-    ended = dict(executor.run(tmp_path, [Stage(HASH, name) for name in names]))
-    assert sorted(ended) == list(range(20))
-    assert [ended[k].failure or ended[k].key for k in range(20)] == [n.replace("bad", "mend me") for n in names]
-    assert list(executor.run(tmp_path, [])) == []
+    ended = performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in names])
+    found = [done.key if done.failure is None else done.failure.message for done in ended]
+    assert found == [name.replace("bad", "mend me") for name in names]
+    assert performed(executor, _fails_or_ends, tmp_path, []) == []
 
 
-def _dies(root: Path, job: Stage) -> Done:
-    if job.capture == "deadly":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return Done(key=job.capture)
-
-
-def test_the_job_that_kills_its_workers_fails_alone(tmp_path, monkeypatch):
-    """Jobs go in groups of four; the deadly one takes its group with it once, then fails by itself. (Dask blames what a
-    worker merely had waiting too; with this saturation nothing waits there.)"""
+def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
+    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits there.)"""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     import dask
 
-    monkeypatch.setattr(executors, "GROUPS_A_THREAD", 1)
-    monkeypatch.setattr(executors, "LARGEST_GROUP", 4)
     names = ["a", "b", "deadly", "c", "d", "e", "f", "g"]
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}),
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        ended = dict(executors.Cluster(client, _dies).run(tmp_path, [Stage(HASH, name) for name in names]))
-    assert [ended[k].key for k in range(8) if k != 2] == [name for name in names if name != "deadly"]
-    assert ended[2].failure == "hash-deadly: 1 workers died over it; give the workers more memory"
+        ended = performed(Cluster(client), deadly, tmp_path, [stage_of(HASH, name) for name in names])
+    assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
+    assert ended[2].failure.message == "1 workers died over it; give the workers more memory"
 
 
 def test_a_bug_keeps_its_exception(executor, tmp_path):
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        list(executor.run(tmp_path, [Stage(HASH, "a"), Stage(HASH, "bug"), Stage(HASH, "b")]))
+        performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in ("a", "bug", "b")])
 
 
 def test_no_scheduler_is_one_line(monkeypatch):
@@ -190,6 +183,9 @@ def test_a_missing_extra_is_named(monkeypatch):
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
-    known = stage("simulate", "handbench.bench.run.simulate_stage:simulate", [], {}, "a")
-    assert "differ from the client's" in perform(tmp_path, replace(known, code="0" * 64)).failure
-    assert "shared by all workers" in perform(tmp_path / "elsewhere", known).failure
+    known = stage_of("simulate", "a")
+    with pytest.raises(HandbenchError, match="shared by all workers"):
+        elsewhere({}, cached, tmp_path / "elsewhere", known)
+    object.__setattr__(known, "code", "0" * 64)
+    with pytest.raises(HandbenchError, match="differ from the client's"):
+        elsewhere({}, cached, tmp_path, known)

@@ -105,11 +105,10 @@ def test_times_are_repeated_until_they_settle_or_half_a_second_has_gone(each_s, 
     clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
     monkeypatch.setattr(reconstruct_stage, "time", clock)
 
-    def timed(frame):
+    def image(frame):
         clock.now += each_s[frame]
-        return None, each_s[frame]
 
-    imager = SimpleNamespace(frames=2, _timed=timed)
+    imager = SimpleNamespace(frames=2, task=SimpleNamespace(image=image))
     found = reconstruct_stage.Imager.until_settled(imager, [each_s[0], each_s[1], each_s[0]])
     assert len(found) == 3 + more
 

@@ -28,8 +28,7 @@ from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
 from handbench.support.errors import HandbenchError
-from handbench.support.files import require_folder
-from handbench.support.store import keep
+from handbench.support.files import atomic_folder, require_folder
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 
@@ -106,7 +105,9 @@ def measure(case: Case, photos: Path, centres_m: dict[str, np.ndarray], work: Pa
     K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
     intrinsics = (K[0], K[4], K[2], K[5]) if case.known else None
     kept = work / f"1-{case.shrink}"
-    keep(kept, lambda folder: _prepare(photos / "images", sorted(centres_m), case.shrink, folder))
+    if not kept.is_dir():
+        with atomic_folder(kept) as folder:
+            _prepare(photos / "images", sorted(centres_m), case.shrink, folder)
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch) / "photos"
         folder.mkdir()

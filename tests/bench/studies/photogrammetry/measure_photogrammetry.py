@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -22,8 +21,7 @@ from handbench.bench.studies.columns import Record, Table
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.cost import measured as costs
-from handbench.support.files import content_hash
-from handbench.support.store import keep
+from handbench.support.files import atomic_folder, content_hash
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import score
 from tests.bench.studies.script import measured
@@ -57,12 +55,16 @@ def measure(case: Case, work: Path) -> Record:
     mesh = {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
     values = {**file.model_dump(mode="json", exclude={"name"}), **mesh}
     folder = work / f"{Path(case.pose).stem}-{content_hash(values)[:12]}"
-    keep(folder / "capture", lambda temporary: write_photos(scene, temporary))
+    if not (folder / "capture").is_dir():
+        with atomic_folder(folder / "capture") as temporary:
+            write_photos(scene, temporary)
     photos = folder / "capture" / "photos"
     if not case.known:
         photos = folder / "unknown"
         intrinsics = shutil.ignore_patterns("*cameras.json")
-        keep(photos, partial(shutil.copytree, folder / "capture" / "photos", dirs_exist_ok=True, ignore=intrinsics))
+        if not photos.is_dir():
+            with atomic_folder(photos) as temporary:
+                shutil.copytree(folder / "capture" / "photos", temporary, dirs_exist_ok=True, ignore=intrinsics)
     lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
     options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), shared_intrinsics=lens)
     return reconstructed(case, scene, photos, options, folder / "reconstruction")

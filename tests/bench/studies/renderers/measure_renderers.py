@@ -22,8 +22,7 @@ from handbench.bench.scenes.photographs import Studio
 from handbench.bench.studies.columns import Record
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
-from handbench.support.files import content_hash
-from handbench.support.store import keep
+from handbench.support.files import atomic_folder, content_hash
 from tests.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas
@@ -53,7 +52,9 @@ def measure(case: Rendered, work: Path) -> Record:
     mesh = content_hash(Path(case.pose)) if case.is_file else ""
     values = {**file.model_dump(mode="json", exclude={"name"}), "mesh": mesh}
     folder = work / f"{Path(case.pose).stem}-{case.renderer}-{content_hash(values)[:12]}"
-    keep(folder / "capture", lambda temporary: photograph(scene, case.renderer, temporary / "photos"))
+    if not (folder / "capture").is_dir():
+        with atomic_folder(folder / "capture") as temporary:
+            photograph(scene, case.renderer, temporary / "photos")
     photos, options = folder / "capture" / "photos", Options(quality=case.quality)
     return reconstructed(case, scene, photos, options, folder / "reconstruction")
 

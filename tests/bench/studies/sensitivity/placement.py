@@ -23,9 +23,8 @@ from handbench.radar.simulation.scene_echoes import bare_echoes, generator, requ
 from handbench.support.closure import key_of
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, read_npz, write_npz
+from handbench.support.files import atomic_folder, content_hash, read_npz, write_npz
 from handbench.support.rays import TriangleMesh
-from handbench.support.store import keep
 from tests.bench.studies.sensitivity.sensitivity_cases import Value
 from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED
 
@@ -98,7 +97,9 @@ class Hand:
         described = self.file.model_dump(mode="json", exclude={"photos", "noise"}), shape, self.roughness_m
         key = content_hash(*described, own, diffuse, key_of(__name__))  # of modules beside this one, `own` has all
         folder = work / f"echoes-{self.file.name}-{key[:16]}"
-        keep(folder, lambda temporary: self._make(temporary / "echoes.npz", own, diffuse))
+        if not folder.is_dir():
+            with atomic_folder(folder) as temporary:
+                self._make(temporary / "echoes.npz", own, diffuse)
         found = read_npz(folder / "echoes.npz", KEPT)
         samples, frequencies_hz, tx_m, rx_m, points_m, strongest, vertices_m, faces = found.values()
         array = AntennaArray(tx_m, rx_m)
