@@ -124,7 +124,7 @@ class Capture:
             HandbenchError: an unknown method or parameter, a frame or a tone that the capture does not have.
         """
         from handbench.bench.pipeline.image import configuration, image
-        from handbench.bench.validation.checks import array_warnings, pair_warnings
+        from handbench.bench.validation.checks import echo_warnings
         from handbench.radar.methods import registry
         from handbench.support.progress import say
 
@@ -133,7 +133,7 @@ class Capture:
         for key, value in settings.items():  # of an axis, what is not asked for stays
             within = isinstance(value, dict) and isinstance(usual.get(key), dict)
             settings[key] = {**usual[key], **value} if within else value
-        for doubt in (*array_warnings(self.echoes), *pair_warnings(self.echoes)):
+        for doubt in echo_warnings(self.echoes):
             say(f"{self.folder}: {doubt}")
         return Depth(image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self)
 

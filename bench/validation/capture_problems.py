@@ -23,13 +23,7 @@ from handbench.bench.datasets.native import (
     NativeCapture,
 )
 from handbench.bench.pipeline.image import configured
-from handbench.bench.validation.checks import (
-    array_warnings,
-    pair_warnings,
-    surface_warnings,
-    transform_warnings,
-    warnings_of,
-)
+from handbench.bench.validation.checks import echo_warnings, surface_warnings, transform_warnings, warnings_of
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, findings, parsed, warnings_at
 from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.spheres.description import Target
@@ -161,7 +155,7 @@ def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
     yield from attempt(calibration, lambda: with_calibration(echoes, calibration))
     if empty.exists():
         yield from attempt(empty, lambda: load_capture(empty))
-    yield from warnings_at(file, (*array_warnings(echoes), *pair_warnings(echoes)))
+    yield from warnings_at(file, echo_warnings(echoes))
     return echoes
 
 

@@ -255,6 +255,12 @@ def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
     return (check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts))
 
 
+def echo_warnings(capture: RadarCapture) -> Iterator[str]:
+    """Warnings about a capture by itself: its antennas, its tones, its pairs."""
+    yield from array_warnings(capture)
+    yield from pair_warnings(capture)
+
+
 def array_warnings(capture: RadarCapture) -> Iterator[str]:
     """Warnings about the antennas' positions and the tones."""
     places = places_m(capture)

@@ -9,7 +9,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
-from handbench.bench.validation.checks import array_warnings, flagged, pair_warnings
+from handbench.bench.validation.checks import echo_warnings, flagged
 from handbench.bench.validation.doubts import of_image
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
-    for doubt in (*array_warnings(echoes), *pair_warnings(echoes)):  # they may say why a tone is missing
+    for doubt in echo_warnings(echoes):  # they may say why a tone is missing
         say(f"{options.capture}: {doubt}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
