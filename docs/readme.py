@@ -19,10 +19,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from handbench.bench.evaluation.tables import EQUAL as EQUAL_TABLE
+from handbench.bench.evaluation.tables import TABLE, each, frame, records
 from handbench.bench.results import HEADLINE, Result, load
 from handbench.bench.results.about import SHARES, TREATMENTS, on_common_pixels
-from handbench.bench.results.tables import EQUAL as EQUAL_TABLE
-from handbench.bench.results.tables import TABLE, each, frame, records
 from handbench.reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
 from handbench.reports.tables.result_tables import bold, escaped, findings, table
 from handbench.support.errors import HandbenchError

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from open3d.geometry import PointCloud
 
+    from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results import Result
-    from handbench.bench.results.error_map import ErrorMap
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
     from handbench.radar.data.capture import RadarCapture

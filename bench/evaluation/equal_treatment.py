@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from handbench.bench.evaluation.alike import Alike
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
-from handbench.bench.results.error_map import ErrorMap
 
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
+TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
+ALIKE = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment alone
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
 
 
@@ -24,6 +26,11 @@ class Treated(NamedTuple):
 
     figures: Values
     curve_mm: np.ndarray
+
+
+def on_common_pixels(metric: str) -> str:
+    """The words with which a metric's title goes on under equal treatment; none for one that needs no common pixels."""
+    return "" if metric in ALIKE else " on common pixels"
 
 
 def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Treated]:

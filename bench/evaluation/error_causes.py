@@ -7,7 +7,6 @@ Reliability of a depth map's own σ: the share of the errors that its intervals 
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
 from typing import Any
@@ -15,8 +14,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.tables import Schema, frame
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.tables import Schema, conform
 from handbench.radar.data.depthmap import DepthMap
 
 NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
@@ -63,64 +62,38 @@ BINS = {  # a bin holds its lower edge
     "edge_distance_mm": (0, 2, 4, 8, 16, np.inf),
 }
 Part = tuple[slice, slice]
-Lines = list[dict[str, Any]]
 ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
 ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE, ALL), (BEHIND, ALL))  # x, then y
 MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
 
 
-@dataclass(frozen=True)
-class Scored:
-    """A depth map of a capture with its errors against a reference."""
-
-    method: str
-    reference: str
-    depth: DepthMap
-    errors: ErrorMap
-
-
-def lines_of(one: Scored, surface: dict[str, np.ndarray]) -> dict[str, Lines]:
-    """The lines of a capture's map in the tables CAUSES and RELIABILITY; surface: of `surface_causes`."""
-    told = {"reference": one.reference, "method": one.method}
-    found = {"causes": cause_lines(one, surface), "reliability": reliability_lines(one.depth, one.errors)}
-    return {table: [told | line for line in lines] for table, lines in found.items()}
-
-
 def averaged_lines(lines: Iterable[dict[str, Any]], schema: Schema) -> pd.DataFrame:
-    """CAUSES or RELIABILITY of every capture's lines, read one at a time: figures are formed for each capture and
-    averaged over those that have them, of which those without pixels have none; pixels are counted over all."""
+    """CAUSES or RELIABILITY from every capture's lines: figures are formed for each capture and averaged over those
+    that have them, of which those without pixels have none; pixels are counted over all."""
     means = [name for name in schema.names if name in MEANS]
     keys = [name for name in schema.names if name not in (*means, "n_pixels", "n_captures")]
-    sums: dict[tuple[Any, ...], np.ndarray] = {}  # of the figures; how many have them; pixels, and captures with some
-    for line in lines:
-        values, pixels = np.array([line.get(name) for name in means], float), line["n_pixels"]
-        known = np.isfinite(values)
-        place = sums.setdefault(tuple(line.get(name) for name in keys), np.zeros(2 * len(means) + 2))
-        place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
-    found = []
-    for key, summed in sums.items():
-        if summed[-2]:
-            with np.errstate(invalid="ignore"):
-                figures = summed[: len(means)] / summed[len(means) : -2]
-            counts = {"n_pixels": int(summed[-2]), "n_captures": int(summed[-1])}
-            found.append(dict(zip(keys, key, strict=True)) | dict(zip(means, figures, strict=True)) | counts)
-    return frame(schema, found)
+    table = pd.DataFrame(lines, columns=[*keys, *means, "n_pixels"])
+    table = table.assign(n_captures=table.n_pixels > 0).astype(dict.fromkeys((*means, "n_pixels"), float))
+    groups = table.groupby(keys, sort=False, dropna=False)
+    found = groups[means].mean().join(groups[["n_pixels", "n_captures"]].sum()).reset_index()
+    return conform(found[found.n_pixels > 0], schema)
 
 
-def cause_lines(one: Scored, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:
+def cause_lines(depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:
     """A capture's lines of CAUSES: one a bin; surface: of `surface_causes`."""
-    values = surface | {"below_maximum_db": -one.depth.amplitude_db}
+    observed = np.isfinite(errors.error_m)
+    error_mm = 1e3 * errors.error_m[observed]
+    values = {name: of[observed] for name, of in (surface | {"below_maximum_db": -depth.amplitude_db}).items()}
     for cause, edges in BINS.items():
         for i, part in enumerate(PARTS if cause == "part" else ()):
-            yield {"cause": cause, "part": part, **_figures(one.errors.error_m[values[cause] == i])}
+            yield {"cause": cause, "part": part, **_figures(error_mm[values[cause] == i])}
         for low, high in pairwise(edges):
             inside = (values[cause] >= low) & ((values[cause] < high) | (high == np.inf))
-            yield {"cause": cause, "part": "", "low": low, "high": high, **_figures(one.errors.error_m[inside])}
+            yield {"cause": cause, "part": "", "low": low, "high": high, **_figures(error_mm[inside])}
 
 
-def _figures(error_m: np.ndarray) -> dict[str, float]:
+def _figures(error_mm: np.ndarray) -> dict[str, float]:
     """Figures of some pixels' errors, NaN without a pixel."""
-    error_mm = 1e3 * error_m[np.isfinite(error_m)]
     if not len(error_mm):
         return {"n_pixels": 0}
     absolute_mm = np.abs(error_mm)

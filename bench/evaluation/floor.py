@@ -5,13 +5,13 @@ hang together. How far it scatters about that does depend on it: the registratio
 that it carries, by one rigid motion; a mesh errs by patches.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
-from handbench.bench.evaluation.statistics.intervals import RESAMPLES, TAILS, Interval
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.intervals import RESAMPLES, TAILS, Interval
 from handbench.groundtruth.mesh.depth import Reference
 
 ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
@@ -20,7 +20,7 @@ BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper
 SPAN = 1 << 20  # more blocks than a row can have
 
 
-def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float | None:
+def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float | None:
     """The floor over the observed pixels of each of `maps`, compared with its reference, averaged over those that have
     any. None where nothing was observed or a part of σ is unknown."""
     seen = _observed(maps, references)
@@ -30,7 +30,7 @@ def floor_mm(maps: Sequence[ErrorMap], references: Sequence[Reference]) -> float
 
 
 def _observed(
-    maps: Sequence[ErrorMap], references: Sequence[Reference]
+    maps: Iterable[ErrorMap], references: Iterable[Reference]
 ) -> Iterator[tuple[ErrorMap, Reference, np.ndarray]]:
     """Each map that observes anything, its reference, and where it does [ny, nx]."""
     for m, r in zip(maps, references, strict=True):
@@ -40,11 +40,11 @@ def _observed(
 
 
 def floor_interval(
-    maps: Sequence[ErrorMap], references: Sequence[Reference], seed: int = 0, value: float | None = None
+    maps: Iterable[ErrorMap], references: Iterable[Reference], seed: int = 0, value: float | None = None
 ) -> Interval | None:
     """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
-    draws of the reference's error. value: the floor itself, where it is at hand. None where there is no floor, or one
-    of zero, which does not scatter."""
+    draws of the reference's error. value: the floor itself, where it is at hand, so that maps and references are read
+    once. None where there is no floor, or one of zero, which does not scatter."""
     value = floor_mm(maps, references) if value is None else value
     if not value:
         return None

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from handbench.bench.results.about import HEADLINE as HEADLINE
-from handbench.bench.results.error_map import ErrorMap as ErrorMap
+from handbench.bench.evaluation.depth_errors import ErrorMap as ErrorMap
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
+HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
@@ -119,27 +119,14 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
     return {key: found[key] for key in METRICS if key in found}
 
 
-def figures_of_frame(error_m: np.ndarray) -> Values:
-    """Mean and largest absolute error of one frame from its signed errors; None where nothing was observed."""
-    absolute_mm = 1e3 * np.abs(error_m[np.isfinite(error_m)])
-    return {
-        "mae_mm": float(absolute_mm.mean()) if len(absolute_mm) else None,
-        "max_mm": float(absolute_mm.max()) if len(absolute_mm) else None,
-    }
-
-
-def over_frames(frames: Sequence[Values]) -> Values:
-    """The figures over a capture's frames from `figures_of_frame` of each; none where it has a single one, or one in
-    which nothing was observed."""
-    import pandas as pd
-
-    figures = pd.DataFrame(list(frames), dtype=float)
-    if len(figures) < 2 or figures.isna().any(axis=None):
+def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
+    """The figures over a capture's frames from the mean and the largest absolute error of each [n]; none where it has
+    a single frame, or one in which nothing was observed."""
+    if len(mae_mm) < 2 or not np.isfinite([mae_mm, max_mm]).all():
         return {}
-    found: Values = {"frames_largest_mm": float(figures.max_mm.max())}
-    for name in ("mae", "max"):
-        values = figures[f"{name}_mm"].to_numpy()
-        found |= {f"frames_{name}_mm": float(values.mean()), f"frames_{name}_deviation_mm": deviation(values)}
+    found: Values = {"frames_largest_mm": float(np.max(max_mm))}
+    for name, values in (("mae", mae_mm), ("max", max_mm)):
+        found |= {f"frames_{name}_mm": float(np.mean(values)), f"frames_{name}_deviation_mm": deviation(values)}
     return found
 
 
@@ -152,14 +139,17 @@ def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
 
 def averaged(captures: pd.DataFrame) -> Values:
     """The figures of `of_captures`, formed for each capture and then averaged over those that have them, as the paper's
-    table is; the pooled ones and the number of pixels of all captures together. A figure that has nothing to stand on
-    is None."""
+    table is; the pooled ones and the number of pixels of all captures together. The floor, where `captures` has it as
+    `floor_mm`, is known if it is for each capture that observes anything. A figure that has nothing to stand on is
+    None."""
     pixels = captures.n_observed.sum()
     values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
         "pooled_mae_mm": (captures.mae_mm * captures.n_observed).sum() / pixels if pixels else np.nan,
         "pooled_max_mm": captures.max_mm.max(),
     }
+    if "floor_mm" in captures:
+        values["floor_mm"] = captures.floor_mm[captures.n_observed > 0].mean(skipna=False)
     found: Values = {key: float(value) if np.isfinite(value) else None for key, value in values.items()}
     return {key: found[key] for key in METRICS if key in found}
 

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.datasets.native import NativeCapture
-from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.floor import floor_mm
 from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
-from handbench.bench.results.error_map import ErrorMap
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
@@ -29,23 +28,15 @@ class Scores:
 
 
 def score(
-    depth: DepthMap,
-    reference: Reference,
-    protocol: Protocol = PAPER,
-    recorded: NativeCapture | None = None,
-    sigma_m: np.ndarray | None = None,
+    depth: DepthMap, reference: Reference, protocol: Protocol = PAPER, recorded: NativeCapture | None = None
 ) -> Scores:
     """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures that they give."""
-    errors = pixel_errors(depth, reference, protocol, recorded, sigma_m)
+    errors = pixel_errors(depth, reference, protocol, recorded)
     return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
 
 
 def pixel_errors(
-    depth: DepthMap,
-    reference: Reference,
-    protocol: Protocol = PAPER,
-    recorded: NativeCapture | None = None,
-    sigma_m: np.ndarray | None = None,
+    depth: DepthMap, reference: Reference, protocol: Protocol = PAPER, recorded: NativeCapture | None = None
 ) -> ErrorMap:
     """Signed errors of the pixels that a protocol scores.
 
@@ -54,14 +45,12 @@ def pixel_errors(
         reference: the surface's depths [ny, nx] on the map's pixels.
         protocol: says whether the data set's own mask is applied.
         recorded: the capture that was imaged, whose mask that is.
-        sigma_m: the reference's standard deviation [ny, nx], where it is known already.
 
     Raises:
         HandbenchError: the protocol masks, and there is no capture.
     """
-    sigma_m = reference.sigma_m if sigma_m is None else sigma_m
     z_m = scored_z_m(depth, protocol, recorded)
-    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, sigma_m, reference.met)
+    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
 
 
 def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:

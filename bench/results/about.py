@@ -5,25 +5,22 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from handbench.bench.evaluation.equal_treatment import ALIKE
+from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
+from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
+from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
+from handbench.bench.evaluation.metrics import METRICS
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
-HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
-ALIKE = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment
-TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *ALIKE, "precision_mm", "seconds")  # read at a glance
 REFERENCES = ("photogrammetry", "completed", "truth")  # completed: by the truth, where photogrammetry has no surface
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
-
-
-def on_common_pixels(metric: str) -> str:
-    """The words with which a metric's title goes on under equal treatment; none for one that needs no common pixels."""
-    return "" if metric in ALIKE else " on common pixels"
 
 
 class MetricFacts(Config):
@@ -33,6 +30,11 @@ class MetricFacts(Config):
     unit: str
     better: Literal["lower", "higher", "zero"]
     definition: str
+
+
+def metric_facts() -> dict[str, MetricFacts]:
+    """The definitions that travel with a result."""
+    return {key: MetricFacts.model_validate(metric, from_attributes=True) for key, metric in METRICS.items()}
 
 
 class CaptureFacts(Config):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
@@ -62,6 +62,12 @@ def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
     return {name: values for name, values in asdict(maps).items() if values is not None}
 
 
+def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
+    """Read one map of signed errors."""
+    path, known = errors_path(folder, capture, method, reference), ("sigma_m", "to_reference_m", "to_map_m")
+    return ErrorMap(**read_map(path, "error_m", "reference_z_m", optional=known))
+
+
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     """Write a small JPEG of the photograph `source`, upright and without its metadata."""
     from PIL import Image, ImageOps
@@ -76,9 +82,10 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
         Image.fromarray(np.asarray(small)).save(temporary, quality=88)
 
 
-def read_map(path: Path, *names: str) -> dict[str, np.ndarray]:
-    """Arrays `names` [ny, nx] of a map with its x_m [nx], y_m [ny]; anything else is a HandbenchError."""
-    arrays = read_npz(path, ("x_m", "y_m", *names))
+def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+    """Arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m [nx], y_m [ny]; anything else
+    is a HandbenchError."""
+    arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():
         expected = {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter
 
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.maps import Surface, depth_path, errors_path, photo_path, read_map
-from handbench.bench.results.tables import LEVEL, SCHEMAS, each, frame, read, write
+from handbench.bench.results.maps import Surface, depth_path, errors_path, photo_path, read_errors, read_map
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
 from handbench.support.limits import TOML_BYTES
@@ -19,34 +21,51 @@ from handbench.support.limits import TOML_BYTES
 if TYPE_CHECKING:
     import pandas as pd
 
-# Tables that older folders may lack.
-OPTIONAL = ("repeats", "comparisons", "equal", "curves", "captures", "causes", "reliability")
-TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *OPTIONAL)}
+OLDER = ("repeats", "comparisons", "equal", "captures", "causes", "reliability")  # files of version 0.2 alone
+FURTHER = ("scores", "curves", *OLDER)
+TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 
 
+def _derived(name: str) -> cached_property[pd.DataFrame]:
+    """A table that `bench.results.derived` computes when it is first read, unless the folder has it as a file."""
+
+    def table(result: Result) -> pd.DataFrame:
+        from handbench.bench.results import derived  # with pandas and scipy
+
+        return result.files[name] if name in result.files else getattr(derived, name)(result)
+
+    return cached_property(table)
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A result folder that has been checked to be complete; maps and photographs are read when asked for. table, tasks,
-    repeats, comparisons, equal, curves, captures, causes, reliability: as `bench.results.tables` declares them."""
+    """A result folder that has been checked to be complete; maps and photographs are read when asked for.
+
+    table, tasks and the properties scores, curves, repeats, comparisons, equal, causes, reliability: as
+    `bench.evaluation.tables` declares them. files: the further tables that the folder has as files: scores and curves;
+    of version 0.2 all but the scores.
+    """
 
     folder: Path
     about: About
     table: pd.DataFrame
     tasks: pd.DataFrame
-    repeats: pd.DataFrame
     config: str
-    comparisons: pd.DataFrame = field(default_factory=lambda: frame(TABLES["comparisons"]))
-    equal: pd.DataFrame = field(default_factory=lambda: frame(TABLES["equal"]))
-    curves: pd.DataFrame = field(default_factory=lambda: frame(TABLES["curves"]))
-    captures: pd.DataFrame = field(default_factory=lambda: frame(TABLES["captures"]))
-    causes: pd.DataFrame = field(default_factory=lambda: frame(TABLES["causes"]))
-    reliability: pd.DataFrame = field(default_factory=lambda: frame(TABLES["reliability"]))
+    files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         methods = ", ".join(method.name for method in self.about.methods)
         return f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
+
+    scores = _derived("scores")
+    curves = _derived("curves")
+    repeats = _derived("repeats")
+    equal = _derived("equal")
+    comparisons = _derived("comparisons")
+    causes = _derived("causes")
+    reliability = _derived("reliability")
 
     def row(self, metric: str, method: str, reference: str) -> Any:
         """The table's line, a named tuple of its columns; None without one."""
@@ -82,8 +101,7 @@ class Result:
 
     def errors(self, capture: str, method: str, reference: str) -> ErrorMap:
         """Signed errors of one depth map."""
-        path = errors_path(self.folder, capture, method, reference)
-        return ErrorMap(**read_map(path, "error_m", "reference_z_m"))
+        return read_errors(self.folder, capture, method, reference)
 
     def surface(self, capture: str, source: str) -> Surface:
         """The depth map of a method, or of a reference ("truth", "photogrammetry")."""
@@ -147,10 +165,13 @@ def load(folder: str | Path) -> Result:
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
     config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode("utf-8", "replace")
-    files = {name: folder / f"{name}.csv" for name in TABLES}
-    absent = [name for name in OPTIONAL if not files[name].exists()]
-    tables = {name: frame(TABLES[name]) if name in absent else read(files[name], TABLES[name]) for name in TABLES}
-    result = Result(folder, about, config=config, **tables)
+    paths = {name: folder / f"{name}.csv" for name in TABLES}
+    older = OLDER if not paths["scores"].exists() else ()
+    tables = {name: read(path, TABLES[name]) for name, path in paths.items() if name not in FURTHER or path.exists()}
+    tables = {name: frame(TABLES[name]) for name in older} | tables
+    if "scores" in tables and tables["scores"].duplicated(SCORES.names[:-1]).any():
+        raise HandbenchError(f"{paths['scores']}: has two lines of one figure; run the benchmark again")
+    result = Result(folder, about, tables.pop("table"), tables.pop("tasks"), config, tables)
     _require_complete(result)
     return result
 

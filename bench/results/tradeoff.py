@@ -15,15 +15,15 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from handbench.bench.evaluation.tables import SETTINGS, frame, read, records, write
 from handbench.bench.results.about import read_facts
-from handbench.bench.results.tables import SETTINGS, frame, read, records, write
 from handbench.support.config import Config, Name
 from handbench.support.files import require_folder, write_json
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv, whose columns `bench.results.tables.SETTINGS` defines; None: not known."""
+    """One line of tradeoff.csv, whose columns `bench.evaluation.tables.SETTINGS` defines; None: not known."""
 
     section: str
     name: str

@@ -6,16 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from handbench.bench.datasets.native import CaptureFile
-from handbench.bench.results import Failure
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.results import Failure, read_errors
 from handbench.bench.results.about import MEASURES, Measure
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.tables import REPEATS, frame
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry
-from handbench.bench.run.repeat_stage import read_repeats
-from handbench.bench.run.scoring import Files, read_errors, read_reference
+from handbench.bench.run.scoring import read_reference
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.support.errors import HandbenchError
@@ -139,25 +135,13 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
     return text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else "")
 
 
-def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[ErrorMap]:
-    """A method's error maps of some captures, read one at a time."""
-    return Files(lambda name: read_errors(outcome.scores[name], name, method, reference), captures)
+def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Iterator[ErrorMap]:
+    """A method's error maps of some captures, one in memory at a time."""
+    return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
-def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Sequence[Reference]:
+def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Iterator[Reference]:
     """The references with which `errors` were found."""
-
-    def read(name: str) -> Reference:
-        return read_reference(outcome.scores[name], method, reference, outcome.references[name][reference][1])
-
-    return Files(read, captures)
-
-
-def deviations(outcome: Outcome, captures: Sequence[str], method: str) -> Sequence[ErrorMap]:
-    """A method's `deviation_map` of some captures, in place of errors, read one at a time."""
-    return Files(lambda name: read_repeats(outcome.deviations[name, method])[1], captures)
-
-
-def repeated(outcome: Outcome) -> pd.DataFrame:
-    """Every repeat's depth of the strongest scatterer, as `REPEATS`."""
-    return frame(REPEATS, outcome.repeats)
+    for name in captures:
+        _, transform = outcome.references[name][reference]
+        yield read_reference(outcome.scores[name], name, method, reference, transform)

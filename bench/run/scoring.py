@@ -1,57 +1,41 @@
 """The stage that scores a capture: its depth maps against its references; and what it leaves, read when asked for.
 
 errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
-references/   REFERENCE-N.npz: a `Reference`, of its registration the covariance, on the N-th of the methods' grids
-grids.json    method → N
-frames.json   reference → method → metric → its figure in each frame
-alike.json    reference → treatment → method → "figures" and "curve_mm" of `bench.evaluation.equal_treatment`
-figures.json  reference → method → metric → its figure, `floor_mm` among them
-causes.json   "causes", "reliability" → this capture's lines of these tables
+references/   REFERENCE-GRID.npz: a `Reference`, of its registration the covariance, on each of the methods' grids
+scores.csv    the capture's lines of `SCORES`
+curves.npz    methods [method]; REFERENCE__TREATMENT: `Treated.curve_mm` of each [method, share]
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
-from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
-from handbench.bench.evaluation.alike import SMOOTHING, Alike
+from handbench.bench.evaluation.alike import SMOOTHING
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.equal_treatment import treat
-from handbench.bench.evaluation.metrics import Values, figures_of_frame
+from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
+from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
-from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
-from handbench.support.files import read_json, read_npz, write_json, write_npz
+from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
-GRIDS, EACH_FRAME, TREATED, REFERENCES = "grids.json", "frames.json", "alike.json", "references"
-FIGURES, CAUSES = "figures.json", "causes.json"
+SCORED, CURVES, REFERENCES = "scores.csv", "curves.npz", "references"
+OF_EACH_FRAME = ("mae_mm", "max_mm")
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
-Key = TypeVar("Key")
-Value = TypeVar("Value")
-
-
-class Files(Sequence[Value], Generic[Key, Value]):
-    """Objects that lie in files, read each time that it is asked for: of a thousand maps, one is in memory."""
-
-    def __init__(self, read: Callable[[Key], Value], keys: Sequence[Key]) -> None:
-        self.read, self.keys = read, keys
-
-    def __len__(self) -> int:
-        return len(self.keys)
-
-    def __getitem__(self, index: Any) -> Any:
-        return Files(self.read, self.keys[index]) if isinstance(index, slice) else self.read(self.keys[index])
+Line = tuple[str, str, str, str, int, str, float | int | None]  # of SCORES
 
 
 def make(
@@ -63,46 +47,46 @@ def make(
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
     it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
-    from handbench.bench.evaluation.error_causes import (  # with pandas: not for `compare`
-        Lines,
-        Scored,
-        lines_of,
-        surface_causes,
-    )
-
-    chosen = scoring_protocols.protocol(protocol)
-    data = open_capture(capture)
-    numbers: dict[bytes, int] = {}
-    grids: dict[str, int] = {}
-    found: list[dict[str, Reference]] = []  # by grid: methods that share one share the references' depths
-    sigmas_m: list[dict[str, np.ndarray]] = []  # their standard deviation
-    surfaces: list[dict[str, dict[str, np.ndarray]]] = []  # and the causes of errors that they tell
-    frames: dict[str, dict[str, list[Values]]] = {name: {} for name in references}
-    figures: dict[str, dict[str, Values]] = {name: {} for name in references}
-    lines: dict[str, dict[str, Lines]] = {name: {"causes": [], "reliability": []} for name in references}
+    chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
+    name, scores = data.about.name, list[Line]()
+    on_grid: dict[str, dict[str, Reference]] = {}  # methods that share a grid share the references' depths
+    grids: dict[str, str] = {}
     for method, file in maps.items():
         depth = load_depthmap(file)
-        number = grids[method] = numbers.setdefault(depth.x_m.tobytes() + b"|" + depth.y_m.tobytes(), len(numbers))
-        if number == len(found):
-            found.append(_on_grid(references, PixelGrid(depth.x_m, depth.y_m)))
-            sigmas_m.append({name: reference.sigma_m for name, reference in found[number].items()})
-            surfaces.append({n: surface_causes(depth.x_m, depth.y_m, r.z_m) for n, r in found[number].items()})
-            for name, reference in found[number].items():
-                write_reference(folder, name, number, reference)
-        scored_m = list(_frames(depth, file.parent, chosen, data))
-        for name, reference in found[number].items():
-            scores = score(depth, reference, chosen, data, sigmas_m[number][name])
-            write_errors(folder, data.about.name, method, name, scores.errors)
-            figures[name][method] = scores.figures
-            for table, of in lines_of(Scored(method, name, depth, scores.errors), surfaces[number][name]).items():
-                lines[name][table] += of
-            frames[name][method] = [figures_of_frame(z_m - reference.z_m) for z_m in scored_m]
-    write_json(folder / GRIDS, grids)
-    write_json(folder / EACH_FRAME, frames)
-    write_json(folder / FIGURES, figures)
-    write_json(folder / CAUSES, {t: [x for of in lines.values() for x in of[t]] for t in ("causes", "reliability")})
-    alike = {m: treated for m, file in maps.items() if not grids[m] and (treated := read_treated(file.parent))}
-    write_json(folder / TREATED, {name: _treated(alike, found[0][name].z_m) for name in references})
+        grid = grids[method] = grid_name(depth.x_m, depth.y_m)
+        if grid not in on_grid:
+            on_grid[grid] = _on_grid(references, PixelGrid(depth.x_m, depth.y_m))
+            for reference, known in on_grid[grid].items():
+                write_reference(folder, reference, grid, known)
+        further_m = list(_further_frames(depth, file.parent, chosen, data))
+        for reference, known in on_grid[grid].items():
+            found = score(depth, known, chosen, data)
+            write_errors(folder, name, method, reference, found.errors)
+            scores += _lines((name, method, reference, ""), 0, found.figures)
+            for number, z_m in enumerate(further_m, 1):
+                figures = pool([ErrorMap(depth.x_m, depth.y_m, z_m - known.z_m, known.z_m)])
+                scores += _lines((name, method, reference, ""), number, {key: figures[key] for key in OF_EACH_FRAME})
+    first = next(iter(on_grid), "")
+    alike = {m: treated for m, file in maps.items() if grids[m] == first and (treated := read_treated(file.parent))}
+    curves: dict[str, np.ndarray] = {}
+    for reference in references:
+        for treatment in SMOOTHING:
+            found_alike = treat({m: of[treatment] for m, of in alike.items()}, on_grid[first][reference].z_m)
+            for method, of in found_alike.items():
+                scores += _lines((name, method, reference, treatment), 0, of.figures)
+            curves[curve_name(reference, treatment)] = np.array([of.curve_mm for of in found_alike.values()])
+    write(folder / SCORED, frame(SCORES, scores), SCORES)
+    write_npz(folder / CURVES, methods=np.array(list(alike), dtype="U"), **curves)
+
+
+def curve_name(reference: str, treatment: str) -> str:
+    """The name of an array of CURVES."""
+    return f"{reference}__{treatment}"
+
+
+def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Iterator[Line]:
+    """Lines of SCORES; about: capture, method, reference and treatment."""
+    return ((*about, frame, metric, value) for metric, value in figures.items())
 
 
 def _on_grid(references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> dict[str, Reference]:
@@ -129,47 +113,34 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
     )
 
 
-def _frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture) -> Iterator[np.ndarray]:
-    """The depths [ny, nx] of every frame that the protocol scores; `depth` is the first frame's map."""
-    yield scored_z_m(depth, chosen, data)
+def _further_frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture) -> Iterator[np.ndarray]:
+    """The depths [ny, nx] that the protocol scores of every frame but the first, whose map is `depth`."""
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
 
 
-def _treated(alike: Mapping[str, dict[str, Alike]], reference_z_m: np.ndarray) -> dict[str, dict[str, dict[str, Any]]]:
-    """The figures and curves of each treatment and method, ready for JSON."""
-    found = {t: treat({m: of[t] for m, of in alike.items()}, reference_z_m) for t in SMOOTHING}
-    return {
-        treatment: {
-            method: {"figures": of.figures, "curve_mm": [v if np.isfinite(v) else None for v in of.curve_mm.tolist()]}
-            for method, of in methods.items()
-        }
-        for treatment, methods in found.items()
-    }
-
-
-def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
-    """The errors that `make` found for a depth map."""
-    names = ("x_m", "y_m", "error_m", "reference_z_m", "sigma_m", "to_reference_m", "to_map_m")
-    return ErrorMap(**read_npz(errors_path(folder, capture, method, reference), names))
-
-
-def read_reference(folder: Path, method: str, reference: str, transform: Transform) -> Reference:
+def read_reference(folder: Path, capture: str, method: str, reference: str, transform: Transform) -> Reference:
     """The reference with which `make` compared a method's depth map; transform: the one that carried it there."""
-    path = _reference_path(folder, reference, read_json(folder / GRIDS, "a scored capture's grids")[method])
+    grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
+    path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
     registered = (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)
     return Reference(z_m, mesh_sigma_m, *registered, met)
 
 
-def write_reference(folder: Path, name: str, number: int, reference: Reference) -> None:
-    """Keep a reference on the number-th grid."""
+def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:
+    """Keep a reference on the grid of this `grid_name`."""
     known = reference.registration
     uncertain = (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
     values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
-    write_npz(_reference_path(folder, name, number), **dict(zip(KEPT, values, strict=True)))
+    write_npz(_reference_path(folder, name, grid), **dict(zip(KEPT, values, strict=True)))
 
 
-def _reference_path(folder: Path, name: str, number: int) -> Path:
-    return folder / REFERENCES / f"{name}-{number}.npz"
+def grid_name(x_m: np.ndarray, y_m: np.ndarray) -> str:
+    """A name of the pixel centres x_m [nx], y_m [ny]."""
+    return sha256(b"|".join(np.asarray(axis_m, np.float64).tobytes() for axis_m in (x_m, y_m))).hexdigest()[:16]
+
+
+def _reference_path(folder: Path, name: str, grid: str) -> Path:
+    return folder / REFERENCES / f"{name}-{grid}.npz"

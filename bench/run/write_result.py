@@ -1,33 +1,36 @@
-"""The result folder of a run: everything scored, then written."""
+"""The result folder of a run: the scores of its captures put together, the table that they make, all maps."""
 
 import shutil
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from handbench.bench import results
-from handbench.bench.evaluation.error_causes import averaged_lines
-from handbench.bench.evaluation.floor import budget
-from handbench.bench.evaluation.metrics import TITLES
-from handbench.bench.evaluation.rows import metric_facts
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT
+from handbench.bench.evaluation.floor import budget, floor_interval
+from handbench.bench.evaluation.intervals import note
+from handbench.bench.evaluation.metrics import TITLES, averaged, over_frames, pool
+from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from handbench.bench.evaluation.sample_size import variance_facts
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.statistics.intervals import note
-from handbench.bench.evaluation.statistics.sample_size import variance_facts
-from handbench.bench.results import About, CaptureFacts, MethodFacts, Surface
-from handbench.bench.results.tables import CAUSES, RELIABILITY, TASKS, frame
+from handbench.bench.evaluation.tables import CURVES, SCORES, TABLE, TASKS, ByMethod, by_method, frame, read
+from handbench.bench.results import REFERENCES, About, CaptureFacts, MethodFacts, Surface, metric_facts
+from handbench.bench.results.derived import ALIKE_COMPARED, STRONGEST, equally_treated
 from handbench.bench.run import scoring
-from handbench.bench.run.outcome import Basis, Outcome, basis, errors, repeated, surfaces
-from handbench.bench.run.tabulation import kept, tables
+from handbench.bench.run.outcome import Basis, Outcome, basis, errors, surfaces
+from handbench.bench.run.repeat_stage import read_repeats
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import calibrated_machine
-from handbench.support.files import atomic_path
+from handbench.support.files import atomic_path, read_npz
 from handbench.support.folder import drop
 from handbench.support.progress import say
 from handbench.support.store import versions
 
 FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in results.TABLES))
+PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
@@ -36,7 +39,8 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     on = basis(outcome)
     if outcome.failures:
         say(f"the table stands on {on.text}")
-    found = tables(outcome, on)
+    found = scores(outcome, on)
+    table = tabulate(outcome, on, found)
     drop(folder, FILES)
     for capture, entry in product(on.captures, on.methods):
         name = capture.name
@@ -46,22 +50,19 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
             if entry is on.methods[0]:  # references are drawn on the first method's grid
                 on_grid = [name], entry.id, reference
-                error, known = errors(outcome, *on_grid)[0], surfaces(outcome, *on_grid)[0]
+                (error,), (known,) = errors(outcome, *on_grid), surfaces(outcome, *on_grid)
                 surface = Surface(error.x_m, error.y_m, known.z_m, known.sigma_m)
                 results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
-    names, methods = [capture.name for capture in on.repeated], [entry.id for entry in on.methods]
-    repeats = repeated(outcome)
-    repeats = repeats[repeats.capture.isin(names) & repeats.method.isin(methods)]
-    found |= {"tasks": frame(TASKS, outcome.tasks), "repeats": repeats}
-    for name, schema in (("causes", CAUSES), ("reliability", RELIABILITY)):
-        lines = (line for capture in on.captures for line in kept(outcome, capture.name, scoring.CAUSES)[name])
-        found[name] = averaged_lines((line for line in lines if line["method"] in methods), schema)
-    results.write_tables(folder, **found)
-    results.write_about(folder, about(outcome, on, found["captures"]))
+    facts = capture_facts(outcome, on)
+    reference, treated = equally_treated(found, [each for each in facts if "accuracy" in each.measures])
+    curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
+    tasks = frame(TASKS, outcome.tasks)
+    results.write_tables(folder, table=table, tasks=tasks, scores=found, curves=curves)
+    results.write_about(folder, about(outcome, on, facts, treated))
 
 
 def _copy(source: Path, path: Path) -> None:
@@ -69,8 +70,92 @@ def _copy(source: Path, path: Path) -> None:
         shutil.copyfile(source, temporary)
 
 
-def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
-    """Content of result.json; captures: the table of this name."""
+def scores(outcome: Outcome, on: Basis) -> pd.DataFrame:
+    """`SCORES` of the captures and methods that the table stands on: those of each capture's stage; of the precision
+    each repeat's depth and each capture's median deviation of a pixel; the time of each image."""
+    methods, repeated = [entry.id for entry in on.methods], [capture.name for capture in on.repeated]
+    rows: list[tuple[Any, ...]] = [
+        (capture, method, "", "", repeat, STRONGEST, z_m)
+        for capture, method, repeat, z_m in outcome.repeats
+        if capture in repeated and method in methods
+    ]
+    for about_map in product(repeated, methods):
+        if about_map in outcome.deviations:
+            figures = pool([read_repeats(outcome.deviations[about_map])[1]])
+            rows.append((*about_map, "", "", 0, PER_PIXEL, figures["median_mm"]))
+    for about_map in product((capture.name for capture in on.all_captures), methods):
+        seconds = outcome.seconds.get(about_map, [])
+        rows += [(*about_map, "", "", number, "seconds", value) for number, value in enumerate(seconds)]
+    of_captures = [read(outcome.scores[capture.name] / scoring.SCORED, SCORES) for capture in on.captures]
+    found = pd.concat([frame(SCORES), *of_captures, frame(SCORES, rows)], ignore_index=True)
+    return found[found.method.isin(methods)].reset_index(drop=True)
+
+
+def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
+    """The result's `TABLE`, one block per reference."""
+    rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
+    repeated = [capture.name for capture in on.repeated]
+    values: dict[Any, pd.DataFrame] = {(m, e): of for (m, e), of in scores.groupby(["method", "metric"], sort=False)}
+    nothing = scores[:0]
+    for reference in REFERENCES:
+        figures = by_method(scores, reference)
+        for entry in (entry for entry in on.methods if entry.id in figures):
+            method, captures = entry.id, figures[entry.id]
+            floor, on_grid = None, (outcome, list(captures.index), method, reference)
+            if floor_mm := averaged(captures)["floor_mm"]:
+                floor = floor_interval(errors(*on_grid), surfaces(*on_grid), seed, floor_mm)
+            rows.append(accuracy_rows(method, reference, captures, chosen, floor))
+            rows.append(frame_rows(method, reference, _over_frames(values, method, reference), chosen))
+            if entry.precision and repeated and "precision_mm" in chosen.metrics:
+                strongest, spread = (values.get((method, metric), nothing) for metric in (STRONGEST, PER_PIXEL))
+                hands_m = [strongest.value[strongest.capture == name].to_numpy() for name in repeated]
+                rows.append(precision_rows(method, reference, hands_m, spread.value.tolist()))
+            rows.append(time_rows(method, reference, values.get((method, "seconds"), nothing).value.to_numpy(), seed))
+    table = pd.concat(rows)
+    return table if outcome.bench.reproduces else table.assign(paper=np.nan)
+
+
+def _over_frames(values: dict[Any, pd.DataFrame], method: str, reference: str) -> list[dict[str, Any]]:
+    """Each capture's `over_frames`; values: lines of `SCORES` by method and metric."""
+    lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
+    own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
+    mae_mm, max_mm = ([each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own)
+    return [over_frames(*both) for both in zip(mae_mm, max_mm, strict=True)]
+
+
+def mean_curves(outcome: Outcome, on: Basis, reference: str, treated: dict[str, ByMethod]) -> list[tuple[Any, ...]]:
+    """Lines of `CURVES`: the means of the captures' curves, as far as all of them reach; treated: see
+    `equally_treated`."""
+    lines: list[tuple[Any, ...]] = []
+    for treatment, methods in treated.items():
+        key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
+        for capture in on.captures:
+            known = read_npz(outcome.scores[capture.name] / scoring.CURVES, ("methods", key))
+            for method, curve_mm in zip(known["methods"].tolist(), known[key], strict=True):
+                sums_mm[method] = sums_mm.get(method, 0.0) + curve_mm
+        for method in methods:
+            points = zip(SHARES_PERCENT, sums_mm[method] / len(on.captures), strict=True)
+            lines += [(method, treatment, reference, *point) for point in points if np.isfinite(point[1])]
+    return lines
+
+
+def capture_facts(outcome: Outcome, on: Basis) -> tuple[CaptureFacts, ...]:
+    """The captures that the table stands on."""
+    return tuple(
+        CaptureFacts(
+            name=capture.name,
+            measures=capture.measures,
+            pose=capture.about.pose,
+            distance_m=capture.about.distance_m,
+            references=tuple(outcome.references.get(capture.name, ())),
+            effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
+        )
+        for capture in on.all_captures
+    )
+
+
+def about(outcome: Outcome, on: Basis, captures: tuple[CaptureFacts, ...], treated: dict[str, ByMethod]) -> About:
+    """Content of result.json; treated: see `equally_treated`."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
@@ -86,17 +171,7 @@ def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
         inputs=outcome.inputs,
         versions=versions(),
         machine=_machines(outcome),
-        captures=tuple(
-            CaptureFacts(
-                name=capture.name,
-                measures=capture.measures,
-                pose=capture.about.pose,
-                distance_m=capture.about.distance_m,
-                references=tuple(outcome.references.get(capture.name, ())),
-                effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
-            )
-            for capture in on.all_captures
-        ),
+        captures=captures,
         methods=tuple(
             MethodFacts(
                 name=entry.id,
@@ -112,7 +187,7 @@ def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
         facts={
             **outcome.facts,
             "intervals": note(len(on.captures)),
-            **({"variance_components": parts} if (parts := _variances(captures)) else {}),
+            **({"variance_components": parts} if (parts := _variances(treated)) else {}),
             **({"groundtruth_sigma_rms": budgets} if budgets else {}),
             "phase_noise_rad": outcome.bench.phase_noise_rad,
         },
@@ -120,13 +195,13 @@ def about(outcome: Outcome, on: Basis, captures: pd.DataFrame) -> About:
     )
 
 
-def _variances(captures: pd.DataFrame) -> dict[str, dict[str, float]]:
-    """Variance components of every figure under equal treatment; nothing where there are too few captures."""
-    alike = captures[captures.treatment != ""]
-    found = {}
-    for (metric, treatment), lines in alike.groupby(["metric", "treatment"], sort=False):
-        by_method = {str(method): of.value.to_numpy() for method, of in lines.groupby("method", sort=False)}
-        found[f"{metric}, {treatment}"] = variance_facts(by_method)
+def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
+    """Variance components of the figures compared under equal treatment; nothing where there are too few captures."""
+    found = {
+        f"{metric}, {treatment}": variance_facts({method: of[metric].to_numpy() for method, of in methods.items()})
+        for treatment, methods in treated.items()
+        for metric in ALIKE_COMPARED
+    }
     return {name: parts for name, parts in found.items() if parts}
 
 

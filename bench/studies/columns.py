@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from handbench.bench.results.tables import Column
+from handbench.bench.evaluation.tables import Column
 
 Record = dict[str, Any]
 

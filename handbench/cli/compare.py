@@ -8,9 +8,8 @@ from handbench.support.errors import HandbenchError
 
 def run(options: argparse.Namespace) -> None:
     """Two result folders → their differences, shown; and written where -o asks for it."""
-    from handbench.bench.evaluation.statistics.compare_results import compare_results
     from handbench.bench.results import load
-    from handbench.bench.results.compared import write_compared
+    from handbench.bench.results.compare_results import compare_results, write_compared
     from handbench.reports.tables.comparison import show, write
 
     if options.out is not None:

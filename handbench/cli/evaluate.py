@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from handbench.cli.options import free
 
 if TYPE_CHECKING:
+    from handbench.bench.evaluation.intervals import Interval
     from handbench.bench.evaluation.metrics import Values
-    from handbench.bench.evaluation.statistics.intervals import Interval
 
 
 def run(options: argparse.Namespace) -> None:
@@ -66,8 +66,8 @@ def _table(title: str, values: Values, floor: Interval | None, caption: str | No
     from rich.console import Console
     from rich.table import Table
 
+    from handbench.bench.evaluation.intervals import note
     from handbench.bench.evaluation.metrics import METRICS
-    from handbench.bench.evaluation.statistics.intervals import note
 
     notes = "\n".join(filter(None, (caption, note(1))))
     table = Table("metric", "value", "unit", "better", title=title, caption=notes)

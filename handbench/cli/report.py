@@ -7,8 +7,8 @@ from handbench.support.errors import HandbenchError
 
 def run(options: argparse.Namespace) -> None:
     """Result folder → report; several → their methods in one ranking, with the report of each."""
-    from handbench.bench.evaluation.statistics.ranking import ranked
     from handbench.bench.results import load
+    from handbench.bench.results.ranking import ranked
     from handbench.reports.page import html, leaderboard
 
     if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():

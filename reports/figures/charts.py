@@ -10,9 +10,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from handbench.bench.results import HEADLINE, CaptureFacts, MethodFacts, Result
+from handbench.bench.results import HEADLINE, CaptureFacts, MethodFacts, Result, each
 from handbench.bench.results.about import TREATMENTS
-from handbench.bench.results.tables import each
 from handbench.reports.figures.style import (
     Picture,
     draw,
@@ -185,7 +184,7 @@ def explained(result: Result) -> Iterator[Picture]:
 
 
 def bin_label(line: Any) -> str:
-    """The bin of a line of causes.csv, as it is printed."""
+    """The bin of a line of the causes, as it is printed."""
     return line.part or (f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}")
 
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from handbench.bench.results import Result
-from handbench.bench.results.tables import RANKING, each, write
+from handbench.bench.results import RANKING, Result, each, write_table
 from handbench.reports.page import html, rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import NONE, figure, number, three_digits
@@ -34,7 +33,7 @@ def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Pat
     cells = [tuple(map(escaped, row)) for row in rows]
     first = [tuple(map(bold, row)) if line.rank == 1 else row for line, row in zip(lines, cells, strict=True)]
     write_text(out / "leaderboard.md", f"# Leaderboard\n\n{escaped(about)}\n\n{table(HEADINGS, first, texts=3)}")
-    write(out / "leaderboard.csv", ranking, RANKING)
+    write_table(out / "leaderboard.csv", ranking, RANKING)
     page = rendering.render("leaderboard.html", about=about, grid=grid, reports=reports)
     write_text(out / "index.html", page)
     return out / "index.html"

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.results import HEADLINE, Result
+from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.bench.results.tables import each
 from handbench.reports.figures.charts import CAUSES, bin_label, explained
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering

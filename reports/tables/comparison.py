@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.results.compared import Compared
-from handbench.bench.results.tables import each
+from handbench.bench.results import each
+from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables import latex
 from handbench.reports.tables.blocks import NONE, figure, number, p_text
 from handbench.reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console

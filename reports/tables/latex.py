@@ -9,8 +9,7 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise
 
-from handbench.bench.results import Result, Tradeoff
-from handbench.bench.results.tables import each
+from handbench.bench.results import Result, Tradeoff, each
 from handbench.reports.tables.blocks import (
     AGAINST,
     NONE,

@@ -13,9 +13,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from handbench.bench.results import HEADLINE, HEADLINES, Result, Tradeoff
+from handbench.bench.results import HEADLINE, HEADLINES, LEVEL, Result, Tradeoff, each
 from handbench.bench.results.about import TREATMENTS
-from handbench.bench.results.tables import LEVEL, each
 from handbench.reports.tables.blocks import (
     best_note,
     blocks,

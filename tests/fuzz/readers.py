@@ -175,6 +175,7 @@ def _result(folder: Path) -> None:
     from handbench.bench import results
 
     result = results.load(folder)
+    _ = result.scores, result.curves, result.repeats, result.equal, result.comparisons
     for capture in result.scored():
         for reference in capture.references:
             result.surface(capture.name, reference)
@@ -290,16 +291,20 @@ READERS: tuple[Reader, ...] = (
             "result.json",
             "table.csv",
             "tasks.csv",
-            "repeats.csv",
-            "comparisons.csv",
-            "causes.csv",
-            "reliability.csv",
+            "scores.csv",
+            "curves.csv",
             "config.toml",
             "depth/F__2fsk.npz",
             "depth/F__truth.npz",
             "errors/F__2fsk__truth.npz",
         ),
         5,
+    ),
+    Reader(
+        "older_result",
+        result_seeds.older_result,
+        _result,
+        ("repeats.csv", "comparisons.csv", "captures.csv", "equal.csv", "causes.csv", "reliability.csv"),
     ),
     Reader("tradeoff", result_seeds.tradeoff, _tradeoff, ("tradeoff.json", "tradeoff.csv")),
     Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),

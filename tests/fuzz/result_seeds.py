@@ -56,18 +56,7 @@ def small_photo(folder: Path) -> None:
 def result(folder: Path) -> None:
     """A complete result of one method on one capture."""
     from handbench.bench import results
-    from handbench.bench.results.tables import (
-        CAPTURES,
-        CAUSES,
-        COMPARISONS,
-        CURVES,
-        EQUAL,
-        RELIABILITY,
-        REPEATS,
-        TABLE,
-        TASKS,
-        frame,
-    )
+    from handbench.bench.evaluation.tables import CURVES, SCORES, TABLE, TASKS, frame
     from handbench.radar.data.depthmap import DepthMap
 
     z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
@@ -76,18 +65,18 @@ def result(folder: Path) -> None:
     results.write_errors(folder, "F", "2fsk", "truth", results.ErrorMap(AXIS_M, AXIS_M, flat, z_m))
     small_photo(folder)
     results.write_photo(folder, "F", folder / "hand.jpg")
-    compared = ("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better", "none")
+    own = ("F", "2fsk", "truth", "", 0)
+    scores = [
+        (*own, "mae_mm", 6.0),
+        (*own, "complete_2mm_percent", 40.0),
+        ("F", "2fsk", "", "", 1, "strongest_z_m", 0.3),
+    ]
     results.write_tables(
         folder,
         table=frame(TABLE, [("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")]),
         tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0, 0.1, 1e-6)]),
-        repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
-        comparisons=frame(COMPARISONS, [compared]),
-        equal=frame(EQUAL, [("mae_mm", "none", "2fsk", 6.0, 5.5, 6.5, "mm", "truth")]),
+        scores=frame(SCORES, scores),
         curves=frame(CURVES, [("2fsk", "none", "truth", 10.0, 4.0)]),
-        captures=frame(CAPTURES, [("mae_mm", "none", "2fsk", "F", 6.0, "mm", "truth")]),
-        causes=frame(CAUSES, [("truth", "2fsk", "part", "palm", None, None, 0.1, 0.2, 3.0, 9.0, 20, 1)]),
-        reliability=frame(RELIABILITY, [("truth", "2fsk", "all", True, 95.0, 94.0, 2.5, 20, 1)]),
     )
     results.write_config(folder, 'name = "small"\n')
     results.write_about(
@@ -102,6 +91,25 @@ def result(folder: Path) -> None:
             captures=(results.CaptureFacts(name="F", pose="F", distance_m=0.3, references=("truth",)),),
             methods=(results.MethodFacts(name="2fsk", title="2-FSK", config={"F": {"tolerance": 1e-5}}),),
         ),
+    )
+
+
+def older_result(folder: Path) -> None:
+    """The same as version 0.2 wrote it."""
+    from handbench.bench import results
+    from handbench.bench.evaluation.tables import CAPTURES, CAUSES, COMPARISONS, EQUAL, RELIABILITY, REPEATS, frame
+
+    result(folder)
+    (folder / "scores.csv").unlink()
+    compared = ("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better", "none")
+    results.write_tables(
+        folder,
+        repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
+        comparisons=frame(COMPARISONS, [compared]),
+        equal=frame(EQUAL, [("mae_mm", "none", "2fsk", 6.0, 5.5, 6.5, "mm", "truth")]),
+        captures=frame(CAPTURES, [("mae_mm", "none", "2fsk", "F", 6.0, "mm", "truth")]),
+        causes=frame(CAUSES, [("truth", "2fsk", "part", "palm", None, None, 0.1, 0.2, 3.0, 9.0, 20, 1)]),
+        reliability=frame(RELIABILITY, [("truth", "2fsk", "all", True, 95.0, 94.0, 2.5, 20, 1)]),
     )
 
 

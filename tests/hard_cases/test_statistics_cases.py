@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from flint import arb
 
-from handbench.bench.evaluation.depth_errors import deviation_map, error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
 from handbench.bench.evaluation.floor import floor_mm
+from handbench.bench.evaluation.intervals import figure_interval, mean_interval, median_interval, precision_interval
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     HEADLINE,
@@ -22,16 +23,9 @@ from handbench.bench.evaluation.metrics import (
     precision,
     strongest_scatterer_z_m,
 )
-from handbench.bench.evaluation.statistics.intervals import (
-    figure_interval,
-    mean_interval,
-    median_interval,
-    precision_interval,
-)
-from handbench.bench.evaluation.statistics.paired import compare, corrected, f_test, paired
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.paired import compare, corrected, f_test, paired
+from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
-from handbench.bench.results.tables import each
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 from tests.hard_cases.cases import Seen, U, hard_case

@@ -1,7 +1,7 @@
 """The paper's block of a result folder, computed a second time: nothing here imports handbench.
 
 `python tests/independent/table_by_hand.py RESULT` forms the ten figures (MAE and MAX of four methods, precision of the
-two FSK ones) from RESULT/depth and RESULT/repeats.csv and compares them with RESULT/table.csv. With `--echoes FILE
+two FSK ones) from RESULT/depth and RESULT/scores.csv and compares them with RESULT/table.csv. With `--echoes FILE
 --capture NAME` it also makes the depths of that capture from its echoes, by sums in double precision, and with
 `--repeats FILE --hand NAME` the strongest scatterer's depth in each repeat. The definitions are those of
 docs/methods.md, docs/metrics.md and docs/conventions.md.
@@ -69,12 +69,17 @@ def errors_mm(folder: Path, capture: str, method: str, reference: str) -> np.nda
     return difference_mm[np.isfinite(difference_mm)]
 
 
+def repeats(folder: Path) -> list[dict[str, str]]:
+    """The lines of scores.csv on the strongest scatterer's depth in each repeat."""
+    with (folder / "scores.csv").open() as stream:
+        return [line for line in csv.DictReader(stream) if line["metric"] == "strongest_z_m"]
+
+
 def precisions(folder: Path) -> dict[str, float]:
     """Method → standard deviation (n − 1) over the repeats, averaged over the hands, mm."""
     hands: dict[str, dict[str, list[float]]] = {}
-    with (folder / "repeats.csv").open() as stream:
-        for line in csv.DictReader(stream):
-            hands.setdefault(line["method"], {}).setdefault(line["capture"], []).append(1e3 * float(line["z_m"]))
+    for line in repeats(folder):
+        hands.setdefault(line["method"], {}).setdefault(line["capture"], []).append(1e3 * float(line["value"]))
     spread = {method: [np.std(z_mm, ddof=1) for z_mm in of.values()] for method, of in hands.items()}
     return {method: float(np.mean(deviations)) for method, deviations in spread.items()}
 
@@ -223,8 +228,7 @@ def strongest_by_hand(folder: Path, hand: str, capture: str, echo_file: Path) ->
     Settings are those of the method's map of `capture`."""
     echoes, found = Echoes(echo_file), {}
     for method, image in (("2fsk", two_tone), ("3fsk", three_tone)):
-        with (folder / "repeats.csv").open() as stream:
-            lines = [x for x in csv.DictReader(stream) if (x["method"], x["capture"]) == (method, hand)]
+        lines = [x for x in repeats(folder) if (x["method"], x["capture"]) == (method, hand)]
         with np.load(folder / "depth" / f"{capture}__{method}.npz") as kept:
             x_m, y_m, config = kept["x_m"], kept["y_m"], json.loads(str(kept["config"]))
         maps = [image(echoes, x_m, y_m, config, frame) for frame in range(len(lines))]
@@ -232,7 +236,7 @@ def strongest_by_hand(folder: Path, hand: str, capture: str, echo_file: Path) ->
         always = np.isfinite(z_m).all(axis=0)
         scatterer = np.unravel_index(np.where(always, levels.mean(axis=0), -1).argmax(), always.shape)
         ours_m = z_m[:, *scatterer]
-        differing = np.abs(ours_m - [float(line["z_m"]) for line in lines]).max()
+        differing = np.abs(ours_m - [float(line["value"]) for line in lines]).max()
         found[method] = float(differing), 1e3 * float(np.std(ours_m, ddof=1))
     return found
 

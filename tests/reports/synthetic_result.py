@@ -12,11 +12,12 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.alike import SMOOTHING, Alike
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.equal_treatment import treat
-from handbench.bench.evaluation.floor import budget
-from handbench.bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from handbench.bench.results.tables import CURVES, EQUAL, REPEATS, TASKS, frame
-from handbench.bench.run.tabulation import curve_rows, figure_rows
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treat
+from handbench.bench.evaluation.floor import budget, floor_interval, floor_mm
+from handbench.bench.evaluation.intervals import figure_interval
+from handbench.bench.evaluation.metrics import METRICS, of_captures
+from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
+from handbench.bench.evaluation.tables import CURVES, EQUAL, REPEATS, TASKS, frame
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 
@@ -99,7 +100,9 @@ def write_synthetic(
         repeats += [(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)]
         for reference in references:
             found = list(surfaces[reference].values())
-            rows.append(accuracy_rows(method, reference, maps[reference], surfaces=found))
+            floors = [floor_mm([m], [r]) for m, r in zip(maps[reference], found, strict=True)]
+            figures = of_captures(maps[reference]).assign(floor_mm=floors)
+            rows.append(accuracy_rows(method, reference, figures, floor=floor_interval(maps[reference], found)))
             rows.append(precision_rows(method, reference, strongest))
             rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
@@ -124,11 +127,14 @@ def equal_treatment(
     each = [treat(maps, truth[c]) for c, maps in alike.items()]
     for method in each[0]:
         for treatment in SMOOTHING:
-            of_captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)
-            figures += figure_rows(method, treatment, reference, of_captures)
-            curves += curve_rows(
-                method, treatment, reference, np.mean([treated[method].curve_mm for treated in each], axis=0)
-            )
+            captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)
+            for metric, values in captures.items():
+                low, high = figure_interval(metric, values.to_numpy()) or (None, None)
+                unit = METRICS[metric].unit
+                figures.append((metric, treatment, method, values.mean(), low, high, unit, reference))
+            curve_mm = np.mean([treated[method].curve_mm for treated in each], axis=0)
+            points = zip(SHARES_PERCENT, curve_mm, strict=True)
+            curves += [(method, treatment, reference, *point) for point in points if np.isfinite(point[1])]
     return {"equal": frame(EQUAL, figures), "curves": frame(CURVES, curves)}
 
 
@@ -144,7 +150,7 @@ def about(
     return results.About(
         name="synthetic",
         protocol={"poses": list(captures), "repeats": 10, "threshold_db": {"fsk": -10, "broadband": -13}},
-        metrics=metric_facts(),
+        metrics=results.metric_facts(),
         inputs={"bench.toml": "0" * 64},
         versions={"handbench": "0.1.0", "numpy": np.__version__},
         machine={"cpu": "test", "cores": 2, "memory_gb": 8},

@@ -10,7 +10,7 @@ import pytest
 
 from docs import readme
 from handbench.bench import results
-from handbench.bench.results.tables import COMPARISONS, frame
+from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
@@ -47,7 +47,13 @@ def result(tmp_path) -> results.Result:
     picture.parent.mkdir(parents=True)
     picture.write_bytes(b"a figure")
     about = found.about.model_copy(update={"machine": machine})
-    return replace(found, folder=tmp_path / "run", config=CONFIG, comparisons=frame(COMPARISONS, lines), about=about)
+    return replace(
+        found,
+        folder=tmp_path / "run",
+        config=CONFIG,
+        files={**found.files, "comparisons": frame(COMPARISONS, lines)},
+        about=about,
+    )
 
 
 @pytest.fixture
@@ -132,8 +138,10 @@ def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
     fewer = result.table[result.table.method != "2fsk"]
     assert len(readme.disagreements(replace(result, table=fewer), root)) == 6  # all but the time
     worse = result.equal.assign(value=1.1 * result.equal.value)
-    assert any("none" in line for line in readme.disagreements(replace(result, equal=worse), root))
-    [found] = readme.disagreements(replace(result, comparisons=frame(COMPARISONS)), root)
+    assert any(
+        "none" in line for line in readme.disagreements(replace(result, files={**result.files, "equal": worse}), root)
+    )
+    [found] = readme.disagreements(replace(result, files={**result.files, "comparisons": frame(COMPARISONS)}), root)
     assert found.startswith("best: ")
 
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 from handbench.bench.evaluation.metrics import METRICS
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
-from handbench.bench.results.tables import declared
 from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.tradeoff.settings import setting_path
 from handbench.support.errors import HandbenchError

@@ -16,9 +16,9 @@ from pydantic import Field
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.bench.datasets.simulated import JPEG_QUALITY
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import Section, Setting
-from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.studies.tradeoff.opening import Context, line, section
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.cameras.cameras import Camera, load_cameras, save_cameras

@@ -4,7 +4,7 @@ after one that makes its plan.
 
 import ctypes
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,16 +15,15 @@ import pandas as pd
 import psutil
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, averaged, of_captures
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.statistics.intervals import figure_interval
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_file
-from handbench.bench.results import Claim, Failure, Section, Setting, write_errors
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.results import Claim, Failure, Section, Setting, read_errors, write_errors
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.outcome import Capture, Outcome, basis, failing
-from handbench.bench.run.scoring import Files, read_errors
 from handbench.bench.run.sweep import ImagingSetting, Sweep, imaging_settings, known_configs
 from handbench.bench.studies.tradeoff.claims import claims
 from handbench.bench.studies.tradeoff.opening import Context, Opened, line, section
@@ -126,9 +125,9 @@ def measure(sweep: Sweep, context: Context, ready: Opened) -> Imaging:
         errors = pixel_errors(depth, cast[grid], scored, open_capture(capture.folder))
         write_errors(scores, capture.name, setting.name, name, errors)
 
-    def errors(setting: str) -> Sequence[ErrorMap]:
+    def errors(setting: str) -> Iterator[ErrorMap]:
         """A setting's error maps, read one at a time."""
-        return Files(lambda name: read_errors(scores, name, setting, ready.reference), names)
+        return (read_errors(scores, name, setting, ready.reference) for name in names)
 
     frames, failures = timed_in_turns(settings, context.captures, context.repeats, keep)
     bench = context.bench.model_copy(update={"method": tuple(MethodEntry(id=s.name) for s in settings)})
@@ -152,7 +151,7 @@ def _line(
     setting: ImagingSetting,
     names: Sequence[str],
     frames: pd.DataFrame,
-    errors: Sequence[ErrorMap],
+    errors: Iterator[ErrorMap],
     step_s: float,
 ) -> Setting:
     """One setting's line, of the median over the captures `names` in each round; the medians of the parts add up to the

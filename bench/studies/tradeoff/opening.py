@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.statistics.intervals import Interval
+from handbench.bench.evaluation.intervals import Interval
 from handbench.bench.results import Failure, Section, Setting
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.executors import Here

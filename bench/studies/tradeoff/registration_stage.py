@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from handbench.bench.evaluation.statistics.intervals import Interval, mean_interval
+from handbench.bench.evaluation.intervals import Interval, mean_interval
 from handbench.bench.results import Section, Setting
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echoes

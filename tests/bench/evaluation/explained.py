@@ -1,15 +1,31 @@
-"""The tables of scored maps as a run makes them: lines by the stage that scores a capture, averaged at the end."""
+"""The tables of scored maps as a result's: lines of each capture, averaged at the end."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import pandas as pd
 
-from handbench.bench.evaluation.error_causes import Scored, averaged_lines, lines_of, surface_causes
-from handbench.bench.results.tables import CAUSES, RELIABILITY
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.error_causes import averaged_lines, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.tables import CAUSES, RELIABILITY
+from handbench.radar.data.depthmap import DepthMap
+
+
+class Scored(NamedTuple):
+    """A depth map of a capture with its errors against a reference."""
+
+    method: str
+    reference: str
+    depth: DepthMap
+    errors: ErrorMap
 
 
 def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
     """CAUSES and RELIABILITY of maps, each a capture's."""
-    of = [lines_of(m, surface_causes(m.errors.x_m, m.errors.y_m, m.errors.reference_z_m)) for m in maps]
-    schemas = {"causes": CAUSES, "reliability": RELIABILITY}
-    return {name: averaged_lines((x for lines in of for x in lines[name]), schema) for name, schema in schemas.items()}
+    causes, reliability = [], []
+    for method, reference, depth, errors in maps:
+        about = {"reference": reference, "method": method}
+        surface = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
+        causes += [about | line for line in cause_lines(depth, errors, surface)]
+        reliability += [about | line for line in reliability_lines(depth, errors)]
+    return {"causes": averaged_lines(causes, CAUSES), "reliability": averaged_lines(reliability, RELIABILITY)}

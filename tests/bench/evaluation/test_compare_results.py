@@ -11,13 +11,10 @@ import pytest
 from scipy import stats
 
 from handbench.bench import results
-from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.rows import metric_facts
-from handbench.bench.evaluation.statistics.compare_results import _same, compare_results
-from handbench.bench.evaluation.statistics.paired import f_test
-from handbench.bench.results.compared import Compared, write_compared
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
+from handbench.bench.evaluation.paired import f_test
+from handbench.bench.evaluation.tables import DIFFERENCES, REPEATS, TABLE, TASKS, frame
+from handbench.bench.results.compare_results import Compared, _same, compare_results, write_compared
 from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
@@ -46,7 +43,7 @@ def result(
     about = results.About(
         name="flat",
         protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
-        metrics=metric_facts(),
+        metrics=results.metric_facts(),
         inputs={},
         versions={"handbench": "1"},
         machine={"gemm_gflops": 100.0},
@@ -55,7 +52,8 @@ def result(
     )
     table = frame(TABLE, [("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")])
     about = about.model_copy(update=facts)
-    return results.Result(folder, about, table, frame(TASKS), repeats, 'name = "flat"\n[[method]]\nid = "3fsk"\n')
+    config = 'name = "flat"\n[[method]]\nid = "3fsk"\n'
+    return results.Result(folder, about, table, frame(TASKS), config, {"repeats": repeats})
 
 
 def line(compared: Compared, metric: str = "mae_mm") -> Any:
@@ -173,7 +171,7 @@ def test_nothing_is_made_of_nothing(tmp_path):
     """A method that saw nothing, one that saw something in one capture alone, precisions of no repeats."""
     nothing, lonely = np.full((6, 36, 36), np.nan), np.full((6, 36, 36), np.nan)
     lonely[0, :6, :6] = 1.0
-    a = replace(result(tmp_path / "a", speckle(0)), repeats=frame(REPEATS))
+    a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})
     for name, errors_mm, words in (("n", nothing, "no figures to compare"), ("l", lonely, "too few captures to tell")):
         for names in (NAMES, tuple("GHIKLM")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))

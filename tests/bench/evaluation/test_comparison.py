@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from handbench.bench.evaluation.statistics.paired import (
-    amount_text,
-    amounts_text,
-    compare,
-    corrected,
-    f_test,
-    paired,
-    unpaired,
-)
+from handbench.bench.evaluation.paired import amount_text, amounts_text, compare, corrected, f_test, paired, unpaired
+from handbench.bench.evaluation.tables import COMPARISONS, frame, write
 from handbench.bench.results.result_folder import best, shown
-from handbench.bench.results.tables import COMPARISONS, frame, write
 from handbench.support.errors import HandbenchError
 
 TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK"}

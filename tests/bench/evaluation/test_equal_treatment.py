@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from handbench.bench.evaluation.alike import SMOOTHING, Alike
 from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
-from handbench.bench.evaluation.metrics import figures_of_frame, over_frames
+from handbench.bench.evaluation.metrics import over_frames
 from handbench.bench.results.about import TREATMENTS
 from handbench.reports.tables import blocks
 
@@ -75,13 +75,13 @@ def test_every_treatment_has_words():
 
 
 def test_frames_have_a_mean_a_deviation_and_a_largest():
-    frames = [figures_of_frame(1e-3 * np.array([[1.0, -3.0], [NAN, 2.0]])), figures_of_frame(1e-3 * np.array([-7.0]))]
-    found = over_frames(frames)
+    found = over_frames(np.array([2.0, 7.0]), np.array([3.0, 7.0]))
     assert found["frames_mae_mm"] == pytest.approx(4.5) and found["frames_max_mm"] == pytest.approx(5)
     assert found["frames_mae_deviation_mm"] == pytest.approx(np.std([2, 7], ddof=1))
     assert found["frames_max_deviation_mm"] == pytest.approx(np.std([3, 7], ddof=1))
     assert found["frames_largest_mm"] == pytest.approx(7)
-    assert over_frames(frames[:1]) == over_frames([*frames, figures_of_frame(np.array([NAN]))]) == {}
+    one, unseen = np.array([2.0]), np.array([2.0, 7.0, NAN])
+    assert over_frames(one, one) == over_frames(unseen, unseen) == {}
 
 
 def test_the_curve_is_told_at_every_half_per_cent_that_is_reached():

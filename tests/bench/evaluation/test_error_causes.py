@@ -7,20 +7,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.error_causes import (
     BINS,
     PALM_RADIUS_M,
-    Scored,
     cause_lines,
     edge_distance_m,
     incidence_deg,
     parts,
     surface_causes,
 )
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.tables import CAUSES, RELIABILITY, read, write
+from handbench.bench.evaluation.tables import CAUSES, RELIABILITY, read, write
 from handbench.radar.data.depthmap import DepthMap
-from tests.bench.evaluation.explained import explain
+from tests.bench.evaluation.explained import Scored, explain
 
 AXIS_M = np.linspace(-0.1, 0.1, 201)
 X_M, Y_M = np.meshgrid(AXIS_M, AXIS_M)
@@ -183,7 +182,7 @@ def test_a_bin_holds_its_lower_edge_and_what_is_just_below_the_next(cause, edges
     reference_m = np.full(at.shape, 0.3)
     depth = DepthMap(*axes_m, reference_m + error_m, -at, "3fsk")
     surface = {name: np.full(at.shape, np.nan) for name in BINS} | {cause: at}
-    lines = cause_lines(Scored("3fsk", "truth", depth, ErrorMap(*axes_m, error_m, reference_m)), surface)
+    lines = cause_lines(depth, ErrorMap(*axes_m, error_m, reference_m), surface)
     found = [line for line in lines if line["cause"] == cause]
     assert [line["low"] for line in found] == edges[:-1] and [line["high"] for line in found] == edges[1:]
     assert [line["n_pixels"] for line in found] == [2] * len(at)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from handbench.bench.evaluation.floor import BLOCK_M, budget, floor_interval, floor_mm
-from handbench.bench.evaluation.metrics import ErrorMap
+from handbench.bench.evaluation.metrics import ErrorMap, of_captures
 from handbench.bench.evaluation.rows import accuracy_rows
 from handbench.calibration.transforms import Transform, perturbation_jacobian
 from handbench.groundtruth.mesh.depth import Reference
@@ -141,10 +141,11 @@ def test_the_budget_is_the_root_mean_square_and_names_what_is_missing():
 
 def test_the_row_stands_directly_after_the_mae_known_or_not():
     m, r = level(0, ALONG_Z)
-    for surfaces in ([r], None):
-        rows = accuracy_rows("3fsk", "photogrammetry", [m], surfaces=surfaces)
+    known = of_captures([m]).assign(floor_mm=floor_mm([m], [r]))
+    for captures, interval in ((known, floor_interval([m], [r])), (of_captures([m]), None)):
+        rows = accuracy_rows("3fsk", "photogrammetry", captures, floor=interval)
         assert rows.metric[:3].tolist() == ["mae_mm", "floor_mm", "max_mm"]
         floor = rows.loc[1]
         assert floor.unit == "mm" and np.isnan(floor.paper)
-        assert np.isnan(floor.value) == np.isnan(floor.low) == (surfaces is None)
+        assert np.isnan(floor.value) == np.isnan(floor.low) == (interval is None)
     assert rows.value[0] == pytest.approx(1.0)  # the MAE is shown as measured: nothing is subtracted from it

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from handbench.bench.evaluation.depth_errors import deviation_map, error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     F_MM,
@@ -19,7 +19,6 @@ from handbench.bench.evaluation.metrics import (
     TERMS,
     TITLES,
     definitions,
-    figures_of_frame,
     over_frames,
     pool,
     precision,
@@ -27,7 +26,6 @@ from handbench.bench.evaluation.metrics import (
     terms,
     usable_repeats,
 )
-from handbench.bench.results.error_map import ErrorMap
 from handbench.support.errors import HandbenchError
 
 NAN = float("nan")
@@ -276,7 +274,7 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
-    pooled = {"pooled_mae_mm", "pooled_max_mm", *over_frames([figures_of_frame(surface_m())] * 2)}
+    pooled = {"pooled_mae_mm", "pooled_max_mm", *over_frames(np.ones(2), np.ones(2))}
     pooled |= {"common_percent", "aurc_mm", "aurc_to_percent"}  # of handbench.bench.evaluation.equal_treatment
     assert produced | pooled | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import AVERAGED, METRICS, figures_of_frame, over_frames
+from handbench.bench.evaluation.metrics import AVERAGED, METRICS, of_captures, over_frames
 from handbench.bench.evaluation.metrics import PAPER as PAPER_FIGURES
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import PAPER, PROTOCOLS, protocol
@@ -57,10 +57,10 @@ def test_the_papers_table_has_the_papers_figures():
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
 def test_the_table_holds_the_protocols_metrics(chosen):
     m = error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)
-    rows = [accuracy_rows("3fsk", "truth", [m], protocol=chosen), time_rows("3fsk", "truth", [0.1])]
-    rows.append(frame_rows("3fsk", "truth", [over_frames([figures_of_frame(m.error_m)] * 2)], chosen))
+    rows = [accuracy_rows("3fsk", "truth", of_captures([m]), chosen), time_rows("3fsk", "truth", [0.1])]
+    rows.append(frame_rows("3fsk", "truth", [over_frames(np.ones(2), np.ones(2))], chosen))
     if "precision_mm" in chosen.metrics:
-        rows.append(precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [m]))
+        rows.append(precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [1.0]))
     values = pd.concat(rows).set_index("metric").value
     assert set(values.index) == set(chosen.metrics)
     assert values["mae_mm"] == pytest.approx(1, abs=1e-9)

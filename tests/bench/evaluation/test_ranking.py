@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.statistics.ranking import ranked
+from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.bench.results import MethodFacts, load
-from handbench.bench.results.tables import CAPTURES, frame
+from handbench.bench.results.ranking import ranked
 from handbench.support.errors import HandbenchError
 
 NAMES = tuple("ABCDEFGH")
@@ -23,10 +23,10 @@ def result(small_result):
         lines = []
         for name, shares in shares_percent.items():
             for capture, share in zip(names, np.broadcast_to(shares, len(names)), strict=True):
-                lines.append(("complete_2mm_percent", "", name, capture, share, "%", reference))
-                lines.append(("mae_mm", "", name, capture, 2.0, "mm", reference))
+                about_map = capture, name, reference, "", 0
+                lines += [(*about_map, "complete_2mm_percent", share), (*about_map, "mae_mm", 2.0)]
         about = known.about.model_copy(update={"methods": methods, "inputs": inputs or {}})
-        return replace(known, folder=known.folder / folder, about=about, captures=frame(CAPTURES, lines))
+        return replace(known, folder=known.folder / folder, about=about, files={"scores": frame(SCORES, lines)})
 
     return make
 

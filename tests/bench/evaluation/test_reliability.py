@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from handbench.bench.evaluation.error_causes import NOMINAL_PERCENT, Scored, covered, negative_log_likelihood
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.error_causes import NOMINAL_PERCENT, covered, negative_log_likelihood
 from handbench.radar.data.depthmap import DepthMap
-from tests.bench.evaluation.explained import explain
+from tests.bench.evaluation.explained import Scored, explain
 
 SIDE = 100
 AXIS_M = 1e-3 * np.arange(SIDE)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from handbench.bench.evaluation.statistics.sample_size import (
+from handbench.bench.evaluation.sample_size import (
     Components,
     captures_needed,
     components,

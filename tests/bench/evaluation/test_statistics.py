@@ -10,9 +10,8 @@ from scipy import stats
 from scipy.optimize import brentq
 from scipy.special import erf
 
-from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import averaged, of_captures, pool
-from handbench.bench.evaluation.statistics.intervals import (
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
+from handbench.bench.evaluation.intervals import (
     FEWEST,
     figure_interval,
     mean_interval,
@@ -20,7 +19,7 @@ from handbench.bench.evaluation.statistics.intervals import (
     note,
     precision_interval,
 )
-from handbench.bench.results.error_map import ErrorMap
+from handbench.bench.evaluation.metrics import averaged, of_captures, pool
 from tests.strategies import examples
 
 AXIS_M = 2.5e-3 * np.arange(12)

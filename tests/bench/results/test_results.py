@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -11,8 +12,9 @@ from PIL import Image
 
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.rows import accuracy_rows, metric_facts, precision_rows, time_rows
-from handbench.bench.results.tables import REPEATS, TASKS, frame
+from handbench.bench.evaluation.metrics import of_captures
+from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
+from handbench.bench.evaluation.tables import CAPTURES, REPEATS, TASKS, frame
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json, write_npz
 
@@ -25,7 +27,7 @@ REPEATED = frame(REPEATS, [("hand1", "3fsk", i, z) for i, z in enumerate((0.3, N
 
 def rows() -> pd.DataFrame:
     parts = (
-        accuracy_rows("3fsk", "truth", [ERRORS]),
+        accuracy_rows("3fsk", "truth", of_captures([ERRORS])),
         precision_rows("3fsk", "truth", [np.array([0.3, np.nan, 0.301])]),
         time_rows("3fsk", "truth", []),
     )
@@ -45,7 +47,7 @@ def folder(tmp_path):
         results.About(
             name="test",
             protocol={"nested": {"list": [1, 2]}},
-            metrics=metric_facts(),
+            metrics=results.metric_facts(),
             inputs={},
             versions={},
             machine={},
@@ -64,7 +66,7 @@ def test_round_trip(folder):
     assert result.table.equals(rows())
     assert result.tasks.equals(TASK) and result.repeats.equals(REPEATED)
     assert result.config == 'name = "ü"\n'
-    assert result.about.protocol == {"nested": {"list": [1, 2]}} and result.about.metrics == metric_facts()
+    assert result.about.protocol == {"nested": {"list": [1, 2]}} and result.about.metrics == results.metric_facts()
     errors = result.errors("B", "3fsk", "truth")
     for name in ("x_m", "y_m", "error_m", "reference_z_m"):
         np.testing.assert_array_equal(getattr(errors, name), getattr(ERRORS, name))
@@ -136,6 +138,32 @@ def test_a_partial_folder_names_what_is_missing(folder, missing):
 def test_no_folder(tmp_path):
     with pytest.raises(HandbenchError, match="expected a folder"):
         results.load(tmp_path / "nothing")
+
+
+def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
+    """It had them as files, and no scores.csv, whose figures come back from captures.csv and the maps of errors."""
+    new, old = results.load(small_result), tmp_path / "old"
+    shutil.copytree(small_result, old, ignore=shutil.ignore_patterns("work"))
+    (old / "scores.csv").unlink()
+    derived = {name: getattr(new, name) for name in ("repeats", "comparisons", "equal", "causes", "reliability")}
+    scored = new.scores[(new.scores.reference != "") & (new.scores.frame == 0)]
+    captures = scored.assign(unit="mm")[scored.metric.isin(["mae_mm", "aurc_mm"])][CAPTURES.names]
+    results.write_tables(old, **derived, captures=captures)
+    read = results.load(old)
+    for name, table in derived.items():
+        assert len(table) and getattr(read, name).equals(table), name
+    keys = ["method", "treatment", "metric"]
+    expected, found = (result.scores.set_index(keys).value for result in (new, read))
+    for method, treatment in product(("2fsk", "narrowband"), ("", "none", "window")):
+        assert found[method, treatment, "mae_mm"].item() == expected[method, treatment, "mae_mm"].item()
+
+
+def test_a_figure_that_stands_twice_is_refused(small_result, tmp_path):
+    shutil.copytree(small_result, tmp_path / "twice", ignore=shutil.ignore_patterns("work"))
+    with (tmp_path / "twice" / "scores.csv").open("a") as stream:
+        stream.write("ball,2fsk,truth,,0,mae_mm,7\n")
+    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines of one figure"):
+        results.load(tmp_path / "twice")
 
 
 def test_repeats_are_optional(folder):

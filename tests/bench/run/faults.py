@@ -20,6 +20,7 @@ from handbench.support.store import MANIFEST, STAMP
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 TIMES = {  # what differs from run to run, by the file's name
     "table.csv": rb"(?m)^seconds,.*$",
+    "scores.csv": rb"(?m)^.*,seconds,.*$",
     "result.json": rb'"(gemm_gflops|seconds)":.*',
     "tasks.csv": rb"(?m)(,[^,\n]*){9}$",
     "capture.toml": rb"(?m)^seconds = .*$",

@@ -26,18 +26,17 @@ import numpy as np
 import psutil
 
 from handbench.bench.datasets.native import ECHOES, TRUTH, CaptureFile, save_capture_file
-from handbench.bench.evaluation.alike import SMOOTHING
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import pool
-from handbench.bench.results import HEADLINE, errors_path, write_errors
-from handbench.bench.results.tables import Column
+from handbench.bench.evaluation.tables import SCORES, Column, frame, write
+from handbench.bench.results import errors_path, write_errors
 from handbench.bench.run import reconstruct_stage, runner
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.executors import executor
 from handbench.bench.run.outcome import Capture, Outcome, basis
 from handbench.bench.run.runner import Run
-from handbench.bench.run.scoring import EACH_FRAME, FIGURES, GRIDS, REFERENCES, TREATED, write_reference
-from handbench.bench.run.tabulation import tables
+from handbench.bench.run.scoring import REFERENCES, SCORED, grid_name, write_reference
+from handbench.bench.run.write_result import scores, tabulate
 from handbench.bench.studies.columns import Record, Table
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
@@ -121,24 +120,22 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     z_m, transform = np.where(disc, 0.3, np.nan), replace(identity("radar"), covariance=np.zeros((6, 6)))
     known = Reference(z_m, np.zeros_like(z_m), np.zeros((*z_m.shape, 6)), transform, disc)
     one, found = scores / "one", Outcome(bench, [], [])
-    write_reference(one, "truth", 0, known)
-    write_json(one / GRIDS, dict.fromkeys(METHODS, 0))
-    write_json(one / EACH_FRAME, {"truth": {id: [{HEADLINE: 0.8, "max_mm": 4.0}] for id in METHODS}})
-    write_json(one / TREATED, {"truth": {treatment: {} for treatment in SMOOTHING}})
-    figures = {}
+    write_reference(one, "truth", grid_name(axis_m, axis_m), known)
+    lines = []
     for id in METHODS:
         seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
         write_errors(one, "one", id, "truth", seen)
-        figures[id] = pool([seen]) | {"floor_mm": 0.0}
-    write_json(one / FIGURES, {"truth": figures})
+        figures = pool([seen]) | {"floor_mm": 0.0}
+        lines += [("one", id, "truth", "", 0, *figure) for figure in figures.items()]
+    table = frame(SCORES, lines)
     for source in bench.capture:
         name = str(source.path)
         found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name
         (found.scores[name] / "errors").mkdir(parents=True)
-        for folder in (REFERENCES, GRIDS, EACH_FRAME, TREATED, FIGURES):
-            (found.scores[name] / folder).symlink_to(one / folder)
+        (found.scores[name] / REFERENCES).symlink_to(one / REFERENCES)
+        write(found.scores[name] / SCORED, table.assign(capture=name), SCORES)
         for id in METHODS:
             found.seconds[name, id] = [0.1]
             errors_path(found.scores[name], name, id, "truth").symlink_to(errors_path(one, "one", id, "truth"))
@@ -149,7 +146,7 @@ def table_record(found: Outcome) -> Record:
     """The table and its comparisons; memory: before and after."""
     process, start = psutil.Process(), time.perf_counter()
     memory_mb, on = [process.memory_info().rss / 1e6], basis(found)
-    tables(found, on)
+    tabulate(found, on, scores(found, on))
     memory_mb.append(process.memory_info().rss / 1e6)
     each_ms = 1e3 * (time.perf_counter() - start) / len(found.captures)
     return {"what": "table", "each_ms": each_ms, "memory_mb": memory_mb}

@@ -26,7 +26,7 @@ import tomlkit
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DESCRIPTION, save_capture_file
-from handbench.bench.results.tables import Column
+from handbench.bench.evaluation.tables import Column
 from handbench.bench.run import jobs, runner
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
 from handbench.bench.run.outcome import Capture

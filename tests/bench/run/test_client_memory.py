@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from handbench.bench.evaluation.floor import RESAMPLES, floor_interval
-from handbench.bench.evaluation.statistics.intervals import median_interval, precision_interval
-from handbench.bench.results.tables import TASKS, frame
+from handbench.bench.evaluation.intervals import median_interval, precision_interval
+from handbench.bench.evaluation.tables import TASKS, frame
 from handbench.bench.run import executors, runner
 from handbench.bench.run.executors import Here
 from handbench.support.store import Stage, Stamp

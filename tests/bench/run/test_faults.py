@@ -24,7 +24,7 @@ import pytest
 from handbench.bench import results
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.run.tabulation import tables
+from handbench.bench.run.write_result import tabulate
 from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.dense.planesweep import swept_disparity
 from handbench.groundtruth.dense.views import Stereo
@@ -54,16 +54,16 @@ def execute(bench_file: Path, folder: Path) -> results.Result:
 
 @pytest.fixture
 def clean(small_bench, tmp_path, monkeypatch) -> Path:
-    """The result of an undisturbed run of one method, which others then repeat without its work, nor forming the tables
+    """The result of an undisturbed run of one method, which others then repeat without its work, nor forming the table
     of the same scores anew."""
-    known: dict[str, dict[str, pd.DataFrame]] = {}
+    known: dict[str, pd.DataFrame] = {}
 
-    def once(outcome, on):
+    def once(outcome, on, scores):
         about = f"{on} {outcome.failures}"
-        known[about] = known[about] if about in known else tables(outcome, on)
+        known[about] = known[about] if about in known else tabulate(outcome, on, scores)
         return known[about]
 
-    monkeypatch.setattr("handbench.bench.run.write_result.tables", once)
+    monkeypatch.setattr("handbench.bench.run.write_result.tabulate", once)
     small_bench.write_text(small_bench.read_text().rpartition("[[method]]")[0])
     execute(small_bench, tmp_path / "clean")
     instant(tmp_path / "clean", monkeypatch)

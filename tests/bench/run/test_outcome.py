@@ -222,10 +222,10 @@ def test_what_was_scored_is_read_back_as_it_was(written, tmp_path):
     for name, given in (("photogrammetry", transform), ("truth", identity("radar"))):
         grid = PixelGrid(depth.x_m, depth.y_m)
         reference = reference_of_file(tmp_path / "plate.ply", given, grid, exact=name == "truth")
-        kept = scoring.read_reference(folder, "2fsk", name, given)
+        kept = scoring.read_reference(folder, "plate", "2fsk", name, given)
         np.testing.assert_array_equal(kept.registration.covariance, reference.registration.covariance)
         for field in ("z_m", "mesh_sigma_m", "leverage", "met"):
             np.testing.assert_array_equal(getattr(kept, field), getattr(reference, field))
         errors = score(depth, reference, protocol("paper"), open_capture(tmp_path / "plate")).errors
-        for field, values in vars(scoring.read_errors(folder, "plate", "2fsk", name)).items():
+        for field, values in vars(results.read_errors(folder, "plate", "2fsk", name)).items():
             np.testing.assert_array_equal(values, getattr(errors, field))

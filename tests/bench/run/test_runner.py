@@ -104,6 +104,7 @@ def content(folder: Path) -> dict[str, bytes]:
     machine's rate, and whether a stage was cached."""
     times = {
         "table.csv": rb"(?m)^seconds,.*$",
+        "scores.csv": rb"(?m)^.*,seconds,.*$",
         "result.json": rb'"(gemm_gflops|seconds)":.*',
         "capture.toml": rb"(?m)^seconds = .*$",
         "stage.json": rb"(?s).*",

@@ -129,7 +129,8 @@ def test_a_run_tells_equal_treatment_frames_and_enough_times(small_bench: Path, 
     assert set(result.comparisons.treatment) == {"", "none", "window"}
     assert set(result.comparisons[result.comparisons.treatment != ""].metric) == {"mae_mm", "aurc_mm"}
     assert "mae_mm" not in set(result.comparisons[result.comparisons.treatment == ""].metric)
-    each = result.captures.set_index(["metric", "treatment", "method", "capture"]).value
+    of_reference = result.scores[(result.scores.reference == "truth") & (result.scores.frame == 0)]
+    each = of_reference.set_index(["metric", "treatment", "method", "capture"]).value
     assert each["mae_mm", "", "2fsk", "ball"] == result.row("mae_mm", "2fsk", "truth").value
     assert each["mae_mm", "none", "2fsk", "ball"] == equal["mae_mm", "none", "2fsk"]  # the mean of one capture
     assert set(result.curves.method) == {"2fsk", "narrowband"} and (result.curves.risk_mm >= 0).all()

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.metrics import precision
-from handbench.bench.results.tables import Column
+from handbench.bench.evaluation.tables import Column
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build

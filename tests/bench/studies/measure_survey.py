@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.studies.columns import Record, Table
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import pycolmap, registered

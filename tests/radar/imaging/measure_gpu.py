@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.results.tables import Column
+from handbench.bench.evaluation.tables import Column
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture

@@ -10,13 +10,12 @@ import pytest
 from matplotlib.axes import Axes
 
 from handbench.bench import results
-from handbench.bench.evaluation.error_causes import Scored
-from handbench.bench.results.tables import each
+from handbench.bench.evaluation.tables import each
 from handbench.radar.data.depthmap import DepthMap
 from handbench.reports.figures.charts import CAUSES, explained
 from handbench.reports.page import html, sections
 from handbench.reports.tables.blocks import number
-from tests.bench.evaluation.explained import explain
+from tests.bench.evaluation.explained import Scored, explain
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SIGMAS_M = {"2fsk": 6e-3, "3fsk": 1.5e-3, "broadband": None}

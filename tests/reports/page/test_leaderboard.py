@@ -10,10 +10,10 @@ from handbench.cli.main import main
 def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_path, capsys):
     shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))
     shutil.copytree(small_result, tmp_path / "B <b>", ignore=shutil.ignore_patterns("work"))
-    captures = pd.read_csv(tmp_path / "B <b>" / "captures.csv", keep_default_na=False)
-    right = (captures.metric == "complete_2mm_percent") & (captures.method == "2fsk")
-    captures.loc[right, "value"] = 99.5
-    captures.to_csv(tmp_path / "B <b>" / "captures.csv", index=False)
+    scores = pd.read_csv(tmp_path / "B <b>" / "scores.csv", keep_default_na=False)
+    right = (scores.metric == "complete_2mm_percent") & (scores.method == "2fsk") & (scores.treatment == "")
+    scores.loc[right, "value"] = 99.5
+    scores.to_csv(tmp_path / "B <b>" / "scores.csv", index=False)
     results = [str(tmp_path / "A"), str(tmp_path / "B <b>")]
     assert main(["report", *results, "-o", str(tmp_path / "out")]) == 0
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv")

@@ -18,8 +18,8 @@ from matplotlib.text import Text
 from PIL import Image
 
 from handbench.bench import results
-from handbench.bench.evaluation.statistics.paired import compare
-from handbench.bench.results.tables import COMPARISONS, frame
+from handbench.bench.evaluation.paired import compare
+from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.reports.figures.charts import added, counted, overview
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.layers import edges
@@ -392,7 +392,7 @@ def tested(result_folder):
     """3-FSK is shown to beat narrowband and 2-FSK, not broadband."""
     pairs = (("narrowband", 1e-6), ("2fsk", 0.01), ("broadband", 0.2))
     lines = [compared(better="3fsk", worse=worse, p_corrected=p) for worse, p in pairs]
-    return replace(results.load(result_folder), comparisons=frame(COMPARISONS, lines))
+    return replace(results.load(result_folder), files={"comparisons": frame(COMPARISONS, lines)})
 
 
 def test_verdicts_name_what_was_shown_and_nothing_else(tested):

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.evaluation.statistics.compare_results import compare_results
-from handbench.bench.results.tables import CHANGES, DIFFERENCES, TIMES, frame
+from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, TIMES, frame
+from handbench.bench.results.compare_results import compare_results
 from handbench.cli import compare as compare_command
 from handbench.cli.main import parser
 from handbench.reports.tables import comparison

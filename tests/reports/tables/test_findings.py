@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 from handbench.bench import results
-from handbench.bench.results.tables import COMPARISONS, frame
+from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.reports.figures.charts import risk_coverage
 from handbench.reports.tables.blocks import blocks, busy_note
 from handbench.reports.tables.result_tables import findings, markdown
@@ -20,6 +21,10 @@ def result(tmp_path_factory) -> results.Result:
 def line(better: str, worse: str, metric: str, treatment: str, p: float | None) -> tuple:
     ends = (None, None) if p is None else (0.11, 0.29)
     return metric, better, worse, 0.2, *ends, "mm", p, 1.0, "photogrammetry", 2, 0, "", treatment
+
+
+def with_comparisons(result: results.Result, lines: pd.DataFrame) -> results.Result:
+    return replace(result, files={**result.files, "comparisons": lines})
 
 
 def test_equal_treatment_is_the_second_block(result):
@@ -48,16 +53,16 @@ def test_a_claim_is_one_sentence(result):
         line("3fsk", "broadband", "aurc_mm", "none", None),
         line("3fsk", "broadband", "mae_mm", "", 0.001),  # each as it is: says nothing of better
     ]
-    [sentence] = findings(replace(result, comparisons=frame(COMPARISONS, lines)))
+    [sentence] = findings(with_comparisons(result, frame(COMPARISONS, lines)))
     assert sentence == (
         "3-FSK and Broadband, on the pixels that all see: no difference shown unsmoothed (0.20 mm), 3-FSK better by "
         "0.20 mm all averaged over 5 × 5 [0.11, 0.29]; over completeness: 3-FSK ahead by 0.20 mm unsmoothed"
     )
     untested = [line("3fsk", "broadband", "mae_mm", treatment, None) for treatment in ("none", "window")]
-    [few] = findings(replace(result, comparisons=frame(COMPARISONS, untested)))
+    [few] = findings(with_comparisons(result, frame(COMPARISONS, untested)))
     assert "see: 3-FSK ahead by 0.20 mm unsmoothed and 0.20 mm all averaged over 5 × 5; over completeness: not" in few
     assert few.endswith("(on these 2 captures, too few to tell of others)")
-    assert findings(replace(result, comparisons=frame(COMPARISONS, lines[-1:]))) == []
+    assert findings(with_comparisons(result, frame(COMPARISONS, lines[-1:]))) == []
 
 
 def test_a_time_that_has_not_settled_is_said(result):

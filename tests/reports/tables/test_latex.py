@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.bench import results
+from handbench.bench.evaluation.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
 from handbench.bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
-from handbench.bench.results.compared import Compared, Side
-from handbench.bench.results.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
+from handbench.bench.results.compare_results import Compared, Side
 from handbench.reports.tables import comparison, latex
 
 HOSTILE = (
@@ -41,7 +41,7 @@ def named(result: results.Result, names: tuple[str, ...]) -> results.Result:
         ("mae_mm", a.name, b.name, 1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "", "") for a, b in pairwise(methods)
     ]
     about = result.about.model_copy(update={"methods": tuple(methods), "name": names[-1]})
-    return replace(result, about=about, comparisons=frame(COMPARISONS, lines))
+    return replace(result, about=about, files={**result.files, "comparisons": frame(COMPARISONS, lines)})
 
 
 def tradeoff(name: str) -> Tradeoff:
@@ -196,10 +196,10 @@ def test_only_what_a_test_stands_behind_is_bold(result):
         for worse, p in (("2fsk", 1e-4), ("3fsk", 0.3), ("narrowband", 1e-4))
     ]
     lines = frame(COMPARISONS, pairs)
-    text = latex.latex(replace(result, comparisons=lines))
+    text = latex.latex(replace(result, files={"comparisons": lines}))
     values = [result.row("mae_mm", method, "truth").value for method in ("3fsk", "broadband")]
     assert [float(v) for v in re.findall(r"\\bfseries ([\d.]+)", text)] == pytest.approx(values, abs=0.006)
-    unbeaten = replace(result, comparisons=lines.assign(p_corrected=0.3))
+    unbeaten = replace(result, files={"comparisons": lines.assign(p_corrected=0.3)})
     assert r"\bfseries" not in latex.latex(unbeaten)
 
 

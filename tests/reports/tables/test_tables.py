@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
+from handbench.bench.evaluation.tables import COMPARISONS, TASKS, frame
 from handbench.bench.results import Section, Setting, Tradeoff, TradeoffFacts
-from handbench.bench.results.tables import COMPARISONS, TASKS, frame
 from handbench.reports.tables import blocks as parts
 from handbench.reports.tables import latex
 from handbench.reports.tables import result_tables as tables
@@ -164,7 +164,7 @@ def compared(result: results.Result, p: float) -> results.Result:
         ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |", "")
         for worse, chance in (("2fsk", p), ("3fsk", 0.3), ("narrowband", p))
     ]
-    return replace(result, comparisons=frame(COMPARISONS, lines))
+    return replace(result, files={**result.files, "comparisons": frame(COMPARISONS, lines)})
 
 
 def test_only_what_a_test_stands_behind_stands_out(result):

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
-from handbench.bench.results.tables import Column, declared
+from handbench.bench.evaluation.tables import Column, declared
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import choices, echo_scene

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.scenes.build import Scene, load_scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.scenes.scene_file import SceneFile

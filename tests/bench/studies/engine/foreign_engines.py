@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.cpu.exact import exact_sums

@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from handbench.bench.results.tables import declared, each
+from handbench.bench.evaluation.tables import declared, each
 from handbench.bench.studies.columns import Record, Table
 from tests.bench.studies import script
 from tests.bench.studies.engine.checks import bars, compilation, growth

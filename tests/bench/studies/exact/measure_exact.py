@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.studies.columns import Record, Table
 from handbench.bench.studies.exact.cases import (
     LONG_M,

@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from handbench.bench.datasets.simulated import write_photos
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.studies.columns import Record, Table
 from handbench.groundtruth.options import Options

@@ -22,7 +22,7 @@ from scipy.stats import chi2
 
 from handbench.bench.datasets.native import TARGET
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.run.photogrammetry import calibrate_captures
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import choices, echo_scene

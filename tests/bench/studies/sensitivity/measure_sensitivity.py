@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from handbench.bench.evaluation.metrics import METRICS, TITLES
-from handbench.bench.results.tables import Column, declared
+from handbench.bench.evaluation.tables import Column, declared
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured

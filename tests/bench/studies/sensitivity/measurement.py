@@ -18,9 +18,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.metrics import averaged, deviation, mean_deviation, of_captures
-from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.scene_file import SceneFile, Sensor

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool, precision
-from handbench.bench.results.error_map import ErrorMap
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import default_target
 from handbench.calibration.spheres.optical_detection import Cloud, fit_sphere

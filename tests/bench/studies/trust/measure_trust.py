@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.results.tables import declared
+from handbench.bench.evaluation.tables import declared
 from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.depthmap import FLAGGED, DepthMap
 from handbench.radar.methods import depth_uncertainty

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.statistics.compare_results import require_alike
-from handbench.bench.evaluation.statistics.intervals import mean_interval
-from handbench.bench.evaluation.statistics.paired import compare
-from handbench.bench.results import HEADLINE, REFERENCES
+from handbench.bench.evaluation.intervals import mean_interval
+from handbench.bench.evaluation.paired import compare
+from handbench.bench.evaluation.tables import RANKING, ByMethod, by_method, conform
+from handbench.bench.results.about import HEADLINE, REFERENCES
+from handbench.bench.results.compare_results import require_alike
 from handbench.bench.results.result_folder import Result, shown
-from handbench.bench.results.tables import RANKING, conform
 from handbench.support.errors import HandbenchError
 
 BY = "complete_2mm_percent"
@@ -31,22 +31,24 @@ def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
     values: dict[str, np.ndarray] = {}
     lines = []
     for number, result in enumerate(results):
+        own, alike = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
         for method in result.about.methods:
             key = f"{number}/{method.name}"
-            values[key] = _figures(result, BY, "", method.name, reference, captures)
+            right, mae_mm = (_figures(own, method.name, metric, captures) for metric in (BY, HEADLINE))
+            values[key] = right
             equal = result.equal[(result.equal.method == method.name) & (result.equal.treatment == EQUAL)]
             share = equal[equal.metric == "aurc_to_percent"].value
             time = result.time(method.name)
-            low, high = mean_interval(values[key]) or (np.nan, np.nan)
+            low, high = mean_interval(right) or (np.nan, np.nan)
             line = {
                 "key": key,
                 "result": str(result.folder),
                 "method": method.title,
-                "complete_2mm_percent": values[key].mean(),
+                BY: right.mean(),
                 "low": low,
                 "high": high,
-                "mae_mm": _figures(result, HEADLINE, "", method.name, reference, captures).mean(),
-                "aurc_mm": _figures(result, OVER, EQUAL, method.name, reference, captures).mean(),
+                HEADLINE: mae_mm.mean(),
+                OVER: _figures(alike, method.name, OVER, captures).mean(),
                 "aurc_to_percent": share.iloc[0] if len(share) else np.nan,
                 "seconds": np.nan if time is None else time.value,
             }
@@ -70,18 +72,14 @@ def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
 
 
 def _captures(result: Result, reference: str) -> list[str]:
-    lines = result.captures[(result.captures.metric == BY) & (result.captures.reference == reference)]
+    lines = result.scores[(result.scores.metric == BY) & (result.scores.reference == reference)]
     return list(dict.fromkeys(lines.capture))
 
 
-def _figures(
-    result: Result, metric: str, treatment: str, method: str, reference: str, captures: Sequence[str]
-) -> np.ndarray:
+def _figures(found: ByMethod, method: str, metric: str, captures: Sequence[str]) -> np.ndarray:
     """A method's figure of each capture [n], NaN where there is none."""
-    lines = result.captures
-    lines = lines[(lines.metric == metric) & (lines.treatment == treatment) & (lines.method == method)]
-    lines = lines[lines.reference == reference].drop_duplicates("capture").set_index("capture")
-    return lines.value.reindex(list(captures)).to_numpy(float)
+    known = found.get(method, pd.DataFrame()).reindex(list(captures), columns=[metric])
+    return known[metric].to_numpy(float)
 
 
 def _about(results: Sequence[Result], reference: str, captures: Sequence[str], tested: bool) -> str:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handbench.bench.evaluation.metrics import METRICS, deviation, usable_repeats
-from handbench.bench.results.tables import LEVEL
+from handbench.bench.evaluation.tables import LEVEL
 
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends

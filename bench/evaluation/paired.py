@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
+from handbench.bench.evaluation.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
-from handbench.bench.evaluation.statistics.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
-from handbench.bench.results.about import TREATMENTS, on_common_pixels
-from handbench.bench.results.tables import COMPARISONS, LEVEL, conform
+from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform
 from handbench.support.errors import HandbenchError
 
 

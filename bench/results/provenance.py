@@ -5,8 +5,8 @@ from typing import Any
 
 import pandas as pd
 
+from handbench.bench.evaluation.tables import CHANGES, frame
 from handbench.bench.results.result_folder import Result
-from handbench.bench.results.tables import CHANGES, frame
 from handbench.support.config import plain_toml
 
 HASH_CHARACTERS = 12  # tell two hashes apart

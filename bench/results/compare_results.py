@@ -4,40 +4,69 @@ Where both have the same captures, each method's figures are compared capture by
 Where they differ, A and B are two independent samples (Welch). Either way a capture counts as one value. Precisions are
 compared by the F test of their variances. Holm's correction spans all lines. Times are set beside each other and not
 tested, for the repeats of one run do not know how two runs differ.
+
+`handbench compare` writes
+
+compare.json  both sides, the basis, every difference, times and what differs in provenance
+compare.csv   one line a method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, averaged, deviation, of_captures, precision
-from handbench.bench.evaluation.statistics.intervals import TOO_FEW, figure_interval, note, precision_interval
-from handbench.bench.evaluation.statistics.paired import (
-    Tested,
-    amount_text,
-    amounts_text,
-    corrected,
-    f_test,
-    paired,
-    unpaired,
-)
-from handbench.bench.evaluation.statistics.provenance import changes
-from handbench.bench.evaluation.statistics.sample_size import ALPHA, LEAST, hands_needed
+from handbench.bench.evaluation.intervals import TOO_FEW, figure_interval, note, precision_interval
+from handbench.bench.evaluation.metrics import METRICS, deviation, precision
+from handbench.bench.evaluation.paired import Tested, amount_text, amounts_text, corrected, f_test, paired, unpaired
+from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
+from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, TIMES, by_method, conform, frame, records, write
 from handbench.bench.results.about import REFERENCES, MethodFacts
-from handbench.bench.results.compared import Compared, Side
-from handbench.bench.results.error_map import ErrorMap
-from handbench.bench.results.maps import errors_path, read_map
+from handbench.bench.results.derived import compared_metrics
+from handbench.bench.results.provenance import changes
 from handbench.bench.results.result_folder import Result
-from handbench.bench.results.tables import DIFFERENCES, LEVEL, TIMES, conform, frame
 from handbench.support.errors import HandbenchError
+from handbench.support.files import write_json
 
+COMPARED_VERSION = 1
 SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_M = 5e-4  # and in the median lie so near
 NONE = (None, None)
-FALLBACK = (HEADLINE, "observed_percent")  # compared where a result of an earlier version does not say by what
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's rate of float32 matrix
+    products."""
+
+    folder: str
+    name: str
+    captures: tuple[str, ...]
+    gemm_gflops: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Two results side by side. basis: what the differences stand on, in sentences; differences, times, changes: as
+    `bench.evaluation.tables` declares them."""
+
+    a: Side
+    b: Side
+    basis: tuple[str, ...]
+    differences: pd.DataFrame
+    times: pd.DataFrame
+    changes: pd.DataFrame
+
+
+def write_compared(folder: Path, compared: Compared) -> None:
+    """Write compare.csv and compare.json."""
+    write(folder / "compare.csv", compared.differences, DIFFERENCES)
+    lines = {name: records(getattr(compared, name)) for name in ("differences", "times", "changes")}
+    about = {"a": asdict(compared.a), "b": asdict(compared.b), "basis": compared.basis}
+    write_json(folder / "compare.json", {"schema_version": COMPARED_VERSION, **about, **lines})
 
 
 @dataclass(frozen=True)
@@ -61,11 +90,16 @@ def compare_results(a: Result, b: Result) -> Compared:
     if not methods or not bases:
         lack = "method" if not methods else "reference"
         raise HandbenchError(f"{a.folder} and {b.folder}: have no {lack} in common; expected at least one")
-    metrics = [m for m in a.about.protocol.get("compared", FALLBACK) if m in AVERAGED and METRICS[m].better != "zero"]
+    metrics = compared_metrics(a.about.protocol)
+    figures = [[by_method(result.scores, basis.reference) for result in (a, b)] for basis in bases]
     lines = []
     for method in methods:
-        for basis in bases:
-            lines += _accuracy(a, b, method, basis, metrics)
+        for basis, found in zip(bases, figures, strict=True):
+            samples = (
+                of.get(method.name, pd.DataFrame(dtype=float)).reindex(captures, columns=metrics)
+                for of, captures in zip(found, (basis.a, basis.b), strict=True)
+            )
+            lines += _accuracy(method, basis, *samples)
         lines += _precision(a, b, method)
     times = frame(TIMES, [_time(a, b, method) for method in methods])
     said = tuple(basis.sentence for basis in bases)
@@ -122,36 +156,14 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
     return float(np.median(np.abs(ours.z_m - theirs.z_m)[both])) <= SAME_M
 
 
-def figures_of(result: Result, metric: str, reference: str) -> dict[str, np.ndarray]:
-    """Method → a metric of the scored captures [n] that have this reference, against it."""
-    names = [capture.name for capture in result.scored() if reference in capture.references]
-    found = {}
-    for method in result.about.methods:
-        maps = [_error_map(result, name, method.name, reference) for name in names]
-        found[method.name] = of_captures(maps)[metric].to_numpy()
-    return found
-
-
-def _error_map(result: Result, capture: str, method: str, reference: str) -> ErrorMap:
-    path = errors_path(result.folder, capture, method, reference)
-    try:
-        return ErrorMap(**read_map(path, "error_m", "reference_z_m", "to_reference_m", "to_map_m"))
-    except HandbenchError:
-        return result.errors(capture, method, reference)  # an earlier version kept no distances
-
-
-def _accuracy(a: Result, b: Result, method: MethodFacts, basis: Basis, metrics: Sequence[str]) -> list[dict[str, Any]]:
-    """One line a metric, the p not yet corrected."""
-    figures = [
-        of_captures(_error_map(result, capture, method.name, basis.reference) for capture in captures)
-        for result, captures in ((a, basis.a), (b, basis.b))
-    ]
-    values, test = [averaged(found) for found in figures], paired if basis.paired else unpaired
+def _accuracy(method: MethodFacts, basis: Basis, a: pd.DataFrame, b: pd.DataFrame) -> list[dict[str, Any]]:
+    """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a metric."""
     lines = []
-    for metric in metrics:
-        samples = [found[metric].to_numpy() for found in figures]
+    for metric in map(str, a):
+        samples, test = [a[metric].to_numpy(), b[metric].to_numpy()], paired if basis.paired else unpaired
+        values = [a[metric].mean(), b[metric].mean()]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
-        line = _line(method, metric, samples, [v[metric] for v in values], ends, test(*samples))
+        line = _line(method, metric, samples, values, ends, test(*samples))
         spreads = _spreads(samples, basis.paired)
         lines.append({**line, "reference": basis.reference, "paired": basis.paired, "spreads": spreads})
     return lines

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from handbench.bench.evaluation.statistics.intervals import FEWEST
-from handbench.bench.results.tables import LEVEL
+from handbench.bench.evaluation.intervals import FEWEST
+from handbench.bench.evaluation.tables import LEVEL
 from handbench.support.errors import HandbenchError
 
 LEAST = 3  # captures whose variance is worth an answer at all

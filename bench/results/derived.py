@@ -1,0 +1,151 @@
+"""The tables that follow from a result's scores and from its maps of errors and depths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from handbench.bench.evaluation.alike import SMOOTHING
+from handbench.bench.evaluation.error_causes import averaged_lines, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.intervals import figure_interval
+from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, pool
+from handbench.bench.evaluation.paired import compare
+from handbench.bench.evaluation.tables import (
+    CAPTURES,
+    CAUSES,
+    COMPARISONS,
+    CURVES,
+    EQUAL,
+    RELIABILITY,
+    REPEATS,
+    SCORES,
+    ByMethod,
+    by_method,
+    conform,
+    frame,
+)
+from handbench.bench.results.about import REFERENCES, CaptureFacts
+from handbench.bench.results.maps import depth_path, read_errors
+from handbench.radar.data.depthmap import load_depthmap
+from handbench.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    from handbench.bench.results.result_folder import Result
+
+ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
+COMPARED = (HEADLINE, "observed_percent")  # where a result of an earlier version does not say by what
+MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
+STRONGEST = "strongest_z_m"
+Line = dict[str, Any]
+
+
+def repeats(result: Result) -> pd.DataFrame:
+    """Every repeat's depth of the strongest scatterer, as `REPEATS`."""
+    lines = result.scores[result.scores.metric == STRONGEST]
+    return conform(lines.rename(columns={"frame": "repeat", "value": "z_m"}), REPEATS)
+
+
+def compared_metrics(protocol: dict[str, Any]) -> list[str]:
+    """The metrics by which a protocol, as a result tells it, compares methods as they are."""
+    named = protocol.get("compared", COMPARED)
+    known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
+    return [metric for metric in named if metric in known] if isinstance(named, list | tuple) else []
+
+
+def equally_treated(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> tuple[str, dict[str, ByMethod]]:
+    """The reference with the most surface that all captures have; and, against it, treatment → `by_method`, of the
+    methods that every capture was treated by: none where these are fewer than two."""
+    having = (name for name in MOST_SURFACE if captures and all(name in c.references for c in captures))
+    reference = next(having, "")
+    alike = scores[(scores.reference == reference) & (scores.treatment != "")]
+    treated = alike[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
+    everywhere = treated.index[treated == len(captures) * len(SMOOTHING)]
+    alike = alike[alike.method.isin(everywhere)]
+    return reference, {t: by_method(alike, reference, t) for t in SMOOTHING} if len(everywhere) > 1 else {}
+
+
+def equal(result: Result) -> pd.DataFrame:
+    """The figures under equal treatment, averaged over the captures, as `EQUAL`."""
+    reference, treated = equally_treated(result.scores, result.scored())
+    rows = []
+    for treatment, methods in treated.items():
+        for method, figures in methods.items():
+            for metric in (metric for metric in figures if metric in METRICS):
+                low, high = figure_interval(metric, figures[metric].to_numpy()) or (None, None)
+                unit = METRICS[metric].unit
+                rows.append((metric, treatment, method, figures[metric].mean(), low, high, unit, reference))
+    return frame(EQUAL, rows)
+
+
+def comparisons(result: Result) -> pd.DataFrame:
+    """Every pair of methods, as `COMPARISONS`: as they are, by the protocol's compared metrics against each reference;
+    and under equal treatment."""
+    titles = {method.name: method.title for method in result.about.methods}
+    reference, treated = equally_treated(result.scores, result.scored())
+    found = [frame(COMPARISONS)]
+    metrics = compared_metrics(result.about.protocol)
+    own = {name: by_method(result.scores, name) for name in REFERENCES}
+    wanted = [(name, "", metric, own[name]) for name, metric in product(REFERENCES, metrics)]
+    wanted += [(reference, t, metric, methods) for t, methods in treated.items() for metric in ALIKE_COMPARED]
+    for name, treatment, metric, methods in wanted:
+        figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
+        found.append(compare(figures, name, metric, titles, treatment))
+    return conform(pd.concat(found), COMPARISONS)
+
+
+def causes(result: Result) -> pd.DataFrame:
+    """The errors by their causes, as `CAUSES`."""
+    return averaged_lines(_explained(result)[0], CAUSES).replace(np.inf, np.nan)
+
+
+def reliability(result: Result) -> pd.DataFrame:
+    """Coverage and likelihood of the methods' own σ, as `RELIABILITY`."""
+    return averaged_lines(_explained(result)[1], RELIABILITY)
+
+
+@lru_cache(maxsize=1)  # both tables are read one after the other
+def _explained(result: Result) -> tuple[list[Line], list[Line]]:
+    """The lines of every capture's maps in CAUSES and in RELIABILITY."""
+    causes, reliability = list[Line](), list[Line]()
+    for capture in result.scored():
+        depths = {m.name: load_depthmap(depth_path(result.folder, capture.name, m.name)) for m in result.about.methods}
+        for reference in capture.references:
+            surfaces: dict[bytes, dict[str, np.ndarray]] = {}  # by grid
+            for method, depth in depths.items():
+                errors = read_errors(result.folder, capture.name, method, reference)
+                if errors.error_m.shape != depth.z_m.shape:
+                    file = depth_path(result.folder, capture.name, method)
+                    raise HandbenchError(f"{file}: is on another grid than its errors; run the benchmark again")
+                grid = errors.x_m.tobytes() + b"|" + errors.y_m.tobytes()
+                if grid not in surfaces:
+                    surfaces[grid] = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
+                about = {"reference": reference, "method": method}
+                causes += [about | line for line in cause_lines(depth, errors, surfaces[grid])]
+                reliability += [about | line for line in reliability_lines(depth, errors)]
+    return causes, reliability
+
+
+def scores(result: Result) -> pd.DataFrame:
+    """`SCORES` of a folder of version 0.2: the figures of each capture from its maps of errors, those under equal
+    treatment from captures.csv and the repeats from repeats.csv."""
+    rows: list[tuple[Any, ...]] = []
+    for capture, method in product(result.scored(), result.about.methods):
+        for reference in capture.references:
+            figures = pool([read_errors(result.folder, capture.name, method.name, reference)])
+            rows += [(capture.name, method.name, reference, "", 0, *figure) for figure in figures.items()]
+    captures, repeated = result.files.get("captures", frame(CAPTURES)), result.files.get("repeats", frame(REPEATS))
+    alike = captures[captures.treatment != ""].assign(frame=0)
+    strongest = repeated.rename(columns={"repeat": "frame", "z_m": "value"})
+    strongest = strongest.assign(reference="", treatment="", metric=STRONGEST)
+    found = pd.concat([frame(SCORES, rows), alike[SCORES.names], strongest[SCORES.names]], ignore_index=True)
+    return found.drop_duplicates(SCORES.names[:-1], ignore_index=True)
+
+
+def curves(result: Result) -> pd.DataFrame:
+    """No curves: a folder without curves.csv has none."""
+    return frame(CURVES)
