@@ -24,7 +24,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest_voxels
-from handbench.radar.methods import fsk, joint, projection
+from handbench.radar.methods import alignment, fsk, projection
 from handbench.radar.methods.fsk_config import JointConfig
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
@@ -85,7 +85,7 @@ class Shake:
             return replace(peaks, magnitude=self.of("power", peaks.magnitude), error=error)
 
         places = [(module, name, "images") for module in (fsk, projection) for name in ("image_points", "image_volume")]
-        places += [(module, "amplitude_db", "power") for module in (fsk, projection, joint)]
+        places += [(module, "amplitude_db", "power") for module in (fsk, projection, alignment)]
         with ExitStack() as stack:
             for module, name, stage in places:
                 shaken = partial(self.result, stage, getattr(module, name))
