@@ -116,7 +116,7 @@ def test_every_package_is_walked():
         ("bench/a.py", "import open3d as o3d"),
         ("calibration/a.py", "def f():\n    import open3d"),
         ("groundtruth/a.py", "import pycolmap"),
-        ("bench/studies/a.py", "def f():\n    import pymeshlab"),
+        ("bench/tradeoff/a.py", "def f():\n    import pymeshlab"),
     ],
 )
 def test_a_forbidden_import_is_noticed(file, source):

@@ -15,7 +15,6 @@ from tests.installed_copy import ROOMS
 ROOT = Path(__file__).parents[1]
 PACKAGES = (*ROOMS, "handbench")
 FILES = sorted(path.relative_to(ROOT) for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
-STUDY_PARTS = {"cases.py", "measure.py", "figure.py", "run.py"}
 QUESTION = re.compile(r"(What|How|Whether|Where|Who)\b")
 
 
@@ -26,8 +25,6 @@ def meaning(file: Path) -> str:
             return file.as_posix()
         case ["handbench", "cli", _]:
             return f"the command's own file {file}"
-        case ["bench", "studies", _, name] if name in STUDY_PARTS:
-            return "a part of a study"
         case [*above, "cpu" | "gpu", _]:
             return f"on either device, in {'/'.join(above)}"
     return file.as_posix()
@@ -49,16 +46,12 @@ def test_no_file_name_stands_twice_with_two_meanings():
 @pytest.mark.parametrize(
     ("files", "clash"),
     [
-        (
-            ["radar/__init__.py", "bench/__init__.py", "bench/studies/a/__main__.py", "bench/studies/b/__main__.py"],
-            False,
-        ),
+        (["radar/__init__.py", "bench/__init__.py", "bench/a/__main__.py", "bench/b/__main__.py"], False),
         (["handbench/cli/compare.py", "bench/evaluation/compare.py"], False),
-        (["bench/studies/a/cases.py", "bench/studies/b/cases.py"], False),
         (["radar/imaging/cpu/leaf.py", "radar/imaging/gpu/leaf.py"], False),
         (["handbench/support/errors.py", "bench/evaluation/errors.py"], True),
-        (["bench/studies/a/page.py", "reports/page/page.py"], True),
-        (["bench/studies/a/other.py", "bench/studies/b/other.py"], True),
+        (["bench/a/page.py", "reports/page/page.py"], True),
+        (["bench/a/other.py", "bench/b/other.py"], True),
         (["radar/imaging/cpu/leaf.py", "groundtruth/dense/gpu/leaf.py"], True),
     ],
 )

@@ -18,18 +18,24 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from handbench.bench.evaluation.metrics import TITLES
+from handbench.bench.scenes.scene_file import known_effects
+from handbench.groundtruth.options import Quality
+from handbench.groundtruth.photos.photos import FEWEST
 from handbench.radar.methods.registry import method
-from handbench.support.config import Config, checked_name, load
+from handbench.support.config import Config, checked_name, load, suggest
 from handbench.support.errors import HandbenchError
 
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
+ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
+MOST_RIGS = 100  # and captures of each: numbers that are drawn from do not meet
+Positive = Annotated[float, Field(gt=0)]
 DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 
@@ -71,11 +77,56 @@ class ImagingEntry(Config):
         return every
 
 
+class GroundTruthKnobs(Config):
+    """views: photographs, evenly out of all; long_px: their longer side, to which they are shrunk (never enlarged);
+    quality: of the depth maps, as `handbench groundtruth --quality`."""
+
+    views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
+    long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
+    quality: tuple[Quality, ...] = Field(default=("draft", "normal"), min_length=1)
+
+
+class SimulationKnobs(Config):
+    """scenes: of bench/scenes/finger_scenes.py, dipoles along the cylinders. Facets' and mirrors' edges that fit into
+    the shortest wavelength, at least, and how much farther apart than in every simulation the antennas are for which
+    two bounces are traced. without: lists of effects that are left out of all; [] leaves out none. tolerance_mm: of
+    `effects = "auto"`. The first of each is combined with the others' first, and facets with all of `without`."""
+
+    scenes: tuple[str, ...] = Field(("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1)
+    facets_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0), min_length=1)
+    mirrors_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0, 8.0), min_length=1)
+    nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1)
+    without: tuple[Annotated[tuple[str, ...], AfterValidator(known_effects)], ...] = (
+        (),
+        ("multipath",),
+        ("multipath", "shadow_diffraction"),
+        ("multipath", "shadow_diffraction", "shadow_antennas"),
+        ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
+    )
+    tolerance_mm: tuple[Positive, ...] = (0.1, 1.0)
+
+    @field_validator("scenes")
+    @classmethod
+    def _there(cls, scenes: tuple[str, ...]) -> tuple[str, ...]:
+        from handbench.bench.scenes.finger_scenes import NAMED  # with what makes meshes
+
+        for name in scenes:
+            if name not in NAMED:
+                raise ValueError(f"'{name}' is no scene of fingers; {suggest(name, list(NAMED))}")
+        return scenes
+
+
+class RegistrationKnobs(Config):
+    """captures: how many are combined; trials: rigs, each with a target that is made anew within its tolerances."""
+
+    captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(default=(1, 2, 4), min_length=1)
+    trials: int = Field(default=3, ge=1, le=MOST_RIGS)
+
+
 class Sweep(Config):
     """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time for one tone of all
     antennas, which an acquisition takes for each; reference: the imaging setting that ratios are to (none: the first);
-    exact_planes: planes of the volume that are summed exactly, to be scaled. The other sections' knobs are those of
-    their modules."""
+    exact_planes: planes of the volume that are summed exactly, to be scaled."""
 
     repeats: int = Field(default=3, ge=1, le=100)
     step_s: float = Field(default=1e-3, ge=0)
@@ -83,9 +134,9 @@ class Sweep(Config):
     exact_planes: int = Field(default=1, ge=1)
     sections: tuple[SectionName, ...] = Field(default=SECTIONS, min_length=1)
     imaging: tuple[ImagingEntry, ...] = ()
-    groundtruth: dict[str, Any] = Field(default_factory=dict)
-    simulation: dict[str, Any] = Field(default_factory=dict)
-    registration: dict[str, Any] = Field(default_factory=dict)
+    groundtruth: GroundTruthKnobs = Field(default_factory=GroundTruthKnobs)
+    simulation: SimulationKnobs = Field(default_factory=SimulationKnobs)
+    registration: RegistrationKnobs = Field(default_factory=RegistrationKnobs)
 
 
 def completed(sweep: Sweep | None) -> Sweep:

@@ -75,7 +75,7 @@ def keys(sources: Sources) -> dict[str, str]:
 
 def test_keys_are_sharp():
     """What only shows results, or runs them, makes no stage anew."""
-    showing = ("handbench.reports", "handbench.cli", "handbench.bench.studies", "handbench.bench.validation")
+    showing = ("handbench.reports", "handbench.cli", "handbench.bench.tradeoff", "handbench.bench.validation")
     for name, module in STAGES.items():
         ours = Sources().closure(module)[0]
         aside = "handbench.bench.validation" if name == "inspect" else "nothing"  # the room that it is in

@@ -12,7 +12,7 @@ from handbench.bench import results
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.studies.tradeoff import run as tradeoff
+from handbench.bench.tradeoff import run as tradeoff
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture, save_capture

@@ -37,7 +37,6 @@ from handbench.bench.run.outcome import Capture, Outcome, basis
 from handbench.bench.run.runner import Run
 from handbench.bench.run.scoring import REFERENCES, SCORED, grid_name, write_reference
 from handbench.bench.run.write_result import scores, tabulate
-from handbench.bench.studies.columns import Record, Table
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.arrays import AntennaArray
@@ -45,6 +44,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
 from handbench.support.store import Stage, Stamp, cached
+from tests.bench.studies.columns import Record, Table
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0

@@ -31,10 +31,10 @@ from handbench.bench.run import jobs, runner
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.simulate_stage import CAPTURE
-from handbench.bench.studies.columns import Record, Table
 from handbench.support.folder import MARKER, WORK
 from handbench.support.progress import say
 from handbench.support.store import MANIFEST, STAMP, Stage, Stamp, cached
+from tests.bench.studies.columns import Record, Table
 
 SAMPLE_S = 0.2
 MODULE = "tests.bench.run.measure_scale"

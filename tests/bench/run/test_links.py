@@ -9,7 +9,7 @@ import pytest
 
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.studies.tradeoff.run import run as tradeoff
+from handbench.bench.tradeoff.run import run as tradeoff
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
 from handbench.support.folder import MARKER, claimed, drop

@@ -15,8 +15,9 @@ from handbench.bench.evaluation.metrics import precision
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
 from handbench.bench.run.runner import run
+from handbench.bench.run.sweep import Sweep
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
-from handbench.bench.studies.tradeoff.opening import opened
+from handbench.bench.tradeoff.run import opened
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
@@ -168,8 +169,9 @@ def test_validate_asks_of_a_capture_what_it_measures(printed):
 
 def test_a_trade_off_sweeps_the_captures_of_the_accuracy(printed, tmp_path):
     bench, base = load_benchmark(str(with_prints(printed)))
+    bench = bench.model_copy(update={"tradeoff": Sweep(sections=("imaging",))})
     (tmp_path / "work").mkdir()
-    assert [c.name for c in opened(bench, base, tmp_path / "work", photographed=0).captures] == ["ball"]
+    assert [c.name for c in opened(bench, base, tmp_path / "work").captures] == ["ball"]
 
 
 def test_the_noise_is_fitted_to_the_captures_of_the_precision(printed, monkeypatch):

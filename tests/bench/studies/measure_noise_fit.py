@@ -22,7 +22,6 @@ from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
-from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TwoToneConfig
@@ -30,6 +29,7 @@ from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 

@@ -21,7 +21,6 @@ import numpy as np
 from PIL import Image
 
 from handbench.bench.evaluation.tables import declared
-from handbench.bench.studies.columns import Record, Table
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import pycolmap, registered
 from handbench.groundtruth.options import SparseOptions
@@ -29,6 +28,7 @@ from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, require_folder
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 

@@ -11,7 +11,8 @@ STEM.png, .pdf   the figure, where there is one
 
 import os
 import time
-from collections.abc import Callable, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,11 +21,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.tradeoff.measuring import carried_out, stand
+from handbench.radar.imaging.device import describe
 from handbench.radar.warmup import compile_kernels
+from handbench.support.cost import calibrated_machine
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_json, write_text
+from handbench.support.progress import say, track
+from handbench.support.store import versions
+from tests.bench.studies.columns import Record, Table
 
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160, "pdf.fonttype": 42}
 BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"  # of Okabe and Ito's palette
@@ -85,6 +89,33 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     result = Found(study, study.tables(found), facts, failures)
     write(result, out)
     return result
+
+
+def carried_out(
+    cases: Iterable[Any], measure: Callable[[Any], Any], label: Callable[[Any], str], title: str
+) -> tuple[list[tuple[Any, Any]], dict[str, str]]:
+    """Measure every case.
+
+    Returns (case, result) of those that succeed, and label → message of those that fail. A failure is printed, with
+    the traceback of an unknown error, and the other cases go on.
+    """
+    measured = []
+    failures = {}
+    for case in track(list(cases), title):
+        try:
+            measured.append((case, measure(case)))
+        except HandbenchError as error:
+            failures[label(case)] = str(error)
+            say(f"{title}: {label(case)} failed: {error}")
+        except Exception as error:
+            failures[label(case)] = f"{type(error).__name__}: {error}"
+            say(traceback.format_exc())
+    return measured, failures
+
+
+def stand() -> dict[str, Any]:
+    """Facts of the machine, its rate of float32 matrix products and its imaging device, and versions of libraries."""
+    return {"machine": {**calibrated_machine(), "imaging_device": describe()}, "versions": versions()}
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.evaluation.tables import Column
-from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
@@ -30,6 +29,7 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from handbench.bench.studies.exact.cases import ALONG, SCENES, Case, exact_echoes
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TwoToneConfig
+from tests.references.exact.cases import ALONG, SCENES, Case, exact_echoes
 
 TONES_HZ = np.array([82.0e9, 81.8e9])
 

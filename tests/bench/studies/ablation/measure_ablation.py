@@ -22,7 +22,6 @@ from handbench.bench.evaluation.tables import Column, declared
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import choices, echo_scene
-from handbench.bench.studies.columns import Record, Table
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -31,6 +30,7 @@ from handbench.radar.simulation.ablation import Ablation
 from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.bench.studies.ablation.ablation_cases import Case, cases, scene_file
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import BLUE, GREY, VERMILION, Study
 

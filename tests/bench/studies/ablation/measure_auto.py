@@ -21,7 +21,6 @@ from handbench.bench.evaluation.tables import declared
 from handbench.bench.scenes.build import Scene, load_scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
 from handbench.radar.simulation.ablation import FINE, LOST_MM, METHODS, Change
@@ -32,6 +31,7 @@ from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.errors import HandbenchError
 from tests.bench.studies.ablation.assorted_scenes import assorted_scene
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
+from tests.bench.studies.columns import Record
 from tests.bench.studies.engine.scope import Inputs, white_noise
 from tests.bench.studies.engine.turns import Case, Work, interleaved
 

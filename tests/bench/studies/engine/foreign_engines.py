@@ -17,12 +17,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.tables import declared
-from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.cpu.exact import exact_sums
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 from tests.bench.studies import script
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contenders, engines, power
 from tests.bench.studies.engine.scope import Inputs, Scope
 from tests.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Study, relative_error

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.tables import declared, each
-from handbench.bench.studies.columns import Record, Table
 from tests.bench.studies import script
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.engine.checks import bars, compilation, growth
 from tests.bench.studies.engine.roofline import roofline_rows
 from tests.bench.studies.engine.scope import QUICK, Inputs, Scope

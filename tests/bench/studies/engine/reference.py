@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
 from handbench.radar.data.depthmap import amplitude_db
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.methods.projection import Peaks, peak_offset
+from tests.bench.studies.columns import Record
 from tests.bench.studies.engine.scope import Inputs
 from tests.bench.studies.engine.textbook import numpy_sum
 from tests.radar.exact import backproject

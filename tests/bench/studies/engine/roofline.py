@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
 from handbench.radar.imaging.api import GridImager
 from handbench.radar.imaging.cpu.descent import gather
 from handbench.radar.imaging.cpu.descent import planes as real_planes
@@ -19,6 +18,7 @@ from handbench.radar.imaging.plan import GridPlan
 from handbench.radar.imaging.tree import Family, Node
 from handbench.support.cost import gemm
 from handbench.support.parallel import one_blas_thread
+from tests.bench.studies.columns import Record
 from tests.bench.studies.engine.scope import Inputs
 
 TOLERANCE = 1e-3

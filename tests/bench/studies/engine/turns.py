@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
 from handbench.radar.warmup import compile_kernels
 from handbench.support.progress import say
+from tests.bench.studies.columns import Record
 
 Work = Callable[[], Any]
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume, project_volume
@@ -16,6 +15,7 @@ from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.simulation.forward import simulate
 from handbench.support.cost import gemm
+from tests.bench.studies.columns import Record
 from tests.bench.studies.engine import textbook
 from tests.bench.studies.engine.reference import Reference, column_peaks, column_points_m, reference
 from tests.bench.studies.engine.scope import Inputs

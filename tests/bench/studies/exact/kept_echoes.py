@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.studies.columns import Record
-from handbench.bench.studies.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes, maps
-from handbench.bench.studies.exact.cylinders import ALONG
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
+from tests.bench.studies.columns import Record
 from tests.bench.studies.exact.measure_exact import REFLECTION, compared
 from tests.bench.studies.study import relative_error
+from tests.references.exact.cases import MATERIALS, SCENES, Case, body, exact_echoes, maps
+from tests.references.exact.cylinders import ALONG
 
 FOLDER = Path(__file__).parent / "echoes"
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])

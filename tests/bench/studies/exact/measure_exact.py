@@ -1,6 +1,6 @@
 """Simulated echoes and the maps that methods make of them, against the exact echoes of the same bodies.
 
-python -m tests.bench.studies.exact.measure_exact [--polarisations along,across] [--tones few] [--only TEXT]
+python -m tests.bench.studies.exact.measure_exact [--polarisations along,across] [--tones few] [--ways] [--only TEXT]
 """
 
 import argparse
@@ -15,8 +15,20 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from handbench.bench.evaluation.tables import declared
-from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.exact.cases import (
+from handbench.bench.run.sweep import SimulationKnobs
+from handbench.bench.tradeoff import simulated_sections
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_npz, write_npz
+from tests.bench.studies.columns import Record, Table
+from tests.bench.studies.script import measured
+from tests.bench.studies.study import Study, relative_error
+from tests.references.exact.cases import (
     LONG_M,
     MATERIALS,
     METHODS,
@@ -28,16 +40,6 @@ from handbench.bench.studies.exact.cases import (
     maps,
     tones_hz,
 )
-from handbench.radar.data.arrays import qar50
-from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import choose
-from handbench.radar.simulation.simulate import simulate_scene
-from handbench.support.errors import HandbenchError
-from handbench.support.files import read_npz, write_npz
-from tests.bench.studies.script import measured
-from tests.bench.studies.study import Study, relative_error
 
 SCHEMAS = declared(__file__)
 LADDERS = (  # of effects, each row one more of what the scene calls for
@@ -50,13 +52,13 @@ LADDERS = (  # of effects, each row one more of what the scene calls for
 REFLECTION = {"metal": (), "plastic": ("dielectric",), "skin": ("skin",)}  # the effect that a kind of material needs
 
 
-def study(work: Path, polarisations: str, tones: str) -> Study:
-    """All scenes."""
+def study(work: Path, polarisations: str, tones: str, ways: bool = False) -> Study:
+    """All scenes; ways: simulated in all ways of the trade-off's section, in place of the ladder of effects."""
     unknown = set(polarisations.split(",")) - {"along", "across"}
     if unknown:
         raise HandbenchError(f"--polarisations: {', '.join(sorted(unknown))}; expected along, across, or both")
-    measure = partial(compare, work=work, tones=tones)
-    figure = partial(draw, work / "maps", [effects[-1] for effects in LADDERS])
+    measure = partial(compare, work=work, tones="few" if ways else tones, ways=ways)
+    figure = partial(draw, work / "maps", [] if ways else [effects[-1] for effects in LADDERS])
     title = "Simulated echoes against exact solutions"
     return Study("exact", title, cases(polarisations), measure, tables, lambda _: figure())
 
@@ -75,9 +77,9 @@ def tables(records: list[Record]) -> list[Table]:
     ]
 
 
-def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
+def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> list[Record]:
     """A record for each choice of effects. work: where exact echoes are kept, and the maps for the figure; tones: all,
-    or few, those of the FSK methods."""
+    or few, those of the FSK methods; ways: see `study`."""
     array, frequencies_hz = qar50(), tones_hz(tones)
     start = time.process_time()
     exact = kept_echoes(case, frequencies_hz, array, work / "echoes")
@@ -85,14 +87,20 @@ def compare(case: Case, work: Path, tones: str = "all") -> list[Record]:
     methods = METHODS if tones == "all" else ("2fsk", "3fsk", "nfsk-plus")
     known = maps(RadarCapture(exact[None], frequencies_hz, array), methods)
     scene = EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body(case))
-    found = []
-    for effects in LADDERS:
-        wanted = (*effects, *REFLECTION[MATERIALS[case.material].kind])
+    reflection, found = REFLECTION[MATERIALS[case.material].kind], []
+
+    def simulate(effects: tuple[str, ...]) -> RadarCapture:
+        return simulate_scene(scene, choose(scene, (*effects, *reflection), 1.0)).capture
+
+    ladder: dict[str, Callable[[], RadarCapture]] = {", ".join(e): partial(simulate, e) for e in LADDERS}
+    if ways:
+        ladder = {way.words: partial(way.simulate, scene.body) for way in simulated_sections.ways(SimulationKnobs())}
+    for effects, simulated in ladder.items():
         start, cpu_start = time.perf_counter(), time.process_time()
-        capture = simulate_scene(scene, choose(scene, wanted, 1.0)).capture
+        capture = simulated()
         seconds = {"simulate_s": time.perf_counter() - start, "simulate_cpu_s": time.process_time() - cpu_start}
         about: Record = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
-        about |= {"effects": ", ".join(effects), "echo_error": relative_error(capture.samples[0], exact)}
+        about |= {"effects": effects, "echo_error": relative_error(capture.samples[0], exact)}
         ours = maps(capture, methods)
         found.append({**about, **compared(ours, known, case), **seconds, "exact_cpu_s": exact_s})
         (work / "maps").mkdir(parents=True, exist_ok=True)
@@ -137,7 +145,7 @@ MOST_MM = 5.0  # of the differences
 def draw(folder: Path, rungs: Sequence[str]) -> Figure | None:
     """Above: the exact map and ours; below: ours − exact. A column for each choice of effects, named by its last."""
     found = next((paths for name in PICTURED if (paths := sorted(folder.glob(f"{name}*.npz")))), [])
-    if not found:
+    if not found or not rungs:
         return None
     case = found[0].stem.rpartition(", ")[0]
     kept = [read_npz(folder / f"{case}, {n}.npz", ("x_m", "y_m", "ours_m", "exact_m")) for n, _ in enumerate(rungs, 1)]
@@ -180,6 +188,8 @@ def main() -> None:
     parser.add_argument("--polarisations", default="along", help="of the dipoles to the fingers: along,across")
     tones = "few: those of the FSK methods, without broadband"
     parser.add_argument("--tones", choices=["all", "few"], default="all", help=tones)
+    every = "simulate in all ways of the trade-off's section, with few tones, in place of the ladder of effects"
+    parser.add_argument("--ways", action="store_true", help=every)
     measured(parser, study, "exact")
 
 

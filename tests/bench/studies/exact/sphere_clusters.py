@@ -33,7 +33,7 @@ def antennas_m() -> tuple[np.ndarray, np.ndarray]:
 
 
 def echoes(spheres: list, permittivities: list[complex], frequency_hz: float) -> np.ndarray:  # type: ignore[type-arg]
-    """Samples [t, r] of dipoles along y, as `bench.studies.exact.cylinders` scales them."""
+    """Samples [t, r] of dipoles along y, as `tests.references.exact.cylinders` scales them."""
     import treams
 
     k = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S

@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.bench.studies.exact.cases import MATERIALS, Case, ball, body, tube
-from handbench.bench.studies.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from handbench.bench.studies.exact.mie_series import Sphere
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, skin_permittivity
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
+from tests.references.exact.cases import MATERIALS, Case, body
+from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes
+from tests.references.exact.mie_series import Sphere
 
 FINGER = Cylinder(0.0, 0.29, 8e-3)
 
 
 @pytest.mark.parametrize(
     ("made", "volume_m3"),
-    [(tube(FINGER), np.pi * 8e-3**2 * 0.32), (ball(Sphere((0.0, 0.0, 0.29), 5e-3)), 4 / 3 * np.pi * 5e-3**3)],
+    [(FINGER.mesh(), np.pi * 8e-3**2 * 0.32), (Sphere((0.0, 0.0, 0.29), 5e-3).mesh(), 4 / 3 * np.pi * 5e-3**3)],
 )
 def test_a_mesh_is_closed(made, volume_m3):
     """Its faces turn outwards: the volume by the divergence theorem is the body's."""

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.studies.exact.cases import Case, body
-from handbench.bench.studies.exact.cylinders import ALONG
-from handbench.bench.studies.exact.mie_series import Sphere, sphere_echoes
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
-from tests.bench.studies.exact.half_planes import HalfPlane, half_plane_echoes
 from tests.bench.studies.exact.kept_echoes import against_exact
 from tests.bench.studies.exact.sphere_clusters import COAT, SCENES, SKIN
 from tests.bench.studies.study import relative_error
 from tests.radar.simulation.effects.plates import plate
+from tests.references.exact.cases import Case, body
+from tests.references.exact.cylinders import ALONG
+from tests.references.exact.half_planes import HalfPlane, half_plane_echoes
+from tests.references.exact.mie_series import Sphere, sphere_echoes
 
 CLUSTERS = Path(__file__).parent / "sphere_clusters.npz"
 ONCE = ("obliquity", "shadow_antennas")

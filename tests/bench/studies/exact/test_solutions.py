@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.bench.studies.exact import cases as scenes
-from handbench.bench.studies.exact.cases import SCENES, Case, cases, front_m
 from handbench.radar.data.arrays import AntennaArray
 from handbench.support.errors import HandbenchError
 from tests.bench.studies.exact import measure_exact
 from tests.bench.studies.exact.measure_exact import draw
+from tests.references.exact import cases as scenes
+from tests.references.exact.cases import SCENES, Case, cases, front_m
 
 SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.evaluation.tables import declared
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.studies.columns import Record, Table
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.cost import measured as costs
 from handbench.support.files import atomic_folder, content_hash
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
 from tests.bench.studies.photogrammetry.photogrammetry_score import score
 from tests.bench.studies.script import measured

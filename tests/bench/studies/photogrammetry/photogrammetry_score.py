@@ -6,12 +6,12 @@ import numpy as np
 
 from handbench.bench.evaluation.metrics import BAND
 from handbench.bench.scenes.build import Scene
-from handbench.bench.studies.columns import Record
-from handbench.bench.studies.tradeoff.groundtruth_stage import radar_side
+from handbench.bench.tradeoff.groundtruth import radar_side
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.pipeline import Result
+from tests.bench.studies.columns import Record
 
 COMPLETE_M = 1e-3
 WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # standard deviations

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.studies.tradeoff.target_placements import Placement, placement
+from handbench.bench.scenes.target_placements import Placement, placement
 from handbench.calibration.spheres.description import Target
 
 

@@ -26,8 +26,7 @@ from handbench.bench.evaluation.tables import declared
 from handbench.bench.run.photogrammetry import calibrate_captures
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import choices, echo_scene
-from handbench.bench.studies.columns import Record, Table
-from handbench.bench.studies.tradeoff.target_placements import seen_cloud
+from handbench.bench.scenes.target_placements import seen_cloud
 from handbench.calibration.registration.register import measure, solve
 from handbench.calibration.spheres.description import save_target
 from handbench.calibration.transforms import Transform
@@ -35,6 +34,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.scene import Ball, EchoScene
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.errors import HandbenchError
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.registration.faulty_placements import Case, case
 from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured

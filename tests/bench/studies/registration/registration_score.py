@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.studies.tradeoff.registration_stage import VOLUME_M, errors_m
+from handbench.bench.tradeoff.simulated_sections import VOLUME_M, errors_m
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, adjoint
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.bench.studies.tradeoff.target_placements import made, seen_cloud
+from handbench.bench.scenes.target_placements import made, seen_cloud
 from handbench.calibration.spheres.description import default_target, match
 from handbench.calibration.spheres.optical_detection import find_spheres
 from handbench.calibration.transforms import Transform

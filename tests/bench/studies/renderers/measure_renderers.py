@@ -19,10 +19,10 @@ import numpy as np
 from handbench.bench.datasets.simulated import write_photographs
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import Studio
-from handbench.bench.studies.columns import Record
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
 from handbench.support.files import atomic_folder, content_hash
+from tests.bench.studies.columns import Record
 from tests.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 from tests.bench.studies.renderers.atlas import Atlas

@@ -17,7 +17,7 @@ import pandas as pd
 from handbench.bench.evaluation.metrics import METRICS, TITLES
 from handbench.bench.evaluation.tables import Column, declared
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.studies.columns import Record, Table
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.sensitivity.measurement import Measurement
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records

@@ -23,7 +23,6 @@ from handbench.bench.evaluation.metrics import averaged, deviation, mean_deviati
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
-from handbench.bench.studies.columns import Record
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.radar.data.capture import RadarCapture, thinned
 from handbench.radar.data.depthmap import DepthMap
@@ -36,6 +35,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
 from handbench.support.parallel import for_each
 from handbench.support.progress import say
+from tests.bench.studies.columns import Record
 from tests.bench.studies.sensitivity.configured import configured, grid_of, paper_methods, tones_of
 from tests.bench.studies.sensitivity.nearness import BROADBAND, FSK, KEYS, PAPER, agreeing, distance
 from tests.bench.studies.sensitivity.placement import Clean, Hand, smooth_field

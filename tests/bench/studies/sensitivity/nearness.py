@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.stats import kruskal
 
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS
-from handbench.bench.studies.columns import Record
+from tests.bench.studies.columns import Record
 from tests.bench.studies.sensitivity.sensitivity_cases import Value, ranged, shown, titled
 from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED, FactorsFile
 

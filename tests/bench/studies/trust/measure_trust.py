@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.tables import declared
-from handbench.bench.studies.columns import Record, Table
 from handbench.radar.data.depthmap import FLAGGED, DepthMap
 from handbench.radar.methods import depth_uncertainty
 from handbench.radar.methods.depth_uncertainty import (
@@ -37,6 +36,7 @@ from handbench.support.closure import key_of
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz, write_text
 from tests.bench.studies import script
+from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.study import Study
 from tests.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
 from tests.bench.studies.trust.worth import DROPPED_PERCENT, draw, fitted, reliability, silent_percent

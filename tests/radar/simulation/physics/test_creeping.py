@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.special import ai_zeros, airy
 
-from handbench.bench.studies.exact.cases import MATERIALS, tube
-from handbench.bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.simulation.physics.creeping import pekeris, roundness_of
 from handbench.radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.rays import Rays, load_open3d
+from tests.references.exact.cases import MATERIALS
+from tests.references.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
 
 TONE_HZ = 80e9
 K = 2 * np.pi * TONE_HZ / SPEED_OF_LIGHT_M_S
@@ -54,7 +54,7 @@ def exact_field(radius_m, antenna_m, points_m, polarisation, material):
 
 def fields(radius_m, antenna_m, points_m, polarisation, material):
     """The same by the outline of a mesh, as a knife's edge and as a round one."""
-    mesh = tube(Cylinder(0.0, AXIS_M, radius_m))
+    mesh = Cylinder(0.0, AXIS_M, radius_m).mesh()
     body = Body(np.asarray(mesh.vertices), np.asarray(mesh.triangles), material)
     angle_deg = 90.0 if polarisation == ALONG else 0.0
     scene = EchoScene(qar50(), np.array([TONE_HZ]), np.zeros(1), body, polarisation_deg=angle_deg)

@@ -9,24 +9,15 @@ Scattering of Light by Small Particles, 1983, chapters 4 and 8 (with e^{−iωt}
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
+from handbench.bench.scenes.finger_scenes import Sphere
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 FURTHER_DEGREES = 4.3  # times the cube root of ka, beyond ka: what is left out is below 1e-8
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its own."""
-
-    centre_m: tuple[float, float, float]
-    radius_m: float
-    coat_m: float = 0.0
 
 
 def sphere_echoes(

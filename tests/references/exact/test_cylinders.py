@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.special import hankel2
 
-from handbench.bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, axial_spectrum, cylinder_echoes, scattered
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from tests.bench.studies.exact.dipole_fields import K, dipole_field
+from tests.references.exact.cylinders import ACROSS, ALONG, Cylinder, axial_spectrum, cylinder_echoes, scattered
+from tests.references.exact.dipole_fields import K, dipole_field
 
 TWO = [Cylinder(0.0, 0.15, 0.008), Cylinder(0.01, 0.19, 0.02)]
 SKIN = 7.0 - 8.0j

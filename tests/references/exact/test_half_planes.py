@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.bench.studies.exact.dipole_fields import K, dipole_field
-from tests.bench.studies.exact.half_planes import HalfPlane, scattered_by_half_plane
+from tests.references.exact.dipole_fields import K, dipole_field
+from tests.references.exact.half_planes import HalfPlane, scattered_by_half_plane
 
 PLANE = HalfPlane(0.0, 0.3)
 ALONG_Y = np.array([0.0, 1.0, 0.0])

@@ -2,7 +2,7 @@
 cameras would reconstruct of it, with errors like theirs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,17 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
         **more,
     }
     return Placement(number, build(parse(SceneFile, values, f"placement {number}"), folder), described)
+
+
+def placements(number: int, count: int, folder: Path) -> list[Placement]:
+    """One rig and one target, which stands elsewhere in each of `count` captures."""
+    first = placement(number, folder / str(number))
+    found = [first]
+    for other in range(number + 1, number + count):
+        moved = placement(other, folder / str(other)).scene.file
+        file = first.scene.file.model_copy(update={"seed": other, "target": moved.target})
+        found.append(replace(first, number=other, scene=build(file, folder / str(number))))
+    return found
 
 
 def made(target: Target, rng: np.random.Generator) -> Target:

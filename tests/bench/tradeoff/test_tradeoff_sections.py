@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,15 +12,17 @@ import pytest
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.simulated import write_photos
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.benchmark_file import BenchFile, Source
+from handbench.bench.run.outcome import Capture, Outcome
+from handbench.bench.run.sweep import ORDINARY, SimulationKnobs, Sweep
 from handbench.bench.scenes.build import build, load_scene
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.studies.tradeoff import groundtruth_stage, registration_stage, simulation_stage
-from handbench.bench.studies.tradeoff.groundtruth_stage import GroundTruthKnobs
-from handbench.bench.studies.tradeoff.opening import Context
-from handbench.bench.studies.tradeoff.registration_stage import RegistrationKnobs
-from handbench.bench.studies.tradeoff.simulation_stage import SimulationKnobs, Way
+from handbench.bench.scenes.target_placements import placements
+from handbench.bench.tradeoff import groundtruth, simulated_sections
+from handbench.bench.tradeoff.groundtruth import measure_groundtruth
+from handbench.bench.tradeoff.settings import Inputs
+from handbench.bench.tradeoff.simulated_sections import Way, measure_registration, measure_simulation
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import load_transform
@@ -33,8 +34,7 @@ from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
 ANY = tuple(range(5))
-POSES_S = 1e4  # that a stand-in for photogrammetry says of the cameras' poses: far more than any machine takes
-MEASURED_S = 1e4  # the same of a stand-in for a capture of the target for it
+MEASURED_S = 1e4  # that a stand-in for a capture of the target says: far more than any machine takes
 NO_SHADOWS = ("shadow_diffraction", "shadow_antennas", "shadow_centre")
 BALL = {
     "version": 1,
@@ -53,17 +53,23 @@ def ball(tmp_path_factory) -> Capture:
     return Capture(folder, "", open_capture(folder).about)
 
 
-def context(folder: Path, *captures: Capture, bench=None, base: Path | None = None, repeats: int = 1) -> Context:
-    return Context(bench, base or folder, folder, list(captures), seed=1, repeats=repeats)
+def inputs(folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict) -> Inputs:
+    """The inputs of a section with these knobs; every capture has a true surface."""
+    sweep = parse(Sweep, {"repeats": repeats, **knobs}, "tradeoff")
+    known = {"version": 1, "name": "swept", "capture": (Source(path="ball"),), "method": ({"id": "2fsk"},)}
+    bench = BenchFile(**known, seed=seed, tradeoff=sweep)
+    references = {capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures}
+    return Inputs(bench, folder, folder, Outcome(bench, list(captures), [], references=references))
 
 
 # --- ground truth ---------------------------------------------------------------------------------------------------
 
 
 def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    knobs = GroundTruthKnobs(views=(4, 9), long_px=(5000,), quality=("normal",))  # there are 4 photographs of 600 px
-    section, (setting,) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
-    assert setting.name == section.reference == "4-views-600-px-normal"
+    knobs = {"views": (4, 9), "long_px": (5000,), "quality": ("normal",)}  # there are 4 photographs of 600 px
+    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
+    [setting] = found.lines
+    assert setting.name == found.section.reference == "4-views-600-px-normal"
     assert json.loads(setting.knobs) == {"views": 4, "long_px": 600, "quality": "normal"}
     assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.75 mm a pixel; one capture
     assert setting.seconds > 0 and setting.seconds_low is None
@@ -83,17 +89,15 @@ def shifted(monkeypatch):
                 photos=find_photos(photos),
                 cameras=load_cameras(photos / "cameras.json"),
                 quality=options.quality,
-                fresh=not work.exists(),
+                work=work,
             )
         )
-        work.mkdir(exist_ok=True)
         if options.quality == "draft" and reconstruct.refuse:
             raise HandbenchError("too blurred")
-        time.sleep(0.02)
-        return SimpleNamespace(surface=reconstruct.surface, seconds={"sparse": POSES_S})
+        return SimpleNamespace(surface=reconstruct.surface, seconds={"sparse": 2.0, "dense": 3.0, "mesh": 0.5})
 
     reconstruct.refuse, reconstruct.asked = False, asked
-    monkeypatch.setattr(groundtruth_stage, "reconstruct", reconstruct)
+    monkeypatch.setattr(groundtruth, "reconstruct", reconstruct)
     return reconstruct
 
 
@@ -110,8 +114,9 @@ def too_small(ball: Capture) -> Surface:
 
 def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path):
     shifted.surface = too_small(ball)
-    knobs = GroundTruthKnobs(views=(3, 4), long_px=(300, 600), quality=("draft", "normal"))
-    section, settings = groundtruth_stage.measure(knobs, context(tmp_path, ball))
+    knobs = {"views": (3, 4), "long_px": (300, 600), "quality": ("draft", "normal")}
+    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
+    section, settings = found.section, found.lines
     assert [s.name for s in settings] == [
         f"{n}-views-{px}-px-{q}" for n in (3, 4) for px in (300, 600) for q in ("draft", "normal")
     ]
@@ -120,15 +125,15 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
         assert setting.error == pytest.approx(0.2, abs=0.06)  # the true surface has edges of 4 mm: flat to 0.06 mm
         share = setting.seen_percent
         assert share == pytest.approx(49, abs=2)  # half the disc, less the rim
-    assert all(0 < s.seconds < POSES_S for s in settings[::2])  # the cameras' poses are in their own time,
-    assert all(POSES_S < s.seconds < 2 * POSES_S for s in settings[1::2])  # or counted with what shares them
+    assert all(s.seconds == 5.5 for s in settings)  # with the cameras' poses, which two qualities share:
+    assert len({asked.work for asked in shifted.asked}) == 4
 
 
 def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
     shifted.surface = too_small(ball)
-    groundtruth_stage.measure(GroundTruthKnobs(views=(3,), long_px=(300,), quality=("draft",)), context(tmp_path, ball))
-    first, timed = shifted.asked
-    assert first.fresh and timed.fresh  # the first is not counted, and leaves nothing for the second
+    knobs = {"views": (3,), "long_px": (300,), "quality": ("draft",)}
+    measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
+    [timed] = shifted.asked
     assert [photo.name for photo in timed.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
     assert {(photo.width, photo.height) for photo in timed.photos} == {(300, 200)}
     whole = {camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")}
@@ -141,46 +146,50 @@ def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
 
 def test_what_is_refused_has_no_figures(ball, shifted, tmp_path, capsys):
     shifted.surface, shifted.refuse = too_small(ball), True
-    knobs = GroundTruthKnobs(views=(4,), long_px=(600,), quality=("draft", "normal"))
-    _, (draft, normal) = groundtruth_stage.measure(knobs, context(tmp_path, ball))
+    knobs = {"views": (4,), "long_px": (600,), "quality": ("draft", "normal")}
+    draft, normal = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs)).lines
     assert draft.error is None and draft.seconds is None and draft.title.endswith("(refused)")
-    assert normal.error is not None and normal.seconds < POSES_S  # what the refused one left is not shared
-    assert shifted.asked[-1].fresh
+    assert normal.error is not None and normal.seconds == 5.5
     assert "too blurred" in capsys.readouterr().err
 
 
-def test_without_a_known_surface_there_is_nothing_to_measure(ball, tmp_path, capsys):
-    assert groundtruth_stage.measure(GroundTruthKnobs(), context(tmp_path)) is None
-    assert "no capture has photographs, truth.ply" in capsys.readouterr().err
+def test_without_a_known_surface_there_is_nothing_to_measure(tmp_path):
+    with pytest.raises(HandbenchError, match=r"no capture has photographs, truth\.ply"):
+        measure_groundtruth(inputs(tmp_path))
 
 
 def test_views_are_spread_over_the_rig(ball):
     photos = find_photos(ball.folder / "photos") * 2
-    assert [photo.name for photo in groundtruth_stage.spread(photos, 5)] == [f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)]
-    assert groundtruth_stage.spread(photos, 8) == photos
+    assert [photo.name for photo in groundtruth.spread(photos, 5)] == [f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)]
+    assert groundtruth.spread(photos, 8) == photos
 
 
 # --- simulation -----------------------------------------------------------------------------------------------------
 
 
-def test_maps_of_a_sphere_are_held_against_exact_ones(tmp_path):
-    """Mie's series is the reference: of a sphere of metal, two bounces change nothing and shadows little."""
-    knobs = SimulationKnobs(
-        scenes=("sphere of 5 mm, metal",), facets_per_wavelength=(4, 1), mirrors_per_wavelength=(4,), nodes_apart=(1, 2)
-    )
-    section, settings = simulation_stage.measure(knobs, context(tmp_path, repeats=2))
+def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
+    """Of a sphere of metal, two bounces change nothing and shadows little."""
+    knobs = {
+        "scenes": ("sphere of 5 mm, metal",),
+        "facets_per_wavelength": (4, 1),
+        "mirrors_per_wavelength": (4,),
+        "nodes_apart": (1, 2),
+    }
+    measured = measure_simulation(inputs(tmp_path, repeats=2, simulation=knobs))
+    section, settings = measured.section, measured.lines
     found = {setting.name: setting for setting in settings}
+    assert section.definition.startswith("mean |Δz|") and "5 mm, metal): all effects." in section.definition
+    assert found["all-effects"].error == 0  # the finest itself
     assert section.reference == settings[0].name == "all-effects"
     assert {"1-facets-1-mirrors-all-effects", "nodes-2-times-as-far-apart-all-effects", "auto-at-0.1-mm"} <= set(found)
-    assert found["all-effects"].error < 0.05 < found["1-facets-1-mirrors-all-effects"].error + 0.05
+    assert 0 < found["without-multipath-shadow_diffraction-shadow_antennas-shadow_centre"].error < 0.05
     assert all(0 < setting.seen_percent <= 100 for setting in settings)
     assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in settings)
-    assert list((tmp_path / "exact").iterdir())  # kept: another run makes none
 
 
 def test_sampling_is_of_facets(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
-    sampled = [replace(scene, coarser=simulation_stage.ORDINARY / n) for n in (1.0, 4.0, 8.0)]
+    sampled = [replace(scene, coarser=ORDINARY / n) for n in (1.0, 4.0, 8.0)]
     counts = [len(bare_echoes(one).surface.facets) for one in sampled]
     assert counts[1] == len(bare_echoes(scene).surface.facets)
     assert counts[0] < counts[1] < counts[2]
@@ -204,13 +213,13 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
 
 def test_pixels_that_one_map_has_are_told():
     ours, exact = np.array([1.0, 2.0, np.nan, 4.0]), np.array([1.001, np.nan, 3.0, 4.003])
-    error_mm, both = simulation_stage.compared(ours, exact)
+    error_mm, both = simulated_sections.compared(ours, exact)
     assert error_mm == pytest.approx(2.0) and both == 0.5
-    assert simulation_stage.compared(ours, np.full(4, np.nan)) == (np.inf, 0.0)
+    assert simulated_sections.compared(ours, np.full(4, np.nan)) == (np.inf, 0.0)
 
 
 def test_an_unknown_scene_is_refused():
-    with pytest.raises(HandbenchError, match="no exact scene; did you mean 'one finger, skin'"):
+    with pytest.raises(HandbenchError, match="no scene of fingers; did you mean 'one finger, skin'"):
         parse(SimulationKnobs, {"scenes": ["one fingr, skin"]}, "tradeoff.simulation")
 
 
@@ -227,8 +236,9 @@ def test_the_target_is_registered(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "handbench.calibration.registration.register.fit_balls", lambda capture, target, found, balls: found
     )
-    section, (setting,) = registration_stage.measure(RegistrationKnobs(captures=(1,), trials=1), context(tmp_path))
-    assert setting.name == section.reference == "1-capture"
+    found = measure_registration(inputs(tmp_path, registration={"captures": (1,), "trials": 1}))
+    [setting] = found.lines
+    assert setting.name == found.section.reference == "1-capture"
     assert 0.005 < setting.error < 2  # mm
     assert (setting.low, setting.high) == (None, None)  # one rig tells of no other
     assert setting.acquisition_s == pytest.approx(0.128)  # 128 tones
@@ -237,7 +247,7 @@ def test_the_target_is_registered(tmp_path, monkeypatch):
 
 
 def test_the_rig_stands_still_while_the_target_moves(tmp_path):
-    first, *others = registration_stage.placements(300, 3, tmp_path)
+    first, *others = placements(300, 3, tmp_path)
     for case in others:
         scene = case.scene
         np.testing.assert_array_equal(scene.radar_from_photo.matrix, first.scene.radar_from_photo.matrix)
@@ -253,9 +263,9 @@ def drawn(monkeypatch):
     """In place of simulation and detection: centres with errors of 0.1 mm, and 1 s each."""
     sigma_m, refused = 1e-4, set()
 
-    def measured(case):
+    def registered(case):
         if case.number in refused:
-            return None
+            raise HandbenchError("too few balls")
         scene = case.scene
         rng = np.random.default_rng(case.number)
         radar_m = scene.radar_from_target.points(scene.target.centres_m)
@@ -264,15 +274,15 @@ def drawn(monkeypatch):
             [Candidate(p, sigma_m**2 * np.eye(3), ANY) for p in side + sigma_m * rng.standard_normal(side.shape)]
             for side in (photo_m, radar_m)
         )
-        return registration_stage.Measured(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
+        return simulated_sections.Registered(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
 
-    monkeypatch.setattr(registration_stage, "_measured", measured)
+    monkeypatch.setattr(simulated_sections, "registered", registered)
     return refused
 
 
 def test_independent_errors_average_out(drawn, tmp_path):
-    knobs = RegistrationKnobs(captures=(1, 4, 16), trials=6)
-    section, settings = registration_stage.measure(knobs, context(tmp_path))
+    found = measure_registration(inputs(tmp_path, registration={"captures": (1, 4, 16), "trials": 6}))
+    section, settings = found.section, found.lines
     one, four, sixteen = (setting.error for setting in settings)
     assert section.reference == "1-capture"
     assert one / four == pytest.approx(2, rel=0.25)
@@ -283,9 +293,9 @@ def test_independent_errors_average_out(drawn, tmp_path):
 
 
 def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
-    knobs = RegistrationKnobs(captures=(2,), trials=2)
+    knobs = {"captures": (2,), "trials": 2}
     once, again, other = (
-        registration_stage.measure(knobs, replace(context(tmp_path), seed=seed))[1][0].error for seed in (1, 1, 2)
+        measure_registration(inputs(tmp_path, seed=seed, registration=knobs)).lines[0].error for seed in (1, 1, 2)
     )
     assert once == again != other
 
@@ -293,7 +303,7 @@ def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
 def test_refused_captures_are_done_without(drawn, tmp_path):
     first = 100 * 100
     drawn |= {first, first + 1, first + 2}
-    _, (one, four) = registration_stage.measure(RegistrationKnobs(captures=(1, 4), trials=1), context(tmp_path))
+    one, four = measure_registration(inputs(tmp_path, registration={"captures": (1, 4), "trials": 1})).lines
     assert one.error is not None
     assert four.error is None and four.seconds is None
 
@@ -304,7 +314,7 @@ def test_the_interval_of_a_root_mean_square_holds_it():
     rng = np.random.default_rng(5)
     held = 0
     for _ in range(2000):
-        interval = registration_stage.rms_interval_mm(1e-6 * rng.chisquare(3, 8) / 3)
+        interval = simulated_sections.rms_interval_mm(1e-6 * rng.chisquare(3, 8) / 3)
         held += interval.low < 1 < interval.high
     assert 0.89 < held / 2000 < 0.97
-    assert registration_stage.rms_interval_mm(np.array([1e-6])) is None
+    assert simulated_sections.rms_interval_mm(np.array([1e-6])) is None

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.bench.studies.exact.mie_series import Sphere, mie, scattered_by_sphere, sphere_echoes
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from tests.bench.studies.exact.dipole_fields import K, dipole_field
+from tests.references.exact.dipole_fields import K, dipole_field
+from tests.references.exact.mie_series import Sphere, mie, scattered_by_sphere, sphere_echoes
 
 SKIN = 7.0 - 8.0j
 ALONG_Y = np.array([0.0, 1.0, 0.0])

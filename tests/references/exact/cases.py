@@ -1,5 +1,5 @@
-"""The scenes: fingers and a palm as cylinders, and spheres, of metal or of what skin is at 80 GHz, as meshes and as
-axes or centres; and their exact echoes, kept in files: they need not be made again when the simulation changes."""
+"""The scenes of `bench.scenes.finger_scenes` before dipoles of two kinds, their fronts, and their exact echoes, kept in
+files: they need not be made again when the simulation changes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -8,34 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
-from handbench.bench.studies.exact.cylinders import ACROSS, ALONG, Cylinder, cylinder_echoes
-from handbench.bench.studies.exact.mie_series import Sphere, sphere_echoes
+from handbench.bench.scenes import finger_scenes
+from handbench.bench.scenes.finger_scenes import MATERIALS, NAMED, SCENES, Cylinder, Shape, Sphere
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
 from handbench.radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
-from handbench.radar.simulation.scene import Body, Material
+from handbench.radar.simulation.scene import Body
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz
-from handbench.support.rays import TriangleMesh, load_open3d
+from tests.references.exact.cylinders import ACROSS, ALONG, cylinder_echoes
+from tests.references.exact.mie_series import sphere_echoes
 
-HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
-AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
+LONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
 LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
 TONES = 26  # of broadband: its depths repeat every 375 mm
 METHODS: dict[str, dict[str, Any]] = {"2fsk": {}, "3fsk": {}, "nfsk-plus": {}, "broadband": {"count": TONES}}
-FINGER_M, PALM_M = 8e-3, 25e-3  # radii
-MATERIALS = {
-    "metal": Material(),
-    "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
-    "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
-    "print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.01),
-    "lossy print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.1),
-}
-
-Shape = Cylinder | Sphere
 
 
 @dataclass(frozen=True)
@@ -52,36 +41,12 @@ class Case:
         return f"{self.name}, {self.material}, {self.polarisation}"
 
 
-def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
-    return tuple(Cylinder(x, 0.29, FINGER_M) for x in x_m)
-
-
-def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """A finger whose axis is 34 mm before the palm's front."""
-    return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
-
-
-SCENES: dict[str, tuple[Shape, ...]] = {
-    "one finger": _fingers(0.0),
-    "fingers 6 mm apart": _fingers(-11e-3, 11e-3),
-    "fingers 1 mm apart": _fingers(-8.5e-3, 8.5e-3),
-    "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
-    "finger before palm": _before_palm(0.0),
-    "finger before palm, 12 mm aside": _before_palm(12e-3),
-    **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
-}
-# The scenes that are also measured of further materials.
-FURTHER = {"palm": "sphere of 10 mm", "print": "one finger", "lossy print": "one finger"}
-
-
 def cases(polarisations: str) -> list[Case]:
     """All scenes of metal and skin, and those of further materials."""
     wanted = polarisations.split(",")
     return [
-        Case(name, bodies, material, polarisation)
-        for name, bodies in SCENES.items()
-        for material in MATERIALS
-        if FURTHER.get(material, name) == name
+        Case(name, SCENES[name], material, polarisation)
+        for name, material in NAMED.values()
         for polarisation in (ALONG, ACROSS)
         if polarisation in wanted
     ]
@@ -89,12 +54,7 @@ def cases(polarisations: str) -> list[Case]:
 
 def body(case: Case) -> Body:
     """Its cylinders, with closed ends, or its spheres as one body of meshes."""
-    made = load_open3d().geometry.TriangleMesh()
-    for one in case.bodies:
-        made += tube(one) if isinstance(one, Cylinder) else ball(one)
-    vertices_m, faces = np.asarray(made.vertices), np.asarray(made.triangles)
-    palm = np.ones(len(faces), bool) if case.material == "palm" else None
-    return Body(vertices_m, faces, MATERIALS[case.material], palm)
+    return finger_scenes.body(case.bodies, case.material)
 
 
 def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
@@ -109,19 +69,6 @@ def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         inside = squared < one.radius_m**2
         z_m[inside] = np.minimum(z_m[inside], middle_m - np.sqrt(one.radius_m**2 - squared[inside]))
     return np.where(np.isfinite(z_m), z_m, np.nan)
-
-
-def tube(cylinder: Cylinder) -> TriangleMesh:
-    """A cylinder's mesh, its ends closed."""
-    around = int(np.ceil(2 * np.pi * cylinder.radius_m / AROUND_M))
-    along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
-    made = cylinder_mesh(cylinder.radius_m, 2 * HALF_LENGTH_M, around, along)
-    return made.translate((cylinder.x_m, 0.0, cylinder.z_m))
-
-
-def ball(sphere: Sphere) -> TriangleMesh:
-    """A sphere's mesh."""
-    return sphere_mesh(sphere.radius_m, AROUND_M / 2).translate(sphere.centre_m)
 
 
 def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:

@@ -10,8 +10,7 @@ import pytest
 from handbench.bench.results import Tradeoff
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run as run_benchmark
-from handbench.bench.studies.tradeoff.run import run
-from handbench.bench.studies.tradeoff.settings import setting_path
+from handbench.bench.tradeoff.run import run, setting_path
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, PlanarScan
 from handbench.radar.data.capture import RadarCapture, thinned

@@ -1,0 +1,91 @@
+"""Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic. Maxwell's equations
+have exact solutions for them, which the tests hold simulations against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
+from handbench.radar.simulation.scene import Body, Material
+from handbench.support.rays import TriangleMesh, load_open3d
+
+HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
+AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
+FINGER_M, PALM_M = 8e-3, 25e-3  # radii
+MATERIALS = {
+    "metal": Material(),
+    "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
+    "palm": Material(kind="skin", palm_thickness_m=0.4e-3),  # under its horny layer
+    "print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.01),
+    "lossy print": Material(kind="plastic", permittivity=2.7, loss_tangent=0.1),
+}
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along the radar's y axis through (x_m, z_m)."""
+
+    x_m: float
+    z_m: float
+    radius_m: float
+
+    def mesh(self) -> TriangleMesh:
+        """Its mesh, the ends closed."""
+        around = int(np.ceil(2 * np.pi * self.radius_m / AROUND_M))
+        along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
+        made = cylinder_mesh(self.radius_m, 2 * HALF_LENGTH_M, around, along)
+        return made.translate((self.x_m, 0.0, self.z_m))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its own."""
+
+    centre_m: tuple[float, float, float]
+    radius_m: float
+    coat_m: float = 0.0
+
+    def mesh(self) -> TriangleMesh:
+        """Its mesh."""
+        return sphere_mesh(self.radius_m, AROUND_M / 2).translate(self.centre_m)
+
+
+Shape = Cylinder | Sphere
+
+
+def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
+    return tuple(Cylinder(x, 0.29, FINGER_M) for x in x_m)
+
+
+def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
+    """A finger whose axis is 34 mm before the palm's front."""
+    return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
+
+
+SCENES: dict[str, tuple[Shape, ...]] = {
+    "one finger": _fingers(0.0),
+    "fingers 6 mm apart": _fingers(-11e-3, 11e-3),
+    "fingers 1 mm apart": _fingers(-8.5e-3, 8.5e-3),
+    "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
+    "finger before palm": _before_palm(0.0),
+    "finger before palm, 12 mm aside": _before_palm(12e-3),
+    **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
+}
+# The one scene that there is of each further material.
+FURTHER = {"palm": "sphere of 10 mm", "print": "one finger", "lossy print": "one finger"}
+NAMED = {  # "SCENE, MATERIAL": both
+    f"{name}, {material}": (name, material)
+    for name in SCENES
+    for material in MATERIALS
+    if FURTHER.get(material, name) == name
+}
+
+
+def body(shapes: Sequence[Shape], material: str) -> Body:
+    """Cylinders, with closed ends, and spheres as one body of meshes."""
+    made = load_open3d().geometry.TriangleMesh()
+    for shape in shapes:
+        made += shape.mesh()
+    vertices_m, faces = np.asarray(made.vertices), np.asarray(made.triangles)
+    return Body(vertices_m, faces, MATERIALS[material], np.ones(len(faces), bool) if material == "palm" else None)

@@ -1,1 +1,0 @@
-"""Studies: cases, measured, as tables, figures and pages."""

@@ -1,1 +1,0 @@
-"""Simulated echoes against exact solutions of Maxwell's equations."""

@@ -1,1 +1,0 @@
-"""The price of accuracy in time: knobs swept, errors and times measured side by side in one run."""

@@ -1,0 +1,198 @@
+"""The sweep: sections one after the other, and the folder that they fill."""
+
+import os
+import shutil
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, open_capture
+from handbench.bench.results import Failure, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
+from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
+from handbench.bench.run.executors import InPlace
+from handbench.bench.run.outcome import Capture
+from handbench.bench.run.planned_cost import of_sweep
+from handbench.bench.run.runner import Run
+from handbench.bench.run.sweep import Sweep, completed, imaging_settings, known_configs
+from handbench.bench.tradeoff.groundtruth import measure_groundtruth
+from handbench.bench.tradeoff.imaging import measure_imaging
+from handbench.bench.tradeoff.settings import Inputs, Measured, front, rank, with_acquisition
+from handbench.bench.tradeoff.simulated_sections import measure_registration, measure_simulation
+from handbench.radar.imaging.device import describe
+from handbench.support.config import parse
+from handbench.support.cost import calibrated_machine, require_time
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
+from handbench.support.folder import claimed, drop
+from handbench.support.progress import say
+from handbench.support.store import versions
+
+MEASURE = {
+    "imaging": measure_imaging,
+    "groundtruth": measure_groundtruth,
+    "simulation": measure_simulation,
+    "registration": measure_registration,
+}
+PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
+STEP = "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` of [tradeoff] sets it"
+SETTINGS, CAPTURES = "settings", "captures"
+FILES = ("tradeoff.json", "tradeoff.csv", "config.toml", SETTINGS)
+
+
+def run(
+    bench: BenchFile, base: Path, folder: Path, sections: tuple[str, ...] | None = None, overwrite: bool = False
+) -> Tradeoff:
+    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds the same trade-off
+    of the same inputs and versions is read, not measured again, unless `overwrite` asks for it."""
+    sweep = completed(bench.tradeoff)
+    if sections is not None:
+        sweep = parse(Sweep, {**sweep.model_dump(), "sections": sections}, "--sections")
+    bench = bench.model_copy(update={"tradeoff": sweep})
+    settings = imaging_settings(sweep, known_configs(bench.method))  # what is wrong is said before anything is measured
+    if "imaging" in sweep.sections:
+        work_ahead = of_sweep(bench, base, settings, sweep.repeats)
+        what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
+        require_time(work_ahead.core_s, what, work_ahead.bytes_)
+    config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
+    with claimed(folder) as work:
+        same = _check_room(folder, config, overwrite)
+        inputs = opened(bench, base, work)
+        if same and not overwrite and (folder / "tradeoff.json").exists():
+            before = load_tradeoff(folder)
+            if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
+                say(f"{folder}: holds this trade-off already; its figures are read, --overwrite measures anew")
+                return before
+        measured, facts = _measured(inputs)
+        _write(folder, config, inputs, measured, facts)
+    return load_tradeoff(folder)
+
+
+def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
+    """True where the folder's configuration is this one; another's trade-off and a run's results are not mixed with."""
+    if (folder / "result.json").exists():
+        raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
+    before = folder / "config.toml"
+    same = before.exists() and before.read_text("utf-8", "replace") == config
+    if before.exists() and not same and not overwrite:
+        raise HandbenchError(
+            f"{folder}: holds the trade-off of another configuration; choose another -o, or --overwrite to replace it"
+        )
+    return same
+
+
+def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
+    """Open or simulate the captures, as a run without methods does; photographs become meshes only where they have to
+    score, which is where a capture has no true surface. Of scenes alone, which tell theirs, one is photographed, if
+    ground truth is swept. Raises HandbenchError where nothing is left to score."""
+    assert bench.tradeoff is not None
+    sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
+    if all(source.scene is not None for source in sources):
+        count = int("groundtruth" in bench.tradeoff.sections)
+        sources = (*sources[:count], *(s.model_copy(update={"photos": False}) for s in sources[count:]))
+    whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
+    alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
+    captures, targets = Run(alone, base, work, InPlace()).open()
+    reference = "truth" if all(open_capture(c.folder).truth is not None for c in captures) else "photogrammetry"
+    if reference == "photogrammetry":
+        alone, (_, targets) = whole, Run(whole, base, work, InPlace()).open()
+    found = Run(alone, base, work, InPlace()).execute()
+    message = f"has no {reference}, which scores the others"
+    without = [name for name, files in found.references.items() if reference not in files]
+    found.failures += [Failure(capture=name, stage="references", message=message) for name in without]
+    inputs = Inputs(bench, base, work, found, reference, targets)
+    if not inputs.captures:
+        raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
+    return inputs
+
+
+def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
+    """The sections in order, ranked, and facts about them; one that fails is said and recorded, unless all do."""
+    found: list[Measured] = []
+    failed: dict[str, str] = {}
+    for name in inputs.sweep.sections:
+        try:
+            found.append(MEASURE[name](inputs))
+        except HandbenchError as error:
+            failed[name] = str(error)
+            say(f"section: {name} failed: {error}")
+        except Exception as error:  # what the other sections took minutes for is not lost
+            failed[name] = f"{type(error).__name__}: {error}"
+            say(traceback.format_exc())
+    if not found:
+        raise HandbenchError(f"every section failed; the first: {next(iter(failed.values()))}")
+    facts = {key: value for one in found for key, value in one.facts.items()}
+    facts |= {"step_s": inputs.sweep.step_s, "step_s_source": STEP}
+    facts |= {"failed_sections": failed} if failed else {}
+    for one in found:
+        one.lines[:] = rank(one.lines, one.section.reference)
+        if one.section.name == "imaging":
+            papers = [s for s in one.lines if s.method in PAPER_METHODS]
+            named = {"all": one.lines, "paper_methods": papers, "with_acquisition": with_acquisition(one.lines)}
+            facts["fronts"] = {name: [s.name for s in front(some)] for name, some in named.items()}
+    return found, facts
+
+
+def _write(folder: Path, config: str, inputs: Inputs, measured: list[Measured], facts: dict[str, Any]) -> None:
+    """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
+    drop(folder, FILES)
+    write_config(folder, config)
+    for one in measured:
+        if one.runnable:
+            _write_settings(folder, inputs, one)
+    about = TradeoffFacts(
+        name=inputs.bench.name,
+        scored_against=inputs.reference,
+        sections=tuple(one.section for one in measured),
+        claims=tuple(claim for one in measured for claim in one.claims),
+        captures=tuple(capture.name for capture in inputs.captures),
+        inputs=inputs.found.inputs,
+        facts=facts,
+        machine={**calibrated_machine(), "imaging_device": describe()},
+        versions=versions(),
+    )
+    write_tradeoff(folder, about, [line for one in measured for line in one.lines])
+
+
+def setting_path(folder: Path, name: str) -> Path:
+    """The place of a setting in a trade-off folder."""
+    return folder / SETTINGS / f"{name}.toml"
+
+
+def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
+    """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of its own, the captures
+    and the calibration's targets: the same files under another name (hard links), copies where the file system has
+    none."""
+    captures, targets = (_linked(some, folder / SETTINGS, inputs) for some in (inputs.captures, inputs.targets))
+    for setting in imaging.runnable:
+        entry = MethodEntry(id=setting.method, config=setting.config, every_nth_antenna=setting.every_nth_antenna)
+        given = {"name": setting.name, "capture": captures, "calibration": targets, "method": (entry,)}
+        others = {"phase_noise_rad": None, "dataset": None, "tradeoff": None}
+        alone = inputs.bench.model_copy(update={**given, **others}).model_dump(mode="json", exclude_none=True)
+        comment = f"# {setting.title}: a setting of a trade-off, with its captures. Run it with `handbench run`.\n"
+        write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(alone))
+
+
+def _linked(captures: Iterable[Capture], into: Path, inputs: Inputs) -> tuple[Source, ...]:
+    """The captures' places in the folder: under its own path, which some data sets take names from, one that was
+    recorded; under its name one that was simulated."""
+    sources = []
+    for capture in captures:
+        folder = capture.folder.resolve()
+        recorded = folder.is_relative_to(inputs.base) and not folder.is_relative_to(inputs.work)
+        place = folder.relative_to(inputs.base) if recorded else Path(CAPTURES) / capture.name
+        real, target = (path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED)) for path in (folder, into / place))
+        shutil.copytree(real, target, copy_function=_link_or_copy, dirs_exist_ok=True)
+        sources.append(Source(path=place.as_posix()))
+    return tuple(sources)
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    try:
+        os.link(os.path.realpath(source), target)
+    except FileExistsError:  # of another setting's
+        pass
+    except OSError:  # another file system, or one without links
+        shutil.copy2(source, target)

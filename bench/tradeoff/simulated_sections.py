@@ -1,0 +1,230 @@
+"""The sections that simulate scenes of their own. Simulation: sampling × which effects are on, held to the finest
+sampling with all effects. Registration: how many captures of the calibration target are combined, and the transform's
+error where hands are."""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from handbench.bench.evaluation.statistics.intervals import Interval, mean_interval
+from handbench.bench.results import Failure
+from handbench.bench.run.outcome import failing
+from handbench.bench.run.sweep import MOST_RIGS, ORDINARY, SimulationKnobs
+from handbench.bench.scenes.echoes import echoes
+from handbench.bench.scenes.finger_scenes import NAMED, SCENES, body
+from handbench.bench.scenes.target_placements import Placement, placements, seen_cloud
+from handbench.bench.tradeoff.settings import Inputs, Measured, in_rounds, line, section, timed
+from handbench.calibration.registration import register
+from handbench.calibration.registration.rigid_fit import Pairs
+from handbench.calibration.transforms import Transform
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
+from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
+from handbench.radar.simulation.simulate import simulate_scene
+from handbench.radar.warmup import compile_kernels
+from handbench.support.progress import track
+
+TONES_HZ = np.array([72e9, 79.5e9, 81.3e9, 81.8e9, 82e9])
+METHOD = "3fsk"
+NEAR_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance, as auto chooses."""
+
+    facets_per_wavelength: float = ORDINARY
+    mirrors_per_wavelength: float = ORDINARY
+    nodes_apart: float = 1.0
+    without: tuple[str, ...] = ()
+    tolerance_mm: float | None = None
+
+    @property
+    def words(self) -> str:
+        """The sampling, where it is not the ordinary one, and the effects."""
+        words = {
+            "facets_per_wavelength": "{:g} facets per wavelength",
+            "mirrors_per_wavelength": "{:g} mirrors per wavelength",
+            "nodes_apart": "nodes {:g} times as far apart",
+        }
+        said = [text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs]
+        effects = f"without {', '.join(self.without)}" if self.without else "all effects"
+        return ", ".join([*said, effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm"])
+
+    @property
+    def name(self) -> str:
+        """The setting's name, as 2-facets-all-effects."""
+        return self.words.replace(" per wavelength", "").replace(",", "").replace(" ", "-")
+
+    @property
+    def knobs(self) -> dict[str, Any]:
+        """Its values that are not the ordinary ones."""
+        return {key: value for key, value in asdict(self).items() if value != getattr(Way, key)}
+
+    def simulate(self, target: Body) -> RadarCapture:
+        """The echoes of one frame."""
+        scene = EchoScene(
+            qar50(),
+            TONES_HZ,
+            np.zeros(len(TONES_HZ)),
+            target,
+            coarser=ORDINARY / self.facets_per_wavelength,
+            mirrors_coarser=self.facets_per_wavelength / self.mirrors_per_wavelength,
+            nodes_apart=self.nodes_apart,
+        )
+        return simulate_scene(scene, self.choices(scene)).capture
+
+    def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
+        """The rows of the effects."""
+        if self.tolerance_mm is not None:
+            return choose(scene, "auto", self.tolerance_mm)
+        left = [effect.id for effect in EFFECTS if not effect.missing(scene) and effect.id not in self.without]
+        return choose(scene, tuple(id for id in left if CONTAINED.get(id) not in left), tolerance_mm=0.0)
+
+
+def measure_simulation(inputs: Inputs) -> Measured:
+    """Simulate the scenes every way, in turns; the reference, the finest of all samplings with all effects, once."""
+    knobs = inputs.sweep.simulation
+    bodies = [body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)]
+    listed = {way.name: way for way in ways(knobs)}
+    finest = Way(max(knobs.facets_per_wavelength), max(knobs.mirrors_per_wavelength), min(knobs.nodes_apart))
+    compile_kernels()
+    finest_m = [depths_m(finest.simulate(target)) for target in track(bodies, "simulation, the finest")]
+
+    def simulated(way: Way) -> Iterator[dict[str, float]]:
+        for target, reference_m in zip(bodies, finest_m, strict=True):
+            capture, seconds = timed(lambda target=target: way.simulate(target))
+            error_mm, both = compared(depths_m(capture), reference_m)
+            yield {"seconds": seconds, "error": error_mm, "seen_percent": 100 * both}
+
+    found = in_rounds(listed, inputs.sweep.repeats, simulated, "simulation")
+    words = {"scenes": "; ".join(knobs.scenes), "finest": finest.words}
+    about = section("simulation", next(iter(listed)), words)
+    lines = []
+    for name, way in listed.items():
+        rounds = pd.DataFrame(found[name]).groupby("round").mean()  # over the scenes
+        figures = {key: float(rounds[key].iloc[0]) for key in ("error", "seen_percent")}
+        lines.append(line(about, name, way.words, way.knobs, seconds=rounds.seconds.to_list(), **figures))
+    return Measured(about, lines)
+
+
+def ways(knobs: SimulationKnobs) -> list[Way]:
+    """Each once."""
+    facets, mirrors, nodes = knobs.facets_per_wavelength, knobs.mirrors_per_wavelength, knobs.nodes_apart
+    first = facets[0], mirrors[0], nodes[0]
+    listed = [Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)]
+    usual = knobs.without[0] if knobs.without else ()
+    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [Way(*first[:2], n, usual) for n in nodes]
+    listed += [Way(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
+    return list(dict.fromkeys(listed))
+
+
+def depths_m(capture: RadarCapture) -> np.ndarray:
+    """Depths of the 3-FSK map where the cylinders' ends do not count."""
+    chosen = method(METHOD)
+    depth = chosen.run(capture, chosen.configure({}, "simulation"), 0).depth
+    return depth.z_m[np.abs(depth.y_m) < NEAR_M]
+
+
+def compared(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
+    """Mean |Δz| in mm of the pixels that both maps have, and these over those that either has."""
+    here, there = np.isfinite(ours_m), np.isfinite(reference_m)
+    both, either = here & there, here | there
+    off_mm = 1e3 * np.abs(ours_m - reference_m)[both]
+    return float(off_mm.mean()) if len(off_mm) else np.inf, float(both.sum() / max(either.sum(), 1))
+
+
+VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The measurement of a rig's capture of the target (`calibration.registration.register.measure`), and in how many
+    seconds."""
+
+    placed: Placement
+    pairs: Pairs
+    common_m2: np.ndarray
+    seconds: float
+
+
+def measure_registration(inputs: Inputs) -> Measured:
+    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as each setting says;
+    every capture takes part in one combination of each number at most."""
+    knobs = inputs.sweep.registration
+    compile_kernels()
+    failures: list[Failure] = []
+    rigs: dict[int, list[Registered]] = {}
+    with tempfile.TemporaryDirectory(dir=inputs.work, prefix=".registration-") as folder:
+        for trial in track(range(knobs.trials), "registration", knobs.trials):
+            number = MOST_RIGS * (MOST_RIGS * inputs.bench.seed + trial)
+            rigs[number] = []
+            for placed in placements(number, max(knobs.captures), Path(folder)):
+                with failing(failures, f"placement {placed.number}", "registration"):
+                    rigs[number].append(registered(placed))
+    sensor = placed.scene.file.sensor
+
+    def combined(count: int) -> Iterator[dict[str, float]]:
+        for number, measured in rigs.items():
+            for i in range(0, len(measured) - count + 1, count):
+                group = measured[i : i + count]
+                square_m2, seconds = np.nan, sum(one.seconds for one in group)
+                with failing(failures, f"placement {group[0].placed.number}", "registration"):
+                    found, own_s = timed(lambda group=group: combination(group))
+                    square_m2 = float((errors_m(found, group[0].placed.scene.radar_from_photo) ** 2).mean())
+                    seconds += own_s
+                yield {"rig": number, "square_m2": square_m2, "seconds": seconds}
+
+    tried = in_rounds({_name(count): count for count in knobs.captures}, 1, combined, "registration")
+    volume = " × ".join(f"{1e3 * size:.0f}" for size in np.ptp(VOLUME_M, axis=0))
+    about = section("registration", _name(min(knobs.captures)), {"volume": volume, "trials": knobs.trials})
+    lines = []
+    for count in dict.fromkeys(knobs.captures):
+        name = _name(count)
+        made = pd.DataFrame(tried[name], columns=["rig", "square_m2", "seconds"])
+        of_rigs_m2 = made.groupby("rig").square_m2.mean().dropna().to_numpy()
+        refused = int(made.square_m2.isna().sum())
+        title = name.replace("-", " ") + (f" ({refused} of {len(made)} refused)" if refused else "")
+        error_mm = 1e3 * float(np.sqrt(of_rigs_m2.mean())) if len(of_rigs_m2) else None
+        taken_s = count * len(sensor.frequencies_hz) * sensor.step_time_s
+        given = {"captures": count}, error_mm, rms_interval_mm(of_rigs_m2), made.seconds.to_list()
+        lines.append(line(about, name, title, *given, acquisition_s=taken_s))
+    return Measured(about, lines)
+
+
+def registered(placed: Placement) -> Registered:
+    """Simulate a placement's echoes and the cloud of its photographs, and measure the target in both."""
+    cloud, heard = seen_cloud(placed), echoes(placed.scene).capture
+    (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, heard, placed.described))
+    return Registered(placed, pairs, common_m2, seconds)
+
+
+def combination(group: Sequence[Registered]) -> Transform:
+    """Several captures of one rig as one transform."""
+    common_m2 = np.mean([one.common_m2 for one in group], axis=0)
+    sigma_m = group[0].placed.described.ball_offset_sigma_m
+    return register.combine([one.pairs for one in group], common_m2=common_m2, ball_offset_sigma_m=sigma_m)
+
+
+def errors_m(found: Transform, true: Transform) -> np.ndarray:
+    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where hands are."""
+    return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
+
+
+def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
+    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None for too few."""
+    found = mean_interval(1e6 * square_m2)
+    return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)
+
+
+def _name(count: int) -> str:
+    return "1-capture" if count == 1 else f"{count}-captures"
