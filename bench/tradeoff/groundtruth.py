@@ -11,9 +11,9 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.bench.datasets.simulated import JPEG_QUALITY
+from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import Failure
-from handbench.bench.results.error_map import ErrorMap
 from handbench.bench.run.outcome import failing
 from handbench.bench.tradeoff.settings import Inputs, Measured, added, in_rounds, line, section
 from handbench.calibration.transforms import Transform, load_transform

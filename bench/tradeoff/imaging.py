@@ -26,9 +26,9 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, averaged, pool
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.statistics.intervals import figure_interval
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_file
 from handbench.bench.results import Claim, Section, Setting

@@ -12,7 +12,7 @@ import tomlkit
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, open_capture
 from handbench.bench.results import Failure, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
-from handbench.bench.run.executors import InPlace
+from handbench.bench.run.executors import Here
 from handbench.bench.run.outcome import Capture
 from handbench.bench.run.planned_cost import of_sweep
 from handbench.bench.run.runner import Run
@@ -94,15 +94,20 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
         sources = (*sources[:count], *(s.model_copy(update={"photos": False}) for s in sources[count:]))
     whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
     alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
-    captures, targets = Run(alone, base, work, InPlace()).open()
-    reference = "truth" if all(open_capture(c.folder).truth is not None for c in captures) else "photogrammetry"
-    if reference == "photogrammetry":
-        alone, (_, targets) = whole, Run(whole, base, work, InPlace()).open()
-    found = Run(alone, base, work, InPlace()).execute()
+    job, reference = Run(alone, base, work, Here()), "truth"
+    job.open()
+    if any(open_capture(capture.folder).truth is None for capture in job.found.captures):
+        job, reference = Run(whole, base, work, Here()), "photogrammetry"
+        job.open()
+    job.inspect()
+    stages = job.photographed()
+    job.collect(stages, job.perform(stages))
+    job.find_references()
+    found = job.found
     message = f"has no {reference}, which scores the others"
     without = [name for name, files in found.references.items() if reference not in files]
     found.failures += [Failure(capture=name, stage="references", message=message) for name in without]
-    inputs = Inputs(bench, base, work, found, reference, targets)
+    inputs = Inputs(bench, base, work, found, reference, job.targets)
     if not inputs.captures:
         raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
     return inputs

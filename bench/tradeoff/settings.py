@@ -21,8 +21,8 @@ from typing import Any, TypeVar
 import numpy as np
 from psutil import Process
 
+from handbench.bench.evaluation.intervals import Interval
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.bench.evaluation.statistics.intervals import Interval
 from handbench.bench.results import HEADLINE, Claim, Section, Setting, Tradeoff
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.outcome import Capture, Outcome

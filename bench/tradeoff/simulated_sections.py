@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.statistics.intervals import Interval, mean_interval
+from handbench.bench.evaluation.intervals import Interval, mean_interval
 from handbench.bench.results import Failure
 from handbench.bench.run.outcome import failing
 from handbench.bench.run.sweep import MOST_RIGS, ORDINARY, SimulationKnobs

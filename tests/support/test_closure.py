@@ -55,7 +55,7 @@ def test_an_edit_of_any_module_changes_the_keys_of_exactly_the_stages_that_run_i
     whole_tree = Sources(root)
     before = keys(whole_tree)
     files = sorted(root.rglob("*.py"))
-    assert len(files) > 300
+    assert len(files) > 250
     for file in files:
         module = ".".join(file.relative_to(tmp_path).with_suffix("").parts).removesuffix(".__init__")
         whole = file.read_bytes()
