@@ -51,8 +51,9 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
     maps = [depth_layer(_title(result, m), s, norm) for m, s in zip(methods(result), found, strict=True)]
-    before: list[Layer | np.ndarray] = [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
-    said, alt, errors = "; grey: not observed.", "", []
+    before: list[Layer | np.ndarray | None] = [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
+    errors: list[Row] = []
+    said, alt = "; grey: not observed.", ""
     if reference:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[reference]
         below, alt = _errors(result, capture, reference, timed=False)
@@ -159,7 +160,7 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
     bar.set_label(layer.label, labelpad=1)
     if layer.ticks:
         ticks = layer.ticks[:: 2 if narrow() else 1]
-        bar.set_ticks(ticks, labels=[f"{t:+d}".replace("-", "−").replace("+0", "0") for t in ticks])
+        bar.set_ticks(ticks, labels=[f"{t:+g}".replace("-", "−").replace("+0", "0") for t in ticks])
         bar.minorticks_off()
 
 

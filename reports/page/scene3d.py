@@ -28,11 +28,11 @@ Part = tuple[str, str, Surface, Errors]  # name, title, surface, and its errors
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     """One capture for the view; None where nothing was observed at all."""
-    references = [reference for reference in DRAWN if reference in capture.references]
+    references: list[str] = [reference for reference in DRAWN if reference in capture.references]
     parts: list[Part] = [(name, AGAINST[name], result.surface(capture.name, name), {}) for name in references]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
-        told = {r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}") for r, error_m in errors.items()}
+        told: Errors = {r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}") for r, error_m in errors.items()}
         parts.append((method.name, method.title, result.surface(capture.name, method.name), told))
     return _scene(capture.name, references, parts)
 
