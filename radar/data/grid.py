@@ -83,12 +83,18 @@ class VoxelGrid:
         for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
             if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
                 raise HandbenchError(f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it")
-        positions("x_m, y_m or z_m", [[axis[i] for axis in (self.x_m, self.y_m, self.z_m)] for i in (0, -1)])
+        positions("x_m, y_m or z_m", self.ends_m)
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(nz, ny, nx)."""
         return len(self.z_m), len(self.y_m), len(self.x_m)
+
+    @property
+    def ends_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """The first and the last x, y, z [3] of the voxels, metres."""
+        first, last = (np.array([axis[i] for axis in (self.x_m, self.y_m, self.z_m)]) for i in (0, -1))
+        return first, last
 
     @property
     def pixels(self) -> PixelGrid:

@@ -255,10 +255,9 @@ def _require_time(images: int, aperture: Aperture, what: str) -> None:
 
 def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
     """The imager of a grid or, where it is one plane, of that and others near it."""
-    low, high = (np.array([axis[i] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for i in (0, -1))
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
-        box = roomy(low, high)
+        box = roomy(*grid.ends_m)
         z_m = np.array([box.low_m[2], box.high_m[2]])
 
     def build() -> GridImager:

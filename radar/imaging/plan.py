@@ -118,7 +118,7 @@ class GridPlan:
         self, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family, planes: bool = False
     ) -> None:
         axes = (grid.x_m, grid.y_m, grid.z_m)
-        low_m, high_m = (np.array([axis[i] for axis in axes]) for i in (0, -1))
+        low_m, high_m = grid.ends_m
         low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
@@ -133,14 +133,12 @@ class GridPlan:
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
-        nodes = (self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
-        self.nodes = VoxelGrid(*nodes)
+        self.nodes = VoxelGrid(self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
         images = len(frequencies_hz) if family.apart else 1
         needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
-        box = Box(*(np.array([axis[i] for axis in nodes]) for i in (0, -1)))
-        self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, box, family)
+        self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
         if self.tree is not None and (cost := self.tree.cost()) > max(PLANNED, terms):
             self.tree = None

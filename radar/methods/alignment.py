@@ -134,8 +134,8 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         reach_m = NEAR * config.reach_m
     placed = functools.partial(whole.placed, step.grid)
     db, coherence = amplitude_db(placed(amplitude, 0.0)), placed(coherence, 1.0)
-    depth = DepthMap(whole.x_m, whole.y_m, placed(z_m), db, "joint", config.model_dump(), placed(sigma_m))
-    depth = replace(depth, wrapped=placed(doubtful, False) > 0)
+    wrapped = placed(doubtful, False) > 0
+    depth = DepthMap(whole.x_m, whole.y_m, placed(z_m), db, "joint", config.model_dump(), placed(sigma_m), wrapped)
     depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
     seen = db >= config.threshold_db  # where it is, no longer in the first plane
     z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))

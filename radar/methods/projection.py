@@ -141,7 +141,7 @@ def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, 
     def few() -> tuple[np.ndarray, np.ndarray]:
         if not isinstance(aperture, AntennaArray):
             return samples, frequencies_hz
-        low_m, high_m = (np.array([axis[end] for axis in (grid.x_m, grid.y_m, grid.z_m)]) for end in (0, -1))
+        low_m, high_m = grid.ends_m
         make = partial(ToneSkeleton, frequencies_hz, aperture, low_m, high_m, EXACT_TO)
         what = "tones", low_m, high_m
         found = kept_plan(what, frequencies_hz, aperture, Family(EXACT_TO, apart=False), make)
