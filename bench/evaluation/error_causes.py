@@ -6,7 +6,7 @@ apart. No slope is taken across an edge. What the image's border cuts off is no 
 Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors' likelihood.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import pairwise
 from statistics import NormalDist
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.tables import Schema, conform
+from handbench.bench.evaluation.tables import Schema, frame
 from handbench.radar.data.depthmap import DepthMap
 
 NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
@@ -67,16 +67,33 @@ ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE,
 MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
 
 
-def averaged_lines(lines: Iterable[dict[str, Any]], schema: Schema) -> pd.DataFrame:
-    """CAUSES or RELIABILITY from every capture's lines: figures are formed for each capture and averaged over those
-    that have them, of which those without pixels have none; pixels are counted over all."""
-    means = [name for name in schema.names if name in MEANS]
-    keys = [name for name in schema.names if name not in (*means, "n_pixels", "n_captures")]
-    table = pd.DataFrame(lines, columns=[*keys, *means, "n_pixels"])
-    table = table.assign(n_captures=table.n_pixels > 0).astype(dict.fromkeys((*means, "n_pixels"), float))
-    groups = table.groupby(keys, sort=False, dropna=False)
-    found = groups[means].mean().join(groups[["n_pixels", "n_captures"]].sum()).reset_index()
-    return conform(found[found.n_pixels > 0], schema)
+class Averages:
+    """CAUSES or RELIABILITY of every capture's lines, added one at a time: figures are formed for each capture and
+    averaged over those that have them, of which those without pixels have none; pixels are counted over all."""
+
+    def __init__(self, schema: Schema) -> None:
+        self.schema, self.means = schema, [name for name in schema.names if name in MEANS]
+        self.keys = [name for name in schema.names if name not in (*self.means, "n_pixels", "n_captures")]
+        self.sums: dict[tuple[Any, ...], np.ndarray] = {}  # of figures; how many have them; pixels; captures with some
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Add a capture's line."""
+        values, pixels = np.array([line.get(name) for name in self.means], float), line["n_pixels"]
+        known = np.isfinite(values)
+        place = self.sums.setdefault(tuple(line.get(name) for name in self.keys), np.zeros(2 * len(self.means) + 2))
+        place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
+
+    def table(self) -> pd.DataFrame:
+        """The lines that have pixels."""
+        found = []
+        for key, summed in self.sums.items():
+            if summed[-2]:
+                with np.errstate(invalid="ignore"):
+                    figures = summed[: len(self.means)] / summed[len(self.means) : -2]
+                counts = {"n_pixels": int(summed[-2]), "n_captures": int(summed[-1])}
+                about = dict(zip(self.keys, key, strict=True))
+                found.append(about | dict(zip(self.means, figures, strict=True)) | counts)
+        return frame(self.schema, found)
 
 
 def cause_lines(depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:

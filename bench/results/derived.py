@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.alike import SMOOTHING
-from handbench.bench.evaluation.error_causes import averaged_lines, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.error_causes import Averages, cause_lines, reliability_lines, surface_causes
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, pool
 from handbench.bench.evaluation.paired import compare
@@ -33,6 +33,7 @@ from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path, read_errors
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import track
 
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
@@ -41,7 +42,6 @@ ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated m
 COMPARED = (HEADLINE, "observed_percent")  # where a result of an earlier version does not say by what
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
 STRONGEST = "strongest_z_m"
-Line = dict[str, Any]
 
 
 def repeats(result: Result) -> pd.DataFrame:
@@ -54,7 +54,7 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     """The metrics by which a protocol, as a result tells it, compares methods as they are."""
     named = protocol.get("compared", COMPARED)
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
-    return [metric for metric in named if metric in known] if isinstance(named, list | tuple) else []
+    return [metric for metric in known if metric in named] if isinstance(named, list | tuple) else []
 
 
 def equally_treated(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> tuple[str, dict[str, ByMethod]]:
@@ -100,19 +100,19 @@ def comparisons(result: Result) -> pd.DataFrame:
 
 def causes(result: Result) -> pd.DataFrame:
     """The errors by their causes, as `CAUSES`."""
-    return averaged_lines(_explained(result)[0], CAUSES).replace(np.inf, np.nan)
+    return _explained(result)[0]
 
 
 def reliability(result: Result) -> pd.DataFrame:
     """Coverage and likelihood of the methods' own σ, as `RELIABILITY`."""
-    return averaged_lines(_explained(result)[1], RELIABILITY)
+    return _explained(result)[1]
 
 
 @lru_cache(maxsize=1)  # both tables are read one after the other
-def _explained(result: Result) -> tuple[list[Line], list[Line]]:
-    """The lines of every capture's maps in CAUSES and in RELIABILITY."""
-    causes, reliability = list[Line](), list[Line]()
-    for capture in result.scored():
+def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """CAUSES and RELIABILITY of every capture's maps."""
+    causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
+    for capture in track(result.scored(), "causes of errors"):
         depths = {m.name: load_depthmap(depth_path(result.folder, capture.name, m.name)) for m in result.about.methods}
         for reference in capture.references:
             surfaces: dict[bytes, dict[str, np.ndarray]] = {}  # by grid
@@ -125,9 +125,11 @@ def _explained(result: Result) -> tuple[list[Line], list[Line]]:
                 if grid not in surfaces:
                     surfaces[grid] = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
                 about = {"reference": reference, "method": method}
-                causes += [about | line for line in cause_lines(depth, errors, surfaces[grid])]
-                reliability += [about | line for line in reliability_lines(depth, errors)]
-    return causes, reliability
+                for line in cause_lines(depth, errors, surfaces[grid]):
+                    causes.add(about | line)
+                for line in reliability_lines(depth, errors):
+                    reliability.add(about | line)
+    return causes.table().replace(np.inf, np.nan), reliability.table()
 
 
 def scores(result: Result) -> pd.DataFrame:

@@ -94,4 +94,7 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
                 f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers {expected} on a grid of "
                 "at least 2 × 2; run the benchmark again"
             )
+    for name in ("x_m", "y_m"):
+        if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
+            raise HandbenchError(f"{path}: '{name}' has places that are not finite or alike; run the benchmark again")
     return arrays

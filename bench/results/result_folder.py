@@ -16,7 +16,7 @@ from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import Surface, depth_path, errors_path, photo_path, read_errors, read_map
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
-from handbench.support.limits import TOML_BYTES
+from handbench.support.limits import MOST_CELLS, TOML_BYTES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,14 +166,26 @@ def load(folder: str | Path) -> Result:
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
     config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode("utf-8", "replace")
     paths = {name: folder / f"{name}.csv" for name in TABLES}
-    older = OLDER if not paths["scores"].exists() else ()
+    older = OLDER if paths["captures"].exists() and not paths["scores"].exists() else ()
     tables = {name: read(path, TABLES[name]) for name, path in paths.items() if name not in FURTHER or path.exists()}
     tables = {name: frame(TABLES[name]) for name in older} | tables
-    if "scores" in tables and tables["scores"].duplicated(SCORES.names[:-1]).any():
-        raise HandbenchError(f"{paths['scores']}: has two lines of one figure; run the benchmark again")
+    if "scores" in tables:
+        _require_figures(paths["scores"], tables["scores"])
     result = Result(folder, about, tables.pop("table"), tables.pop("tasks"), config, tables)
     _require_complete(result)
     return result
+
+
+def _require_figures(path: Path, scores: pd.DataFrame) -> None:
+    """Refuse two values of one figure, and figures that would fill the memory as one table of captures by metrics."""
+    if scores.duplicated(SCORES.names[:-1]).any():
+        raise HandbenchError(f"{path}: has two lines of one figure; run the benchmark again")
+    captures, methods, metrics = (scores[column].nunique() for column in ("capture", "method", "metric"))
+    if captures * methods * metrics > MOST_CELLS:
+        raise HandbenchError(
+            f"{path}: names {captures} captures, {methods} methods and {metrics} metrics; at most {MOST_CELLS} figures "
+            "are read; run the benchmark again"
+        )
 
 
 def _require_complete(result: Result) -> None:

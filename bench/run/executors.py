@@ -123,12 +123,12 @@ class Cluster(Executor):
     safe, for a stage's folder appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
-        self._workers: Executor = client.get_executor(pure=False)
+        self._client = client  # whose futures tell that the scheduler has gone; those of get_executor() then never end
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call the function on one of the workers."""
         future: Future[Any] = Future()
-        sent = self._workers.submit(elsewhere, {}, function, *args, **kwargs)
+        sent = self._client.submit(elsewhere, {}, function, *args, pure=False, **kwargs)
         sent.add_done_callback(partial(_pass_on, future))
         return future
 

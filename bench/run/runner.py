@@ -80,11 +80,12 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
 
 class Done(NamedTuple):
     """The outcome of a stage. key: stands for what it made; failure: the error that the user can mend, if any; task:
-    its line of `TASKS`, where a folder was made."""
+    its line of `TASKS`, and machine: what made it, where a folder was made."""
 
     key: str = ""
     failure: Failure | None = None
     task: Line | None = None
+    machine: dict[str, Any] | None = None
 
 
 class Run:
@@ -233,7 +234,10 @@ class Run:
                     ended[number] = self._outcome(stages[number], future)
         done = [ended[number] for number in range(len(stages))]
         self.found.failures += [each.failure for each in done if each.failure is not None]
-        self.found.tasks += [each.task for each in done if each.task is not None]
+        for each in done:
+            if each.task is not None and each.machine is not None:
+                self.found.tasks.append(each.task)
+                self.found.machines.setdefault(each.machine.get("host", ""), each.machine)
         return done
 
     def _outcome(self, stage: Stage, future: Future[Any]) -> Done:
@@ -248,8 +252,7 @@ class Run:
             return Done(made)
         stamp, there = made
         say(f"{stage.label}: " + ("cached" if there else f"{stamp.seconds:.1f} s"))
-        self.found.machines.setdefault(stamp.machine.get("host", ""), stamp.machine)
-        return Done(stage.key, task=_task(stage, stamp, there, stage.folder(self.work)))
+        return Done(stage.key, task=_task(stage, stamp, there, stage.folder(self.work)), machine=stamp.machine)
 
 
 def _require_calibration(*ended: Done) -> None:

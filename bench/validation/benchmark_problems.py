@@ -21,6 +21,7 @@ from handbench.radar.data.arrays import load_positions
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.config import Config, load
+from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.limits import MOST_TABLES
 from handbench.support.progress import track
@@ -91,8 +92,13 @@ def _tables(found: Sheet, key: str, model: type[Table]) -> Iterator[tuple[Locati
     given = found.values.get(key, [])
     tables = {(key, index): table for index, table in enumerate(given[:MOST_TABLES] if isinstance(given, list) else ())}
     for at, table in ({(key,): given} if isinstance(given, dict) else tables).items():
-        with suppress(ValidationError):
+        try:
             yield at, model.model_validate(table)
+        except ValidationError as error:  # without the keys that the complaints about the whole file name
+            wrong = {each["loc"][0] for each in error.errors() if each["loc"]}
+            if isinstance(table, dict) and not wrong & {"maps", "command"}:
+                with suppress(ValidationError):
+                    yield at, model.model_validate({key: v for key, v in table.items() if key not in wrong})
 
 
 def _methods(found: Sheet) -> Found[list[MethodEntry]]:
@@ -144,8 +150,13 @@ def _imaged(
 def _maps(found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]) -> Iterator[Problem]:
     """Captures of which a folder of depth maps has none, and depth maps that a run would refuse."""
     for at, entry in _tables(found, "method", MethodEntry):
-        folder = found.file.parent / (entry.maps or "")
-        if entry.maps is None or not folder.is_dir():
+        if entry.maps is None:
+            continue
+        try:
+            folder = inside(found.file.parent, entry.maps, "maps")
+        except HandbenchError:  # told where the entry is checked
+            continue
+        if not folder.is_dir():
             continue
         missing = [name for name in scored if not (folder / f"{name}.npz").is_file()]
         if missing:

@@ -110,7 +110,7 @@ def problems_of(
         yield from _folder(path, scored)
         return
     try:
-        path = find_benchmark(name)
+        path = path if path.suffix.lower() == ".npz" else find_benchmark(name)
     except HandbenchError as error:
         yield Problem(path, None, str(error))
         return

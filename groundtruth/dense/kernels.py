@@ -14,7 +14,7 @@ def compile_kernels() -> None:
     compile_once("handbench.groundtruth.dense.kernels", *kernels)
 
 
-def _run_every_kernel() -> None:
+def run_every_kernel() -> None:
     """Depth maps of three small pictures, and what is fused of them."""
     K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
     gray = np.random.default_rng(0).random((3, 40, 40), dtype=np.float32)
@@ -24,4 +24,4 @@ def _run_every_kernel() -> None:
 
 
 if __name__ == "__main__":
-    _run_every_kernel()
+    run_every_kernel()

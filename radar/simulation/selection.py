@@ -72,7 +72,8 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
                 spent_mm += SAFETY * estimate.worst_mm
                 found.left_out[effect.id] = told
             else:
-                found.reasons[effect.id] = told
+                alone = estimate.factor * estimate.worst_mm <= tolerance_mm
+                found.reasons[effect.id] = told + ("; too much beside what is left out" if alone else "")
     return found
 
 

@@ -1,6 +1,6 @@
 """Quick estimates of effects, without rays or random numbers: the target's surface as coarse facets; visibility by
-depth buffers, in which every facet is a point; and the strength of echoes over two mirrors by a walk through a grid of
-the surface's normals."""
+depth buffers, in which every facet is a point; and where facets mirror onto others, by a walk through a grid of the
+surface's normals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ BUFFER_CELLS = 1 << 22  # at most
 STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
 CELL_M = 2e-3  # of the grid of normals
 ZONES = 2.0  # Fresnel's radii √(λL) from an outline within which it counts
-HORIZON = 0.05  # wavelengths above a facet's plane within which an outline is of the same surface
+HORIZON = 0.05  # wavelengths above a facet's plane within which an outline, or a facet, is of the same surface
+PAIRED = 1000  # facets, about, of which each two are looked at
 FIRST = 2.0  # cells from a facet to where its ray may meet another one
 GRID_CELLS = 1 << 24  # at most
 WIDE = 2.0  # the area in which rays are counted over the aperture's width: more of them, and they scatter widely
@@ -139,31 +140,34 @@ def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # typ
     return near
 
 
-def double_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> tuple[float, int]:
-    """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3], and how many facets mirror onto others.
+def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
+    """True where two facets are above each other's plane, as on no convex body."""
+    some = facets.where(np.arange(0, len(facets), max(len(facets) // PAIRED, 1)))
+    above_m = some.position_m @ some.normal.T - (some.position_m * some.normal).sum(axis=1)
+    above = above_m > HORIZON * wavelength_m
+    return bool((above & above.T).any())
 
-    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the aperture's centre, A_p / R²,
-    and what then leaves a second place towards the aperture, spreads over an area about the aperture; physical optics'
-    amplitude S is λ times the field, so that the mean of |S|² over the channels is λ² Σ A_p / R² / area over the facets
-    whose twice mirrored ray comes back through that area.
-    """
+
+def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
+    """Count of the facets that mirror a wave from view_m [3] onto others."""
     if len(facets) == 0:
-        return 0.0, 0
+        return 0
     low_m, high_m = facets.position_m.min(axis=0), facets.position_m.max(axis=0)
     cell_m = max(CELL_M, float((np.prod(high_m - low_m + CELL_M) / GRID_CELLS) ** (1 / 3)))
     place = ((facets.position_m - low_m) / cell_m).astype(np.int64)
     shape = place.max(axis=0) + 1
     flat = np.ravel_multi_index(place.T, shape)
     normals = np.stack([np.bincount(flat, facets.normal[:, i], np.prod(shape)) for i in range(3)], axis=1)
-    corners_m = _returns(array)
-    caught_m2, count = _walk(
-        facets.position_m, facets.normal, facets.area_m2, view_m, normals, low_m, shape, cell_m, corners_m
-    )
-    return caught_m2 / float(np.prod(np.maximum(np.ptp(corners_m, axis=0)[:2], cell_m))), count
+    return _walk(facets.position_m, facets.normal, view_m, normals, low_m, shape, cell_m)
 
 
 def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
-    """The same sum as `double_bounce`'s (1/m²) over the facets whose once mirrored ray comes back."""
+    """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3].
+
+    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the aperture's centre, A_p / R²,
+    spreads over an area about the aperture; physical optics' amplitude S is λ times the field, so that the mean of |S|²
+    over the channels is λ² Σ A_p / R² / area over the facets whose mirrored ray comes back through that area.
+    """
     (low_m, high_m), ways = _returns(array), facets.position_m - view_m
     distance = np.linalg.norm(ways, axis=1)
     cosine = -(ways * facets.normal).sum(axis=1) / distance
@@ -183,8 +187,8 @@ def _returns(array: AntennaArray) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _walk(position_m, normal, area_m2, view_m, normals, low_m, shape, cell_m, corners_m):  # type: ignore[no-untyped-def]
-    total, count = 0.0, 0
+def _walk(position_m, normal, view_m, normals, low_m, shape, cell_m):  # type: ignore[no-untyped-def]
+    count = 0
     for p in range(len(position_m)):
         x, y, z = position_m[p, 0] - view_m[0], position_m[p, 1] - view_m[1], position_m[p, 2] - view_m[2]
         distance = np.sqrt(x * x + y * y + z * z)
@@ -200,18 +204,8 @@ def _walk(position_m, normal, area_m2, view_m, normals, low_m, shape, cell_m, co
             if min(i, j, k) < 0 or i >= shape[0] or j >= shape[1] or k >= shape[2]:
                 break
             there = normals[(int(i) * shape[1] + int(j)) * shape[2] + int(k)]
-            length = np.sqrt(there[0] ** 2 + there[1] ** 2 + there[2] ** 2)
-            along = x * there[0] + y * there[1] + z * there[2]
-            if along < 0:
+            if x * there[0] + y * there[1] + z * there[2] < 0:
                 count += 1
-                scale = 2 * along / length**2
-                x, y, z = x - scale * there[0], y - scale * there[1], z - scale * there[2]
-                if z < 0:
-                    reach = (corners_m[0, 2] - at_z) / z
-                    back_x, back_y = at_x + reach * x, at_y + reach * y
-                    inside_x = corners_m[0, 0] <= back_x <= corners_m[1, 0]
-                    if inside_x and corners_m[0, 1] <= back_y <= corners_m[1, 1]:
-                        total += area_m2[p] * cosine / distance**2
                 break
             step += cell_m / 2
-    return total, count
+    return count

@@ -12,8 +12,10 @@ from handbench.radar.simulation.effects.coarse import (
     CLOSED,
     LONGEST,
     QuickEstimate,
-    double_bounce,
+    coarse_surface,
+    count_mirroring,
     single_bounce,
+    some_face_each_other,
     visible_surface,
 )
 from handbench.radar.simulation.forward import Scatterers, simulate
@@ -79,21 +81,18 @@ def multipath(echoes: Echoes) -> Echoes:
 
 def multipath_cost_s(scene: EchoScene) -> float:
     """Seconds that it takes."""
-    count = _twice(scene)[1]
     antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
-    tubes = count * 4 * antennas  # the coarse surface's facets are twice as wide
+    tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
     return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
 
-def estimate_multipath(scene: EchoScene) -> QuickEstimate:
-    """The energy that geometrical optics returns after two mirrors, over that after one."""
-    caught, count = _twice(scene)
-    if count == 0:
-        return QuickEstimate(0.0, "no facet mirrors onto another")
-    material, once = scene.body.material, target_power(scene)
-    reflection = float(np.abs(echo_reflection(material, scene.frequencies_hz)).max())
-    ratio = reflection * np.sqrt(caught / once) if once > 0 else np.inf
-    return QuickEstimate.of_level(scene, ratio, f"geometrical optics of {count} facets that mirror onto others")
+def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
+    """Nothing on a convex surface. On others waves also bounce between edges and weak pixels, whose share no quick
+    estimate knows."""
+    surface = coarse_surface(scene, scene.body)
+    if scene.kept("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
+        return None
+    return QuickEstimate(0.0, "no two facets face each other")
 
 
 def _exchanged(array: AntennaArray) -> AntennaArray:
@@ -101,9 +100,9 @@ def _exchanged(array: AntennaArray) -> AntennaArray:
     return AntennaArray(array.rx_m, array.tx_m)
 
 
-def _twice(scene: EchoScene) -> tuple[float, int]:
-    """`double_bounce` of the target. Made once."""
-    return scene.kept("twice", lambda: double_bounce(visible_surface(scene), scene.array, CENTRE_M))
+def _mirroring(scene: EchoScene) -> int:
+    """Count of the target's coarse facets that mirror onto others. Made once."""
+    return scene.kept("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))
 
 
 def target_power(scene: EchoScene) -> float:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.error_causes import averaged_lines, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.error_causes import Averages, cause_lines, reliability_lines, surface_causes
 from handbench.bench.evaluation.tables import CAUSES, RELIABILITY
 from handbench.radar.data.depthmap import DepthMap
 
@@ -22,10 +22,12 @@ class Scored(NamedTuple):
 
 def explain(maps: Iterable[Scored]) -> dict[str, pd.DataFrame]:
     """CAUSES and RELIABILITY of maps, each a capture's."""
-    causes, reliability = [], []
+    causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
     for method, reference, depth, errors in maps:
         about = {"reference": reference, "method": method}
         surface = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
-        causes += [about | line for line in cause_lines(depth, errors, surface)]
-        reliability += [about | line for line in reliability_lines(depth, errors)]
-    return {"causes": averaged_lines(causes, CAUSES), "reliability": averaged_lines(reliability, RELIABILITY)}
+        for line in cause_lines(depth, errors, surface):
+            causes.add(about | line)
+        for line in reliability_lines(depth, errors):
+            reliability.add(about | line)
+    return {"causes": causes.table(), "reliability": reliability.table()}
