@@ -17,6 +17,7 @@ from handbench.bench.results.maps import Surface, depth_path, errors_path, photo
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
 from handbench.support.limits import MOST_CELLS, TOML_BYTES
+from handbench.support.progress import say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,7 +167,11 @@ def load(folder: str | Path) -> Result:
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
     config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode("utf-8", "replace")
     paths = {name: folder / f"{name}.csv" for name in TABLES}
-    older = OLDER if paths["captures"].exists() and not paths["scores"].exists() else ()
+    older = OLDER if not paths["scores"].exists() else ()
+    if older and not any(paths[name].exists() for name in older):
+        say(
+            f"{folder}: has neither scores.csv nor the tables of version 0.2; what is compared or repeated is not known"
+        )
     tables = {name: read(path, TABLES[name]) for name, path in paths.items() if name not in FURTHER or path.exists()}
     tables = {name: frame(TABLES[name]) for name in older} | tables
     if "scores" in tables:
