@@ -13,7 +13,6 @@ import numpy as np
 from handbench.radar.data.grid import PixelGrid
 from tests.fuzz import capture_seeds, geometry_seeds, result_seeds
 
-KEPT = result_seeds.kept_stage().folder(Path())
 OUT = "out"  # beside an input: where a reader that writes may write
 
 
@@ -214,6 +213,8 @@ def _stage(folder: Path) -> None:
     from handbench.support.store import cached
 
     one = result_seeds.kept_stage()
+    shutil.rmtree(one.folder(folder), ignore_errors=True)
+    shutil.copytree(folder / "stage", one.folder(folder), symlinks=True)
     cached(folder, one)
     if (one.folder(folder) / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
         raise AssertionError("a changed file of a kept stage was taken for what the stage had made")
@@ -310,5 +311,5 @@ READERS: tuple[Reader, ...] = (
     Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),
     Reader("array", capture_seeds.array, _array, ("array.json",)),
     Reader("colmap_map", geometry_seeds.colmap_map, _map, ("depth.bin",), 1),
-    Reader("stage", result_seeds.kept, _stage, (f"{KEPT}/depth.npz", f"{KEPT}/stage.json"), 2),
+    Reader("stage", result_seeds.kept, _stage, ("stage/depth.npz", "stage/stage.json"), 2),
 )

@@ -173,4 +173,5 @@ def kept(folder: Path) -> None:
     """A kept stage, and what it made once more beside it."""
     one = kept_stage()
     cached(folder, one)
-    (folder / "fresh.npz").write_bytes((one.folder(folder) / "depth.npz").read_bytes())
+    one.folder(folder).rename(folder / "stage")  # whatever its key is
+    (folder / "fresh.npz").write_bytes((folder / "stage" / "depth.npz").read_bytes())
