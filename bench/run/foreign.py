@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,12 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import ECHOES, FAR_M, CaptureFile, save_capture_file
+from handbench.bench.pipeline.image import configured
+from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.data.grid import PixelGrid
+from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_json
@@ -52,6 +55,14 @@ if limit:
 code = subprocess.call(sys.argv[3:])
 sys.exit(code if code >= 0 else 128 - code)
 """
+
+
+def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
+    """The pixels that foreign depth maps of a capture have: those of the first own method, or else the paper's."""
+    own = next((entry for entry in methods if not entry.foreign), None)
+    config = PixelsConfig() if own is None else configured(about, own.id, own.config)
+    grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
+    return grid.pixels if isinstance(grid, VoxelGrid) else grid
 
 
 def words(command: str, base: Path) -> list[str]:

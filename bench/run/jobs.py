@@ -25,9 +25,7 @@ from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.dense_stage import CLOUD
 from handbench.groundtruth.mesh_stage import MESH, VIEW
-from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.imaging.device import chosen
-from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.radar.methods.registry import method_key
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load, suggest
@@ -131,7 +129,8 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
 
 def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
     """To take a foreign method's depth map of the capture, or to have its command make one."""
-    grid, function = _foreign_grid(bench, capture), foreign.run if entry.command is not None else foreign.take
+    grid = foreign.pixels(capture.about, bench.method)
+    function = foreign.run if entry.command is not None else foreign.take
     given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
     if entry.command is not None:
         key = foreign.program_key(entry.command, base)
@@ -148,15 +147,6 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
         given |= {"file": str(file), "config": {"maps": entry.maps}}
     inputs = [capture.key, function.__name__, key, grid.x_m, grid.y_m]
     return Stage("reconstruct", function, given, inputs, capture.name, entry.id)
-
-
-def _foreign_grid(bench: BenchFile, capture: Capture) -> PixelGrid:
-    """The pixels that foreign depth maps of a capture have: those of the benchmark's first own method, or else the
-    paper's."""
-    entry = next((entry for entry in bench.method if not entry.foreign), None)
-    chosen = PixelsConfig() if entry is None else configured(capture.about, entry.id, entry.config)
-    grid = chosen.grid() if hasattr(chosen, "grid") else PixelsConfig().grid()
-    return grid.pixels if isinstance(grid, VoxelGrid) else grid
 
 
 def references(

@@ -10,7 +10,6 @@ from pydantic import ValidationError
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
 from handbench.bench.datasets.native import TRANSFORM, CaptureFile
-from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, Origin, Source, checked
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import CaptureFacts, capture_problems, method_problems
@@ -18,8 +17,6 @@ from handbench.bench.validation.problems import Found, Location, Problem, Sheet,
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import load_positions
-from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -170,9 +167,7 @@ def _maps(found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[Method
 
 
 def _read_map(file: Path, id: str, about: CaptureFile, methods: Sequence[MethodEntry]) -> None:
-    """Read a depth map as a run does: on the pixels of the first own method, or else the paper's."""
-    from handbench.bench.run.foreign import read_map  # whose module images
+    """Read a depth map as a run does."""
+    from handbench.bench.run import foreign  # whose module images
 
-    config = configured(about, methods[0].id, methods[0].config) if methods else PixelsConfig()
-    grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
-    read_map(file, id, grid.pixels if isinstance(grid, VoxelGrid) else grid)
+    foreign.read_map(file, id, foreign.pixels(about, methods))
