@@ -140,16 +140,16 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
 KILLED = """
 import os, sys
 from handbench.cli.main import main
-from handbench.support import store
-keep = store.keep
+from handbench.groundtruth import pipeline
+cached = pipeline.cached
 
-def killed(folder, make):
-    cached = keep(folder, make)
-    if folder.name.startswith(sys.argv[1]):
+def killed(root, stage):
+    made = cached(root, stage)
+    if stage.name == sys.argv[1]:
         os._exit(9)
-    return cached
+    return made
 
-store.keep = killed
+pipeline.cached = killed
 sys.exit(main(sys.argv[2:]))
 """
 

@@ -56,6 +56,7 @@ def test_a_bug_that_cannot_be_sent_is_told_all_the_same(beside, tmp_path):
 
 
 def _slowly(root: Path) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell started the tests in background
     with Processes(min(len(os.sched_getaffinity(0)), 2)) as beside:
         performed(beside, slow, root, [stage_of("mesh", "a"), stage_of("mesh", "b")])
 
