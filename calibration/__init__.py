@@ -1,1 +1,2 @@
-"""Calibration: transforms between named frames, the target in both sensors, registration, the array's own errors."""
+"""Calibration: transforms between named frames, the target in both sensors, registration, the
+array's own errors."""

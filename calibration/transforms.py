@@ -13,18 +13,20 @@ from handbench.support.files import read_json, write_json
 
 TRIPLES = comb(12, 3)  # at most; beyond 12 pairs they are drawn
 MAJORITY = 0.6  # share of pairs that must agree before another is called wrong
-LARGEST_M = 1e7  # further than any place on Earth from its centre: no offset or residual is larger, nor a covariance
+# further than any place on Earth from its centre: no offset or residual is larger, nor a covariance
+LARGEST_M = 1e7
 
 
 @dataclass(frozen=True)
 class Transform:
     """p_target = matrix @ [p_source, 1]; named `target_from_source` where it is used.
 
-    matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with log-scale) of
-    [translation_m, rotation_rad(, log scale)], a left perturbation in the target frame about the target's origin.
-    residuals_m: one distance per matched feature. refined: what aligning it to the radar's own depth map changed, and
-    the "reason" to distrust it for that (None: it was not). note: how it was read. A negative scale, which no file has,
-    tells that the source's points are a mirror image.
+    matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with
+    log-scale) of [translation_m, rotation_rad(, log scale)], a left perturbation in the target
+    frame about the target's origin.
+    residuals_m: one distance per matched feature. refined: what aligning it to the radar's own
+    depth map changed, and the "reason" to distrust it for that (None: it was not). note: how it was
+    read. A negative scale, which no file has, tells that the source's points are a mirror image.
     """
 
     source: str
@@ -50,8 +52,8 @@ class Transform:
         return points_m @ self.matrix[:3, :3].T + self.matrix[:3, 3]
 
     def point_covariance(self, points_m: np.ndarray) -> np.ndarray:
-        """Covariance [..., 3, 3] (m²) that the registration's own uncertainty gives to points [..., 3] in the target
-        frame. Raises HandbenchError when the transform carries no covariance."""
+        """Covariance [..., 3, 3] (m²) that the registration's own uncertainty gives to points [...,
+        3] in the target frame. Raises HandbenchError when the transform carries no covariance."""
         covariance = self.require_covariance()
         jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
         return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
@@ -59,14 +61,19 @@ class Transform:
     def require_covariance(self) -> np.ndarray:
         """The covariance; HandbenchError where there is none."""
         if self.covariance is None:
-            raise HandbenchError(f"transform {self.target}_from_{self.source}: carries no covariance; calibrate again")
+            raise HandbenchError(
+                f"transform {self.target}_from_{self.source}: carries no covariance; calibrate "
+                "again"
+            )
         return self.covariance
 
     def require(self, source: str, target: str, where: object) -> "Transform":
-        """The transform itself if it leads from `source` to `target`; `where` (its file) opens the error otherwise."""
+        """The transform itself if it leads from `source` to `target`; `where` (its file) opens the
+        error otherwise."""
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
-                f"{where}: leads from '{self.source}' to '{self.target}'; expected one from '{source}' to '{target}'"
+                f"{where}: leads from '{self.source}' to '{self.target}'; expected one from "
+                f"'{source}' to '{target}'"
             )
         return self
 
@@ -75,13 +82,23 @@ class Transform:
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T / self.scale
         matrix[:3, 3] = -matrix[:3, :3] @ self.matrix[:3, 3]
-        return Transform(self.target, self.source, matrix, residuals_m=self.residuals_m, refined=self.refined)
+        return Transform(
+            self.target, self.source, matrix, residuals_m=self.residuals_m, refined=self.refined
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the transform file (JSON), atomically."""
-        content: dict[str, Any] = {"from": self.source, "to": self.target, "matrix": self.matrix, "scale": self.scale}
+        content: dict[str, Any] = {
+            "from": self.source,
+            "to": self.target,
+            "matrix": self.matrix,
+            "scale": self.scale,
+        }
         content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
-        write_json(path, content | {key: told for key in ("refined", "note") if (told := getattr(self, key))})
+        write_json(
+            path,
+            content | {key: told for key in ("refined", "note") if (told := getattr(self, key))},
+        )
 
 
 def identity(frame: str) -> Transform:
@@ -90,8 +107,8 @@ def identity(frame: str) -> Transform:
 
 
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
-    """Derivatives [..., 3, 7] of points [..., 3] by [translation_m, rotation_rad, log scale] applied after a transform,
-    in its target frame: dp = t + ω×p + λp."""
+    """Derivatives [..., 3, 7] of points [..., 3] by [translation_m, rotation_rad, log scale]
+    applied after a transform, in its target frame: dp = t + ω×p + λp."""
     x, y, z = np.moveaxis(np.asarray(points_m, np.float64), -1, 0)
     jacobian = np.zeros((*np.shape(x), 3, 7))
     jacobian[..., :3, :3] = np.eye(3)
@@ -103,24 +120,29 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
 
 
 def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
-    """[6, 6] or [7, 7]: carries a perturbation about one pivot to the same about a pivot that lies step_m [3] further,
-    t' = t + ω×step + λ·step; rotation and scale stay."""
+    """[6, 6] or [7, 7]: carries a perturbation about one pivot to the same about a pivot that lies
+    step_m [3] further, t' = t + ω×step + λ·step; rotation and scale stay."""
     matrix = np.eye(7)
     matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
     return matrix[:unknowns, :unknowns]
 
 
 def umeyama(
-    source_m: np.ndarray, target_m: np.ndarray, with_scale: bool = False, weights: np.ndarray | None = None
+    source_m: np.ndarray,
+    target_m: np.ndarray,
+    with_scale: bool = False,
+    weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """The 4×4 rotation, translation (and scale) that carries points [n, 3] to points [n, 3] with the least squared
-    error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
+    """The 4×4 rotation, translation (and scale) that carries points [n, 3] to points [n, 3] with
+    the least squared error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
     source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
     u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
     spread = weights @ (source**2).sum(axis=1)
     if with_scale and spread == 0:
-        raise HandbenchError(f"scale: all {len(source)} source points coincide; expected points that lie apart")
+        raise HandbenchError(
+            f"scale: all {len(source)} source points coincide; expected points that lie apart"
+        )
     scale = stretch @ proper / spread if with_scale else 1.0
     matrix = np.eye(4)
     matrix[:3, :3] = scale * (u * proper) @ vt
@@ -128,25 +150,31 @@ def umeyama(
     return matrix
 
 
-def condition_number(source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None) -> float:
-    """Condition number √((d₁ + d₂) / (d₂ ± d₃)) of the rotation from points [n, 3] to points [n, 3]: its uncertainty
-    about the worst axis over that about the best one.
+def condition_number(
+    source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None
+) -> float:
+    """Condition number √((d₁ + d₂) / (d₂ ± d₃)) of the rotation from points [n, 3] to points [n,
+    3]: its uncertainty about the worst axis over that about the best one.
 
-    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative where only a reflection would
-    carry one set to the other; the squared error curves by their pairwise sums about the three axes. For points that
-    agree, d is σ² of the centred points: a rotation about axis i is held by σ_j² + σ_k². Infinite for points on a line,
-    for fewer than three different ones, and for a mirror image that fits two rotations alike.
+    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative where only a
+    reflection would carry one set to the other; the squared error curves by their pairwise sums
+    about the three axes. For points that agree, d is σ² of the centred points: a rotation about
+    axis i is held by σ_j² + σ_k². Infinite for points on a line, for fewer than three different
+    ones, and for a mirror image that fits two rotations alike.
     """
     source, _, target, _, weights = centred(source_m, target_m, weights)
     u, d, vt = np.linalg.svd((weights[:, None] * target).T @ source)
     weakest = d[1] + np.sign(np.linalg.det(u) * np.linalg.det(vt)) * d[2]
-    return float(np.sqrt((d[0] + d[1]) / weakest)) if weakest > np.finfo(float).eps * d[0] else np.inf
+    return (
+        float(np.sqrt((d[0] + d[1]) / weakest)) if weakest > np.finfo(float).eps * d[0] else np.inf
+    )
 
 
 def centred(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Both sets of points [n, 3] about their weighted means, each with its mean, and the weights [n], of sum 1."""
+    """Both sets of points [n, 3] about their weighted means, each with its mean, and the weights
+    [n], of sum 1."""
     weights = np.ones(len(source_m)) if weights is None else weights
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source_m, weights @ target_m
@@ -154,43 +182,72 @@ def centred(
 
 
 def load_transform(path: str | Path) -> Transform:
-    """Read a transform file; refuses anything but a finite 4×4 similarity without reflection, with a covariance (if
-    any) that is one."""
+    """Read a transform file; refuses anything but a finite 4×4 similarity without reflection, with
+    a covariance (if any) that is one."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     if not isinstance(content, dict) or not {"from", "to", "matrix"} <= content.keys():
-        raise HandbenchError(f'{path}: is not a transform file; expected the keys "from", "to" and "matrix" (4×4)')
+        raise HandbenchError(
+            f'{path}: is not a transform file; expected the keys "from", "to" and "matrix" (4×4)'
+        )
     source, target = content["from"], content["to"]
     if not isinstance(source, str) or not isinstance(target, str):
-        raise HandbenchError(f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected names of frames")
+        raise HandbenchError(
+            f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected names of frames"
+        )
     matrix = checked_numbers(path, "matrix", content["matrix"], [(4, 4)])
     linear = matrix[:3, :3]
     scale2 = np.trace(linear @ linear.T) / 3
-    if np.linalg.det(linear) <= 0 or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2:
-        raise HandbenchError(f"{path}: 'matrix' is not a rotation with one scale; reflections and shears are refused")
+    if (
+        np.linalg.det(linear) <= 0
+        or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2
+    ):
+        raise HandbenchError(
+            f"{path}: 'matrix' is not a rotation with one scale; reflections and shears are refused"
+        )
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12:
-        raise HandbenchError(f"{path}: the last row of 'matrix' is {matrix[3].tolist()}; expected [0, 0, 0, 1]")
+        raise HandbenchError(
+            f"{path}: the last row of 'matrix' is {matrix[3].tolist()}; expected [0, 0, 0, 1]"
+        )
     residuals_m = checked_numbers(path, "residuals_m", content.get("residuals_m") or [], None)
     covariance = content.get("covariance")
     if covariance is not None:
         covariance = checked_numbers(path, "covariance", covariance, [(6, 6), (7, 7)], LARGEST_M**2)
         size = np.abs(covariance).max()
-        if np.abs(covariance - covariance.T).max() > 1e-6 * size or np.linalg.eigvalsh(covariance)[0] < -1e-6 * size:
-            raise HandbenchError(f"{path}: 'covariance' is not symmetric and positive; calibrate again")
+        if (
+            np.abs(covariance - covariance.T).max() > 1e-6 * size
+            or np.linalg.eigvalsh(covariance)[0] < -1e-6 * size
+        ):
+            raise HandbenchError(
+                f"{path}: 'covariance' is not symmetric and positive; calibrate again"
+            )
     refined = content.get("refined")
-    if refined is not None and not (isinstance(refined, dict) and isinstance(refined.get("reason"), str)):
-        raise HandbenchError(f"{path}: 'refined' tells no \"reason\"; expected what `calibrate --refine` wrote")
+    if refined is not None and not (
+        isinstance(refined, dict) and isinstance(refined.get("reason"), str)
+    ):
+        raise HandbenchError(
+            f"{path}: 'refined' tells no \"reason\"; expected what `calibrate --refine` wrote"
+        )
     note = str(content["note"]) if "note" in content else None
     return Transform(source, target, matrix, covariance, residuals_m, refined, note)
 
 
 def checked_numbers(
-    path: str | Path, key: str, value: object, shapes: list[tuple[int, ...]] | None, largest: float = LARGEST_M
+    path: str | Path,
+    key: str,
+    value: object,
+    shapes: list[tuple[int, ...]] | None,
+    largest: float = LARGEST_M,
 ) -> np.ndarray:
-    """`value` as a float array of one of the shapes (None: any list), below `largest`; refuses anything else."""
+    """`value` as a float array of one of the shapes (None: any list), below `largest`; refuses
+    anything else."""
     expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
     try:
         array = np.array(value)
-        good = array.dtype.kind in "iuf" and np.isfinite(array).all() and np.abs(array).max(initial=0) < largest
+        good = (
+            array.dtype.kind in "iuf"
+            and np.isfinite(array).all()
+            and np.abs(array).max(initial=0) < largest
+        )
     except ValueError:  # rows of different lengths
         good = False
     if not good or (array.shape not in shapes if shapes else array.ndim != 1):

@@ -1,4 +1,5 @@
-"""The figures of docs/measurements/fountain.md: python -m docs.fountain WORKDIR SURVEYED_CAMERAS MESH.ply OUT.png
+"""The figures of docs/measurements/fountain.md: python -m docs.fountain WORKDIR SURVEYED_CAMERAS
+MESH.ply OUT.png
 
 WORKDIR and MESH.ply come from `handbench groundtruth … --workdir WORKDIR`.
 """
@@ -17,16 +18,25 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from tests.bench.studies.measure_survey import centre_errors_m, registered, surveyed_centres_m, umeyama
+from tests.bench.studies.measure_survey import (
+    centre_errors_m,
+    registered,
+    surveyed_centres_m,
+    umeyama,
+)
 
 
-def render(surface: Surface, model: pycolmap.Reconstruction, metres: float, out: Path, width: int = 1024) -> None:
-    """The mesh as the middle camera sees it: shaded with a bar of 1 m, and in the colours of its own σ. metres: of one
-    of the model's units, by the surveyed cameras."""
+def render(
+    surface: Surface, model: pycolmap.Reconstruction, metres: float, out: Path, width: int = 1024
+) -> None:
+    """The mesh as the middle camera sees it: shaded with a bar of 1 m, and in the colours of its
+    own σ. metres: of one of the model's units, by the surveyed cameras."""
     image = registered(model)[len(registered(model)) // 2]
     camera, pose = image.camera, image.cam_from_world().matrix()
     step = camera.width / width
-    u, v = np.meshgrid(np.arange(0, camera.width, step) + 0.5, np.arange(0, camera.height, step) + 0.5)
+    u, v = np.meshgrid(
+        np.arange(0, camera.width, step) + 0.5, np.arange(0, camera.height, step) + 0.5
+    )
     xy = np.asarray(camera.cam_from_img(np.stack([u.ravel(), v.ravel()], axis=1)))
     rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ pose[:, :3]
     origin = np.broadcast_to(-pose[:, :3].T @ pose[:, 3], rays.shape)
@@ -34,19 +44,33 @@ def render(surface: Surface, model: pycolmap.Reconstruction, metres: float, out:
     cast = raycasting_scene(surface.mesh).cast_rays(beams)
     depth_m = metres * cast["t_hit"].numpy().reshape(u.shape)  # along the optical axis
     hit, face = np.isfinite(depth_m), cast["primitive_ids"].numpy().reshape(u.shape)
-    lit = np.abs((cast["primitive_normals"].numpy() * rays).sum(axis=1)) / np.linalg.norm(rays, axis=1)
+    lit = np.abs((cast["primitive_normals"].numpy() * rays).sum(axis=1)) / np.linalg.norm(
+        rays, axis=1
+    )
     sigma_mm = np.full(u.shape, np.nan)
     sigma_mm[hit] = 1e3 * metres * np.nanmean(surface.sigma_m[surface.faces[face[hit]]], axis=1)
 
     figure = Figure(figsize=(11, 4.1), layout="constrained")
     left, right = figure.subplots(1, 2)
-    left.imshow(np.where(hit, 0.16 + 0.8 * lit.reshape(u.shape), np.nan), cmap="gray", vmin=0, vmax=1)
+    left.imshow(
+        np.where(hit, 0.16 + 0.8 * lit.reshape(u.shape), np.nan), cmap="gray", vmin=0, vmax=1
+    )
     metre_px = camera.focal_length_x / step / np.median(depth_m[hit])
-    left.plot((40, 40 + metre_px), 2 * [len(u) - 30], color="black", linewidth=3, solid_capstyle="butt")
-    left.text(40 + metre_px / 2, len(u) - 40, f"1 m at {np.median(depth_m[hit]):.1f} m", ha="center", fontsize=9)
+    left.plot(
+        (40, 40 + metre_px), 2 * [len(u) - 30], color="black", linewidth=3, solid_capstyle="butt"
+    )
+    left.text(
+        40 + metre_px / 2,
+        len(u) - 40,
+        f"1 m at {np.median(depth_m[hit]):.1f} m",
+        ha="center",
+        fontsize=9,
+    )
     scale = LogNorm(*np.nanpercentile(sigma_mm, (1, 99)))
     shown = right.imshow(sigma_mm, cmap="magma_r", norm=scale)
-    bar = figure.colorbar(shown, ax=right, extend="both", label="predicted σ along the normal in mm")
+    bar = figure.colorbar(
+        shown, ax=right, extend="both", label="predicted σ along the normal in mm"
+    )
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,6 +1,7 @@
 """The figure of docs/conventions.md: python docs/frames.py OUT.png (from the repository's root).
 
-Everything stands where the package itself puts it: the antennas, the hand, the board of the stand, a camera of the rig.
+Everything stands where the package itself puts it: the antennas, the hand, the board of the stand,
+a camera of the rig.
 """
 
 from __future__ import annotations
@@ -41,13 +42,16 @@ class Eye:
     aim_m: np.ndarray
 
     def seen(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Picture coordinates [..., 2] of points [..., 3] in the radar frame, and how far along the view they lie."""
+        """Picture coordinates [..., 2] of points [..., 3] in the radar frame, and how far along the
+        view they lie."""
         ahead = (self.aim_m - self.place_m) / np.linalg.norm(self.aim_m - self.place_m)
         right = np.cross(ahead, [0.0, 1.0, 0.0])
         right /= np.linalg.norm(right)
         offset = np.asarray(points_m, np.float64) - self.place_m
         depth = offset @ ahead
-        return np.stack([offset @ right, offset @ np.cross(right, ahead)], axis=-1) / depth[..., None], depth
+        return np.stack([offset @ right, offset @ np.cross(right, ahead)], axis=-1) / depth[
+            ..., None
+        ], depth
 
 
 EYE = Eye(np.array([-0.98, 0.54, -0.62]), np.array([0.0, 0.0, 0.17]))
@@ -67,13 +71,24 @@ def line(axes: Axes, points_m: object, **style: object) -> None:
 def word(axes: Axes, point_m: object, text: str, colour: str = "0.15", **style: object) -> None:
     """A text at a point [3]."""
     place, _ = EYE.seen(np.asarray(point_m))
-    axes.text(*place, text, color=colour, **{"ha": "center", "va": "center", "bbox": HALO, "zorder": 30, **style})
+    axes.text(
+        *place,
+        text,
+        color=colour,
+        **{"ha": "center", "va": "center", "bbox": HALO, "zorder": 30, **style},
+    )
 
 
-def arrow(axes: Axes, start_m: np.ndarray, stop_m: np.ndarray, colour: str, **style: object) -> None:
+def arrow(
+    axes: Axes, start_m: np.ndarray, stop_m: np.ndarray, colour: str, **style: object
+) -> None:
     """An arrow between two points [3]."""
     (start, stop), _ = EYE.seen(np.stack([start_m, stop_m]))
-    look = {"arrowstyle": "-|>,head_width=0.28,head_length=0.55", "color": colour, "lw": 2.2} | FROM_END_TO_END
+    look = {
+        "arrowstyle": "-|>,head_width=0.28,head_length=0.55",
+        "color": colour,
+        "lw": 2.2,
+    } | FROM_END_TO_END
     axes.annotate("", stop, start, arrowprops=look | style, zorder=25, annotation_clip=False)
 
 
@@ -81,7 +96,15 @@ def frame(axes: Axes, origin_m: np.ndarray, rotation: np.ndarray, length_m: floa
     """Three axes, the columns of rotation [3, 3], with their names."""
     for (name, colour), direction in zip(AXES, np.asarray(rotation).T, strict=True):
         arrow(axes, origin_m, origin_m + length_m * direction, colour)
-        word(axes, origin_m + (length_m + 0.014) * direction, name, colour, fontsize=12, fontweight="bold", bbox=None)
+        word(
+            axes,
+            origin_m + (length_m + 0.014) * direction,
+            name,
+            colour,
+            fontsize=12,
+            fontweight="bold",
+            bbox=None,
+        )
     place, _ = EYE.seen(origin_m)
     axes.plot(*place, "o", color="black", ms=4, zorder=26)
 
@@ -96,7 +119,9 @@ def solid(axes: Axes, vertices_m: np.ndarray, faces: np.ndarray, colour: np.ndar
     order = np.flatnonzero(facing)[np.argsort(-depth[facing].mean(axis=1))]
     light = 0.45 + 0.62 * np.maximum(normals[order] @ (LAMP / np.linalg.norm(LAMP)), 0)
     shades = np.minimum(light[:, None] * colour, 1)
-    axes.add_collection(PolyCollection(places[order], facecolors=shades, edgecolors=shades, lw=0.3, zorder=12))
+    axes.add_collection(
+        PolyCollection(places[order], facecolors=shades, edgecolors=shades, lw=0.3, zorder=12)
+    )
 
 
 def panel(axes: Axes, corners_m: np.ndarray, **style: object) -> None:
@@ -114,7 +139,15 @@ def rectangle(width_m: float, height_m: float) -> np.ndarray:
 def draw_array(axes: Axes) -> None:
     """The antennas, their plane, the radar frame, and MAROON's x."""
     array = qar50()
-    panel(axes, rectangle(0.165, 0.165), facecolor="0.93", edgecolor="0.6", lw=0.8, alpha=0.9, zorder=14)
+    panel(
+        axes,
+        rectangle(0.165, 0.165),
+        facecolor="0.93",
+        edgecolor="0.6",
+        lw=0.8,
+        alpha=0.9,
+        zorder=14,
+    )
     for positions_m, colour in ((array.tx_m, TX), (array.rx_m, RX)):
         places, _ = EYE.seen(positions_m)
         axes.plot(*places.T, ".", color=colour, ms=3.6, zorder=15)
@@ -123,7 +156,13 @@ def draw_array(axes: Axes) -> None:
     word(axes, (-0.150, 0.006, 0), "MAROON's x", MAROON, fontsize=9)
     line(axes, [origin, PALM_M * [0, 0, 1]], color=DIM, lw=0.9, ls=(0, (2, 3)), zorder=11)
     frame(axes, origin, np.eye(3), 0.115)
-    word(axes, (0.0, -0.122, 0), "radar frame: origin at the\ncentre of the aperture", fontsize=9.5, va="top")
+    word(
+        axes,
+        (0.0, -0.122, 0),
+        "radar frame: origin at the\ncentre of the aperture",
+        fontsize=9.5,
+        va="top",
+    )
     word(axes, (0.088, -0.03, 0), "Tx\ncolumns", TX, fontsize=9, ha="right")
     word(axes, (-0.045, 0.100, 0), "Rx rows", RX, fontsize=9)
 
@@ -135,7 +174,13 @@ def draw_stand(axes: Axes) -> None:
     plate_m = radar_from_photo.points(rectangle(width, height))
     panel(axes, plate_m, facecolor="0.965", edgecolor="0.55", lw=0.8, zorder=1)
     for marker in stand_board().marker:
-        panel(axes, radar_from_photo.points(np.array(marker.corners_m)), facecolor="0.72", edgecolor="none", zorder=2)
+        panel(
+            axes,
+            radar_from_photo.points(np.array(marker.corners_m)),
+            facecolor="0.72",
+            edgecolor="none",
+            zorder=2,
+        )
     frame(axes, radar_from_photo.points(np.zeros(3)), radar_from_photo.rotation, 0.046)
     told = "photo frame: the board's centre,\nz out of the print"
     word(axes, radar_from_photo.points(np.array([0.02, 0.195, 0])), told, fontsize=9.5)
@@ -146,7 +191,13 @@ def draw_hand(axes: Axes) -> None:
     surface = hand_mesh(POSES["F"], EDGE_M).translate(PALM_M)
     solid(axes, np.asarray(surface.vertices), np.asarray(surface.triangles), SKIN)
     frame(axes, PALM_M, np.eye(3), 0.040)
-    word(axes, PALM_M + (0, -0.118, 0), "target frame: axes as the radar's,\n0.3 m away here", fontsize=9.5, va="top")
+    word(
+        axes,
+        PALM_M + (0, -0.118, 0),
+        "target frame: axes as the radar's,\n0.3 m away here",
+        fontsize=9.5,
+        va="top",
+    )
 
 
 def draw_camera(axes: Axes) -> None:
@@ -176,9 +227,22 @@ def draw_map(axes: Axes) -> None:
         axes.text(nx - i - 0.5, j + 0.5, name, ha="center", va="center", fontsize=8)
     look = {"arrowstyle": "-|>", "lw": 1.8} | FROM_END_TO_END
     axes.annotate("", (1.2, -0.45), (nx, -0.45), arrowprops=look | {"color": AXES[0][1]})
-    axes.annotate("", (nx + 0.35, ny - 0.6), (nx + 0.35, 0), arrowprops=look | {"color": AXES[1][1]})
-    axes.text(0.9, -0.45, "x", color=AXES[0][1], ha="center", va="center", fontsize=11, fontweight="bold")
-    axes.text(nx + 0.35, ny - 0.3, "y", color=AXES[1][1], ha="center", va="center", fontsize=11, fontweight="bold")
+    axes.annotate(
+        "", (nx + 0.35, ny - 0.6), (nx + 0.35, 0), arrowprops=look | {"color": AXES[1][1]}
+    )
+    axes.text(
+        0.9, -0.45, "x", color=AXES[0][1], ha="center", va="center", fontsize=11, fontweight="bold"
+    )
+    axes.text(
+        nx + 0.35,
+        ny - 0.3,
+        "y",
+        color=AXES[1][1],
+        ha="center",
+        va="center",
+        fontsize=11,
+        fontweight="bold",
+    )
     axes.set_title("a depth map z[iy, ix], as seen\nfrom the array", fontsize=9.5)
     axes.set(xlim=(-0.4, nx + 0.8), ylim=(-0.9, ny + 0.2), aspect="equal")
     axes.axis("off")
@@ -194,8 +258,26 @@ def draw_pixels(axes: Axes) -> None:
     look = {"arrowstyle": "-|>", "lw": 1.8} | FROM_END_TO_END
     axes.annotate("", (columns - 0.6, 0), (0, 0), arrowprops=look | {"color": AXES[0][1]})
     axes.annotate("", (0, rows - 0.4), (0, 0), arrowprops=look | {"color": AXES[1][1]})
-    axes.text(columns - 0.3, -0.3, "x", color=AXES[0][1], ha="center", va="center", fontsize=11, fontweight="bold")
-    axes.text(-0.35, rows - 0.4, "y", color=AXES[1][1], ha="center", va="center", fontsize=11, fontweight="bold")
+    axes.text(
+        columns - 0.3,
+        -0.3,
+        "x",
+        color=AXES[0][1],
+        ha="center",
+        va="center",
+        fontsize=11,
+        fontweight="bold",
+    )
+    axes.text(
+        -0.35,
+        rows - 0.4,
+        "y",
+        color=AXES[1][1],
+        ha="center",
+        va="center",
+        fontsize=11,
+        fontweight="bold",
+    )
     axes.plot(0.5, 0.5, "o", color="black", ms=4)
     axes.text(0.68, 0.5, "(0.5, 0.5)", fontsize=8.5, va="center", bbox=HALO)
     axes.text(-0.05, -0.3, "(0, 0)", fontsize=8.5, va="center", ha="center")
@@ -222,7 +304,9 @@ def main(out: Path) -> None:
     """Draw and write it, in few colours."""
     stream = io.BytesIO()
     draw().savefig(stream, dpi=130)
-    Image.open(stream).convert("RGB").quantize(200, dither=Image.Dither.NONE).save(out, optimize=True)
+    Image.open(stream).convert("RGB").quantize(200, dither=Image.Dither.NONE).save(
+        out, optimize=True
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Figures of docs/measurements/hands.md that no result folder has: python docs/hand_causes.py
 
-What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the mean hand held where
-its people do, and frames of three of its captures that differ in their noise alone.
+What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the
+mean hand held where its people do, and frames of three of its captures that differ in their noise
+alone.
 """
 
 from __future__ import annotations
@@ -60,11 +61,15 @@ def main() -> None:
                 causes[cause].append(figures(bench, case, Path(folder))[:, 0])
         if own.target.person in (1, 2, 3):
             with tempfile.TemporaryDirectory() as folder:
-                causes["frames"].append(figures(bench, own, Path(folder), frames=5).std(axis=1, ddof=1))
+                causes["frames"].append(
+                    figures(bench, own, Path(folder), frames=5).std(axis=1, ddof=1)
+                )
     print("standard deviation, mm", *(entry.id for entry in bench.method))
     for cause, rows in causes.items():
         table = np.array(rows)
-        spread = np.sqrt((table**2).mean(axis=0)) if cause == "frames" else table.std(axis=0, ddof=1)
+        spread = (
+            np.sqrt((table**2).mean(axis=0)) if cause == "frames" else table.std(axis=0, ddof=1)
+        )
         print(cause, *(f"{value:.3f}" for value in spread))
         if cause != "frames":
             print(cause, "mean", *(f"{value:.2f}" for value in table.mean(axis=0)))

@@ -24,12 +24,20 @@ def panel(source: Source, base: Path, edge_m: float, height: int) -> Image.Image
     """One capture's hand with its name."""
     assert source.scene is not None and source.persons is not None
     file = load(SceneFile, base / source.scene, "a scene description").of_person(*source.persons)
-    file = file.model_copy(update={"target": file.target.model_copy(update={"edge_m": edge_m}), "photos": None})
+    file = file.model_copy(
+        update={"target": file.target.model_copy(update={"edge_m": edge_m}), "photos": None}
+    )
     width = int(WIDTH_TO_HEIGHT * height)
-    picture = shade(build(file, base).target_mesh, SUPERSAMPLED * width, SUPERSAMPLED * height, HEIGHT_M)
-    image = Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).resize((width, height), Image.Resampling.BOX)
+    picture = shade(
+        build(file, base).target_mesh, SUPERSAMPLED * width, SUPERSAMPLED * height, HEIGHT_M
+    )
+    image = Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).resize(
+        (width, height), Image.Resampling.BOX
+    )
     text = f"{file.name[0]} {source.persons[0]}"
-    ImageDraw.Draw(image).text((6, 3), text, fill=(235, 215, 200), font=ImageFont.load_default(height // 14))
+    ImageDraw.Draw(image).text(
+        (6, 3), text, fill=(235, 215, 200), font=ImageFont.load_default(height // 14)
+    )
     return image
 
 

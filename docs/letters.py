@@ -35,15 +35,16 @@ SUPERSAMPLED = 2
 
 
 def middle_m(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
-    """Where the middle of what the array's centre sees lies on the plane at the palm's distance: x, y."""
+    """Where the middle of what the array's centre sees lies on the plane at the palm's distance: x,
+    y."""
     vertices = np.asarray(surface.vertices)
     on_plane = PALM_M[2] * vertices[:, :2] / vertices[:, 2:]
     return (on_plane.min(axis=0) + on_plane.max(axis=0)) / 2
 
 
 def rays(centre_m: np.ndarray, width: int, height: int, height_m: float = HEIGHT_M) -> np.ndarray:
-    """Rays [height, width, 6] from the array's centre to a panel around a point of the plane at the palm's distance;
-    x grows to the left, as for whoever looks along +z."""
+    """Rays [height, width, 6] from the array's centre to a panel around a point of the plane at the
+    palm's distance; x grows to the left, as for whoever looks along +z."""
     x = centre_m[0] - height_m * ((np.arange(width) + 0.5) - width / 2) / height
     y = centre_m[1] - height_m * ((np.arange(height) + 0.5) / height - 0.5)
     directions = np.stack([*np.meshgrid(x, y), np.full((height, width), PALM_M[2])], axis=-1)
@@ -51,13 +52,18 @@ def rays(centre_m: np.ndarray, width: int, height: int, height_m: float = HEIGHT
     return np.concatenate([np.zeros_like(directions), directions], axis=-1).astype(np.float32)
 
 
-def shade(surface: o3d.geometry.TriangleMesh, width: int, height: int, height_m: float = HEIGHT_M) -> np.ndarray:
-    """Picture [height, width, 3] of a mesh in the radar frame: two lamps with shadows, and light from everywhere."""
+def shade(
+    surface: o3d.geometry.TriangleMesh, width: int, height: int, height_m: float = HEIGHT_M
+) -> np.ndarray:
+    """Picture [height, width, 3] of a mesh in the radar frame: two lamps with shadows, and light
+    from everywhere."""
     tensor = load_open3d().core.Tensor
     scene, query = raycasting_scene(surface), rays(middle_m(surface), width, height, height_m)
     hits = {key: value.numpy() for key, value in scene.cast_rays(tensor(query)).items()}
     seen = np.isfinite(hits["t_hit"])
-    corners = np.asarray(surface.vertex_normals)[np.asarray(surface.triangles)[hits["primitive_ids"][seen]]]
+    corners = np.asarray(surface.vertex_normals)[
+        np.asarray(surface.triangles)[hits["primitive_ids"][seen]]
+    ]
     uv = hits["primitive_uvs"][seen]
     weights = np.concatenate([1 - uv.sum(axis=1, keepdims=True), uv], axis=1)
     normals = np.einsum("ij,ijk->ik", weights, corners)
@@ -78,9 +84,13 @@ def panel(name: str, pose: Pose, edge_m: float, height: int) -> Image.Image:
     """One letter with its name."""
     surface = hand_mesh(pose, edge_m).translate(PALM_M)
     width = int(WIDTH_TO_HEIGHT * height)
-    picture = np.clip(shade(surface, SUPERSAMPLED * width, SUPERSAMPLED * height), 0, 255).astype(np.uint8)
+    picture = np.clip(shade(surface, SUPERSAMPLED * width, SUPERSAMPLED * height), 0, 255).astype(
+        np.uint8
+    )
     image = Image.fromarray(picture).resize((width, height), Image.Resampling.BOX)
-    ImageDraw.Draw(image).text((8, 4), name, fill=(235, 215, 200), font=ImageFont.load_default(height // 8))
+    ImageDraw.Draw(image).text(
+        (8, 4), name, fill=(235, 215, 200), font=ImageFont.load_default(height // 8)
+    )
     return image
 
 

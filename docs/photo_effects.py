@@ -1,5 +1,6 @@
-"""Measure by whole reconstructions how far effects of photographs move the mesh: docs/measurements/effects.md.
-`python docs/photo_effects.py WORK [EFFECT …]` keeps photographs and meshes in WORK."""
+"""Measure by whole reconstructions how far effects of photographs move the mesh:
+docs/measurements/effects.md. `python docs/photo_effects.py WORK [EFFECT …]` keeps photographs and
+meshes in WORK."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ from handbench.support.rays import load_open3d
 from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 
 IDEAL: dict[str, Any] = {"full_well_e": 1e12, "read_noise_e": 0.0, "blur_px": 0.0}
-ADDED: dict[str, dict[str, Any]] = {  # far above what two reconstructions of the same photographs differ by
+ADDED: dict[
+    str, dict[str, Any]
+] = {  # far above what two reconstructions of the same photographs differ by
     "highlights": {"highlights": 4.0},
     "defocus": {"f_number": 4.0},
     "noise": {"full_well_e": 1500.0, "read_noise_e": 6.0},
@@ -34,7 +37,9 @@ MATCHED_M = 1e-3  # a vertex that is further from the other mesh has no counterp
 
 def scene_of(photos: dict[str, Any]) -> Scene:
     """Hand F before five small cameras."""
-    return build(Case("effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos).scene_file())
+    return build(
+        Case("effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos).scene_file()
+    )
 
 
 def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int = 0) -> Surface:
@@ -51,8 +56,8 @@ def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int =
 
 
 def change(before: Surface, after: Surface) -> tuple[float, float]:
-    """Mean distance in mm of the observed vertices to the other mesh, both ways, and the share of them that have no
-    counterpart."""
+    """Mean distance in mm of the observed vertices to the other mesh, both ways, and the share of
+    them that have no counterpart."""
     distances_m = []
     for one, other in ((before, after), (after, before)):
         points = load_open3d().core.Tensor(one.vertices_m[one.observed].astype(np.float32))
@@ -71,7 +76,9 @@ def main(work: Path, effects: list[str]) -> None:
         for posed in (True, False):
             ideal = reconstructed(work / "ideal", {}, posed)
             name, added = (effect, ADDED[effect]) if effect in ADDED else ("ideal", {})
-            moved_mm, lost = change(ideal, reconstructed(work / name, added, posed, effect not in ADDED))
+            moved_mm, lost = change(
+                ideal, reconstructed(work / name, added, posed, effect not in ADDED)
+            )
             cells += [f"{moved_mm:.4f}", f"{100 * lost:.1f}"]
         print(f"| {effect} | {' | '.join(cells)} |", flush=True)
 

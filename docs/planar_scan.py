@@ -1,5 +1,5 @@
-"""The figures of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE OUT.png (from `handbench
-import`)."""
+"""The figures of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE OUT.png (from
+`handbench import`)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw
 
 
 def about_plane_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [n] over the unflawed part of the panel and their residuals about the fitted plane, metres."""
+    """Depths [n] over the unflawed part of the panel and their residuals about the fitted plane,
+    metres."""
     x, y = np.meshgrid(depth.x_m, depth.y_m)
     (x0, y0), (x1, y1) = FLAW_M
     inner = (np.abs(x) < depth.x_m.max() - BORDER_M) & (np.abs(y) < depth.y_m.max() - BORDER_M)
@@ -46,20 +47,32 @@ def _residual_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray
 def main(capture: Path, picture: Path) -> None:
     """Run the four methods, print the table, draw depth and amplitude."""
     description, echoes = NativeCapture(capture).about, NativeCapture(capture).echoes()
-    figure, axes = plt.subplots(2, 4, figsize=(13, 5.4), sharex=True, sharey=True, layout="constrained")
+    figure, axes = plt.subplots(
+        2, 4, figsize=(13, 5.4), sharex=True, sharey=True, layout="constrained"
+    )
     print("method | median depth mm | RMS about a plane mm (all) | RMS mm (3σ) | left out")
-    for column, method in zip(axes.T, (m for m in methods() if m.id in description.methods), strict=True):
+    for column, method in zip(
+        axes.T, (m for m in methods() if m.id in description.methods), strict=True
+    ):
         settings = method.configure(description.methods[method.id], str(capture))
         depth = method.run(echoes, settings, 0).depth
         (z_m, residual_m), kept_m = about_plane_m(depth), without_outliers_m(depth)
         figures = f"{1e3 * np.median(z_m):.1f} | {rms_mm(residual_m):.2f} | {rms_mm(kept_m):.2f}"
         print(f"{method.id} | {figures} | {len(residual_m) - len(kept_m)}")
         extent = [1e3 * v for v in (depth.x_m[0], depth.x_m[-1], depth.y_m[0], depth.y_m[-1])]
-        shown = column[0].imshow(1e3 * depth.z_m, origin="lower", extent=extent, vmin=70, vmax=130, cmap="viridis_r")
-        loud = column[1].imshow(depth.amplitude_db, origin="lower", extent=extent, vmin=-20, vmax=0, cmap="gray")
-        column[0].set(title=method.id, xlim=extent[1::-1])  # as seen from the array: x grows to the left
+        shown = column[0].imshow(
+            1e3 * depth.z_m, origin="lower", extent=extent, vmin=70, vmax=130, cmap="viridis_r"
+        )
+        loud = column[1].imshow(
+            depth.amplitude_db, origin="lower", extent=extent, vmin=-20, vmax=0, cmap="gray"
+        )
+        column[0].set(
+            title=method.id, xlim=extent[1::-1]
+        )  # as seen from the array: x grows to the left
         column[1].set_xlabel("x in mm")
-    for row, mappable, label in zip(axes, (shown, loud), ("depth in mm", "amplitude in dB"), strict=True):
+    for row, mappable, label in zip(
+        axes, (shown, loud), ("depth in mm", "amplitude in dB"), strict=True
+    ):
         row[0].set_ylabel("y in mm")
         figure.colorbar(mappable, ax=row, label=label)
     figure.savefig(picture, dpi=90)

@@ -1,6 +1,7 @@
 """The README's figure of the embedded hands: python docs/poses.py docs/poses.png
 
-Each is photographed from where the array is, in the light of its scene, by a camera without lens errors.
+Each is photographed from where the array is, in the light of its scene, by a camera without lens
+errors.
 """
 
 from __future__ import annotations
@@ -44,7 +45,16 @@ def main(out: str) -> None:
     for letter in "bfu":
         panel = portrait(letter)
         cv2.rectangle(panel, (0, 0), (46, 46), (30, 30, 30), cv2.FILLED)
-        cv2.putText(panel, letter.upper(), (11, 35), cv2.FONT_HERSHEY_SIMPLEX, 1.1, (240, 240, 240), 2, cv2.LINE_AA)
+        cv2.putText(
+            panel,
+            letter.upper(),
+            (11, 35),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            1.1,
+            (240, 240, 240),
+            2,
+            cv2.LINE_AA,
+        )
         panels.append(panel)
     with atomic_path(Path(out)) as temporary:
         cv2.imwrite(str(temporary), np.hstack(panels), [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -1,11 +1,12 @@
 """The tables of README.md and docs/results.md, made from a result, and found when they are stale.
 
-    python -m docs.readme [RESULT] --check     are the pages what was recorded (and what RESULT says)?
-    python -m docs.readme RESULT --write       renew the tables, their record docs/table.json, and the figure
+    python -m docs.readme [RESULT] --check   are the pages what was recorded (and what RESULT says)?
+    python -m docs.readme RESULT --write     renew the tables, their record docs/table.json, and
+                                             the figure
 
-The record holds what the tables show and what they were made from. The pages must be the record's rendering, the figure
-and the scenes those that the record names; a fresh result must agree with it to a unit of the last digit that is
-printed. Times are left out of that: they are the machine's.
+The record holds what the tables show and what they were made from. The pages must be the record's
+rendering, the figure and the scenes those that the record names; a fresh result must agree with it
+to a unit of the last digit that is printed. Times are left out of that: they are the machine's.
 """
 
 import argparse
@@ -23,7 +24,16 @@ from handbench.bench.evaluation.tables import EQUAL as EQUAL_TABLE
 from handbench.bench.evaluation.tables import TABLE, each, frame, records
 from handbench.bench.results import HEADLINE, Result, load
 from handbench.bench.results.about import SHARES, TREATMENTS, on_common_pixels
-from handbench.reports.tables.blocks import NONE, busy_note, decimals, interval, known, number, outstanding, paper
+from handbench.reports.tables.blocks import (
+    NONE,
+    busy_note,
+    decimals,
+    interval,
+    known,
+    number,
+    outstanding,
+    paper,
+)
 from handbench.reports.tables.result_tables import bold, escaped, findings, table
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_text
@@ -31,13 +41,28 @@ from handbench.support.files import atomic_path, write_text
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
 METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
-SPREAD = {"max_mm": "frames_max_deviation_mm"}  # figures that stand with their deviation between frames
+SPREAD = {
+    "max_mm": "frames_max_deviation_mm"
+}  # figures that stand with their deviation between frames
 EXTENDED = ("max_mm",)  # those that stand against the completed reference as well
-EQUAL = {"none": ("common_percent", HEADLINE, "aurc_mm"), "window": (HEADLINE, "aurc_mm")}  # by treatment
+EQUAL = {
+    "none": ("common_percent", HEADLINE, "aurc_mm"),
+    "window": (HEADLINE, "aurc_mm"),
+}  # by treatment
 WITH_INTERVAL = (HEADLINE, "floor_mm", "precision_mm")
-METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "nfsk-plus", "joint", "broadband-aligned")  # the columns
+METHODS = (
+    "2fsk",
+    "3fsk",
+    "broadband",
+    "narrowband",
+    "nfsk-plus",
+    "joint",
+    "broadband-aligned",
+)  # the columns
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
-FIGURES = {"docs/depth_F.png": "report/figures/depth_F.png"}  # the README's, and where a result's report has it
+FIGURES = {
+    "docs/depth_F.png": "report/figures/depth_F.png"
+}  # the README's, and where a result's report has it
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
 SCENES = "bench/run/benchmarks"
 BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DOTALL)
@@ -47,15 +72,29 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     """Content of docs/table.json: what the table shows, and what it was made from."""
     shown = [(metric, REFERENCE) for metric in (*METRICS, *SPREAD.values())]
     shown += [(metric, "completed") for metric in EXTENDED]
-    rows = [result.row(metric, method, reference) for metric, reference in shown for method in METHODS]
-    lines, titles = frame(TABLE, filter(None, rows)), {method.name: method.title for method in result.about.methods}
+    rows = [
+        result.row(metric, method, reference) for metric, reference in shown for method in METHODS
+    ]
+    lines, titles = (
+        frame(TABLE, filter(None, rows)),
+        {method.name: method.title for method in result.about.methods},
+    )
     alike = result.equal[result.equal.method.isin(METHODS)]
     undefined = {metric for metric, _ in shown} - result.about.metrics.keys()
     if undefined or lines.value.isna().all():
-        raise HandbenchError(f"{result.folder}: has no figure of the README's table; expected a run of paper_table")
-    pairs = [(metric, treatment) for treatment, metrics in EQUAL.items() for metric in metrics if len(result.equal)]
+        raise HandbenchError(
+            f"{result.folder}: has no figure of the README's table; expected a run of paper_table"
+        )
+    pairs = [
+        (metric, treatment)
+        for treatment, metrics in EQUAL.items()
+        for metric in metrics
+        if len(result.equal)
+    ]
     best_alike = {
-        f"{metric}, {treatment}": sorted(outstanding(result, metric, result.equal.reference.iloc[0], treatment))
+        f"{metric}, {treatment}": sorted(
+            outstanding(result, metric, result.equal.reference.iloc[0], treatment)
+        )
         for metric, treatment in pairs
     }
     return {
@@ -65,12 +104,15 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "scenes": _scenes(root, result.config),
         "machine": {key: result.about.machine.get(key) for key in MACHINE},
         "versions": result.about.versions,
-        "metrics": {key: result.about.metrics[key].model_dump() for key in {*METRICS, *alike.metric}},
+        "metrics": {
+            key: result.about.metrics[key].model_dump() for key in {*METRICS, *alike.metric}
+        },
         "titles": [titles.get(method, method) for method in METHODS],
         "busy": busy_note(result),
         "rows": records(lines),
         "equal": records(alike),
-        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS} | best_alike,
+        "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS}
+        | best_alike,
         "sentences": findings(result),
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
     }
@@ -79,12 +121,17 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
 def render_own(recorded: dict[str, Any]) -> str:
     """The lines between the README's markers: each method as it is."""
     machine = recorded["machine"]
-    device = "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
+    device = (
+        "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
+    )
     return (
         table(("", *recorded["titles"]), _own_lines(recorded))
-        + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and then averaged, on the "
-        "pixels that the method itself sees.\nIn italics the paper's figure; ± the deviation between frames; in "
-        "brackets a 95 % confidence interval, where there is one (of the precision: for further\nrepeats of these "
+        + "\nAgainst photogrammetry, as in the paper: each figure is formed for each pose and "
+        "then averaged, on the "
+        "pixels that the method itself sees.\nIn italics the paper's figure; ± the deviation "
+        "between frames; in "
+        "brackets a 95 % confidence interval, where there is one (of the precision: for "
+        "further\nrepeats of these "
         "hands; three poses are too few to tell how others differ). "
         f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, {escaped(device)}."
         f"{' ' if recorded['busy'] else ''}{escaped(recorded['busy'])}\n"
@@ -94,10 +141,15 @@ def render_own(recorded: dict[str, Any]) -> str:
 def render_equal(recorded: dict[str, Any]) -> str:
     """The lines between the markers of docs/results.md: the methods under equal treatment."""
     sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in recorded["sentences"])
-    return table(("", *recorded["titles"]), _equal_lines(recorded)) + (f"\n{sentences}" if sentences else "")
+    return table(("", *recorded["titles"]), _equal_lines(recorded)) + (
+        f"\n{sentences}" if sentences else ""
+    )
 
 
-PAGES: dict[str, Callable[[dict[str, Any]], str]] = {"README.md": render_own, "docs/results.md": render_equal}
+PAGES: dict[str, Callable[[dict[str, Any]], str]] = {
+    "README.md": render_own,
+    "docs/results.md": render_equal,
+}
 
 
 def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -110,8 +162,14 @@ def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             for method in METHODS:
                 cell = _cell(rows.get((metric, reference, method)), method in stars)
                 spread = rows.get((SPREAD.get(metric, ""), reference, method))
-                cells.append(f"{cell} ± {number(spread.value, 1)}" if spread and known(spread.value) else cell)
-            title = facts["title"] + (", mesh completed by the truth" if reference == "completed" else "")
+                cells.append(
+                    f"{cell} ± {number(spread.value, 1)}"
+                    if spread and known(spread.value)
+                    else cell
+                )
+            title = facts["title"] + (
+                ", mesh completed by the truth" if reference == "completed" else ""
+            )
             yield (f"{title} ({facts['unit']})", *cells)
 
 
@@ -130,8 +188,11 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
-    """The recorded lines by metric, reference or, of those under equal treatment, treatment, and method."""
-    own = {(row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))}
+    """The recorded lines by metric, reference or, of those under equal treatment, treatment, and
+    method."""
+    own = {
+        (row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))
+    }
     alike = each(frame(EQUAL_TABLE, recorded["equal"]))
     return own | {(row.metric, row.treatment, row.method): row for row in alike}
 
@@ -158,7 +219,9 @@ def write(result: Result, root: Path = ROOT) -> None:
         drawn = result.folder / source
         if not drawn.is_file():
             report = result.folder / "report"
-            raise HandbenchError(f"{drawn}: is missing; run `handbench report {result.folder} -o {report}` first")
+            raise HandbenchError(
+                f"{drawn}: is missing; run `handbench report {result.folder} -o {report}` first"
+            )
         with atomic_path(root / name) as temporary:
             shutil.copyfile(drawn, temporary)
     write_text(root / "docs/table.json", json.dumps(recorded, indent=1, ensure_ascii=False) + "\n")
@@ -193,7 +256,11 @@ def disagreements(result: Result, root: Path = ROOT) -> list[str]:
         if metric in EQUAL.get(kind, (metric,)) and metric != "seconds" and not _agree(old, new):
             found = None if new is None else new.value
             problems.append(f"{metric}{how} of {method}: {old.value} was recorded, {found} found")
-    unknown = [(metric, method) for metric, kind, method in rows if metric != "seconds" and kind not in EQUAL]
+    unknown = [
+        (metric, method)
+        for metric, kind, method in rows
+        if metric != "seconds" and kind not in EQUAL
+    ]
     problems += [f"{metric} of {method}: was not recorded" for metric, method in unknown]
     if fresh["best"] != recorded["best"]:
         problems.append(f"best: {recorded['best']} was recorded, {fresh['best']} found")
@@ -210,18 +277,23 @@ def _recorded(root: Path) -> dict[str, Any]:
     try:
         return json.loads((root / "docs/table.json").read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise HandbenchError(f"{root / 'docs/table.json'}: cannot be read ({error}); make it with --write") from None
+        raise HandbenchError(
+            f"{root / 'docs/table.json'}: cannot be read ({error}); make it with --write"
+        ) from None
 
 
 def _page(file: Path) -> str:
     text = file.read_text("utf-8")
     if len(BLOCK.findall(text)) != 1:
-        raise HandbenchError(f"{file}: lacks its one pair of lines <!-- table: begin -->, … end -->")
+        raise HandbenchError(
+            f"{file}: lacks its one pair of lines <!-- table: begin -->, … end -->"
+        )
     return text
 
 
 def _scenes(root: Path, config: str) -> dict[str, str]:
-    """Each scene of the benchmark with the hash of what its file says, whatever its comments; empty: no such file."""
+    """Each scene of the benchmark with the hash of what its file says, whatever its comments;
+    empty: no such file."""
     said = tomllib.loads(config)
     sources = [*said.get("calibration", ()), *said.get("capture", ())]
     hashes = {source["scene"]: "" for source in sources if "scene" in source}
@@ -239,8 +311,12 @@ def _sha256(path: Path) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 1 and a line for each problem where something is stale."""
-    parser = argparse.ArgumentParser(prog="python -m docs.readme", description="tables of README and docs/results.md")
-    parser.add_argument("result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table")
+    parser = argparse.ArgumentParser(
+        prog="python -m docs.readme", description="tables of README and docs/results.md"
+    )
+    parser.add_argument(
+        "result", type=Path, nargs="?", metavar="RESULT", help="folder of a run of paper_table"
+    )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--check", action="store_true", help="are they stale?")
     what.add_argument("--write", action="store_true", help="renew it")
@@ -254,7 +330,11 @@ def main(arguments: list[str] | None = None) -> int:
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
-    print("\n".join(problems) if problems else "README.md and docs/results.md: the tables are up to date")
+    print(
+        "\n".join(problems)
+        if problems
+        else "README.md and docs/results.md: the tables are up to date"
+    )
     return 1 if problems else 0
 
 

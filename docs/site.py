@@ -1,9 +1,9 @@
-"""Hooks of the documentation's site (docs/mkdocs.yml): what lies outside this folder becomes part of it, and the
-navigation is read from docs/README.md.
+"""Hooks of the documentation's site (docs/mkdocs.yml): what lies outside this folder becomes part
+of it, and the navigation is read from docs/README.md.
 
-README.md is the front page, docs/README.md the page of contents; CONTRIBUTING.md, CHANGELOG.md and the notebooks of
-examples/ are pages, too. A link to any other file outside, to code for instance, becomes its text: the site has no
-place for it.
+README.md is the front page, docs/README.md the page of contents; CONTRIBUTING.md, CHANGELOG.md and
+the notebooks of examples/ are pages, too. A link to any other file outside, to code for instance,
+becomes its text: the site has no place for it.
 """
 
 from __future__ import annotations
@@ -66,14 +66,19 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def navigation(contents: str) -> list[Any]:
-    """The groups of the page of contents, in bold there, with the pages that each links to; measurements by themselves.
-    A page that no group names is not lost: the test of the index notices."""
+    """The groups of the page of contents, in bold there, with the pages that each links to;
+    measurements by themselves. A page that no group names is not lost: the test of the index
+    notices."""
     groups: dict[str, list[str]] = {"Start": ["index.md", "contents.md"]}
-    for heading, text in re.findall(r"^\*\*([^*]+)\*\*$(.*?)(?=^\*\*|\Z)", contents, re.DOTALL | re.MULTILINE):
+    for heading, text in re.findall(
+        r"^\*\*([^*]+)\*\*$(.*?)(?=^\*\*|\Z)", contents, re.DOTALL | re.MULTILINE
+    ):
         for _, _, target in LINK.findall(text):
             page = moved(target, "docs/README.md").partition("#")[0]
             group = "Measurements" if page.startswith("measurements/") else heading
-            if page.endswith(".md") and page not in [name for names in groups.values() for name in names]:
+            if page.endswith(".md") and page not in [
+                name for names in groups.values() for name in names
+            ]:
                 groups.setdefault(group, []).append(page)
     groups["Inside"] = [*groups.get("Inside", []), "changelog.md"]
     order = sorted(groups, key=lambda group: group in ("Measurements", "Inside"))
@@ -84,14 +89,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """The pages from outside."""
     for name, page in pages().items():
         text = (ROOT / name).read_text("utf-8")
-        files.append(File.generated(config, page, content=cells(text) if name.endswith(".ipynb") else text))
+        files.append(
+            File.generated(config, page, content=cells(text) if name.endswith(".ipynb") else text)
+        )
     return files
 
 
 def cells(notebook: str) -> str:
     """A notebook as Markdown: its words and its code."""
     found = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(notebook)["cells"]]
-    return "\n\n".join(text if kind == "markdown" else f"```python\n{text}\n```" for kind, text in found)
+    return "\n\n".join(
+        text if kind == "markdown" else f"```python\n{text}\n```" for kind, text in found
+    )
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -106,10 +115,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         place = moved(target, source)
         if place.startswith("../"):
             return text
-        return f"{image}[{text}]({posixpath.relpath(place, posixpath.dirname(page.file.src_uri) or '.')})"
+        start = posixpath.dirname(page.file.src_uri) or "."
+        return f"{image}[{text}]({posixpath.relpath(place, start)})"
 
     parts = FENCE.split(markdown)
-    return "".join(fenced(part) if i % 2 else formulas(LINK.sub(link, part)) for i, part in enumerate(parts))
+    return "".join(
+        fenced(part) if i % 2 else formulas(LINK.sub(link, part)) for i, part in enumerate(parts)
+    )
 
 
 def fenced(block: str) -> str:
@@ -128,16 +140,28 @@ def formula(latex: str) -> str:
     for unknown, known in SPELT.items():
         spelt = re.sub(unknown, known, spelt)
     drawn = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "handbench", "mathtext.fontset": "cm", "figure.facecolor": "none"}):
-        depth = math_to_image(f"${spelt}$", drawn, prop=FontProperties(size=12), format="svg", dpi=72)
+    with matplotlib.rc_context(
+        {"svg.hashsalt": "handbench", "mathtext.fontset": "cm", "figure.facecolor": "none"}
+    ):
+        depth = math_to_image(
+            f"${spelt}$", drawn, prop=FontProperties(size=12), format="svg", dpi=72
+        )
     source = base64.b64encode(drawn.getvalue()).decode("ascii")
-    alt = html.escape(" ".join(latex.split())).replace("|", "&#124;").replace("_", "&#95;").replace("*", "&#42;")
+    alt = (
+        html.escape(" ".join(latex.split()))
+        .replace("|", "&#124;")
+        .replace("_", "&#95;")
+        .replace("*", "&#42;")
+    )
     style = f"vertical-align:{-depth:.1f}pt"
-    return f'<img class="math" style="{style}" alt="{alt}" src="data:image/svg+xml;base64,{source}">'
+    return (
+        f'<img class="math" style="{style}" alt="{alt}" src="data:image/svg+xml;base64,{source}">'
+    )
 
 
 def moved(target: str, source: str) -> str:
-    """The place in the site of what `source`, a file of the repository, links to; ../… for what has none there."""
+    """The place in the site of what `source`, a file of the repository, links to; ../… for what has
+    none there."""
     name, mark, anchor = target.partition("#")
     there = posixpath.normpath(posixpath.join(posixpath.dirname(source), name)) if name else source
     return pages().get(there, posixpath.relpath(there, "docs")) + mark + anchor

@@ -6,7 +6,8 @@ from typing import Any
 
 
 class _GroundTruth(ModuleType):
-    """This package. It can be called, because `handbench.groundtruth(photos)` was a function in version 0.2."""
+    """This package. It can be called, because `handbench.groundtruth(photos)` was a function in
+    version 0.2."""
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         return sys.modules["handbench"].reconstruct_mesh(*args, **options)

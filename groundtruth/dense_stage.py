@@ -24,7 +24,8 @@ COARSER = 4  # pixels of the depth maps that tell where the target is
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
-    """Fuse the depth maps of the photographs that the sparse stage, in the folder `sparse`, has registered."""
+    """Fuse the depth maps of the photographs that the sparse stage, in the folder `sparse`, has
+    registered."""
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
@@ -32,7 +33,9 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(COARSER * chosen.effort.shrink, 1)
-        bounds = narrowed(bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved)
+        bounds = narrowed(
+            bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
+        )
     say(bounds.describe())
     cloud = dense_cloud(registered, solved, chosen, bounds.box())
     warn_of_cuts(bounds, cloud, plane)
@@ -41,22 +44,33 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
 
 
 def dense_cloud(
-    photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None = None
+    photos: tuple[Photo, ...],
+    sparse: Sparse,
+    options: DenseOptions,
+    box_m: np.ndarray | None = None,
 ) -> Cloud:
     """The fused cloud of registered photographs in a box [2, 3], cleaned."""
     return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
 def _fused(
-    photos: tuple[Photo, ...], sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None, effort: Effort
+    photos: tuple[Photo, ...],
+    sparse: Sparse,
+    options: DenseOptions,
+    box_m: np.ndarray | None,
+    effort: Effort,
 ) -> Cloud:
     """The points on which the photographs' depth maps agree."""
-    masks = Masks({} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour")
+    masks = Masks(
+        {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
+    )
     views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
     compile_kernels()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
     if effort.thorough:
-        return fuse(completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS)
+        return fuse(
+            completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
+        )
     return fuse(maps, box_m)

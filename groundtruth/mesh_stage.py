@@ -1,4 +1,5 @@
-"""The last stage of a reconstruction: the fused cloud → a surface that says how well it is known."""
+"""The last stage of a reconstruction: the fused cloud → a surface that says how well it is
+known."""
 
 from dataclasses import replace
 from itertools import product
@@ -25,25 +26,36 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and the first photograph,
-    cut to the box → VIEW; sparse, dense: these stages' folders."""
+    """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and
+    the first photograph, cut to the box → VIEW; sparse, dense: these stages' folders."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
-    plane = board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
-    made, target = measured_surface(Cloud.load(Path(dense) / CLOUD), solved, chosen.components, plane, box_m)
+    plane = (
+        board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
+    )
+    made, target = measured_surface(
+        Cloud.load(Path(dense) / CLOUD), solved, chosen.components, plane, box_m
+    )
     made.save(folder / MESH)
     write_json(folder / TARGET, vars(target))
     _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 
 
 def measured_surface(
-    cloud: Cloud, sparse: Sparse, components: Components, plane: Plane | None, box_m: np.ndarray | None
+    cloud: Cloud,
+    sparse: Sparse,
+    components: Components,
+    plane: Plane | None,
+    box_m: np.ndarray | None,
 ) -> tuple[Surface, Target]:
-    """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what that is."""
+    """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what
+    that is."""
     count = len(cloud.points_m)
     cloud = cloud if plane is None else off_board(cloud, plane)
     mesh = surface(cloud, box_m)
-    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
+    target = keep_target(
+        mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m)
+    )
     target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)

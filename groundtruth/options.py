@@ -13,23 +13,39 @@ Quality = Literal["draft", "normal", "high", "thorough"]
 
 
 class Effort(NamedTuple):
-    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch; thorough: sweeps in several
-    directions, and further looks at each view."""
+    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch;
+    thorough: sweeps in several directions, and further looks at each view."""
 
     shrink: int
     iterations: int
     thorough: bool = False
 
 
-EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4), "thorough": Effort(1, 4, True)}
-# Processor time of a photograph, of a pair of them, of a megapixel's features and of its depths: measured on a hand.
-PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = 1.6, 0.3, 0.25, {"draft": 0.3, "normal": 1.5, "high": 7.5, "thorough": 15.0}
+EFFORT = {
+    "draft": Effort(4, 2),
+    "normal": Effort(2, 3),
+    "high": Effort(1, 4),
+    "thorough": Effort(1, 4, True),
+}
+# Processor time of a photograph, of a pair of them, of a megapixel's features and of its depths:
+# measured on a hand.
+PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = (
+    1.6,
+    0.3,
+    0.25,
+    {"draft": 0.3, "normal": 1.5, "high": 7.5, "thorough": 15.0},
+)
 BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
 
 
 def predicted(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
-    """Processor time, seconds, and bytes at the peak, from photographs of so many megapixels together to a mesh."""
-    seconds = PHOTO_S * count + PAIR_S * count * (count - 1) / 2 + (FEATURES_S + DEPTHS_S[quality]) * megapixels
+    """Processor time, seconds, and bytes at the peak, from photographs of so many megapixels
+    together to a mesh."""
+    seconds = (
+        PHOTO_S * count
+        + PAIR_S * count * (count - 1) / 2
+        + (FEATURES_S + DEPTHS_S[quality]) * megapixels
+    )
     return seconds, BASE_BYTES + MEGAPIXEL_BYTES * megapixels
 
 
@@ -44,14 +60,16 @@ class Distance(Config):
 class SparseOptions(Config):
     """Options that decide where the cameras stand.
 
-    cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the cameras.json in the
-    photographs' folder, if any); where all have poses these are used as they are. intrinsics: fx, fy, cx, cy in pixels
-    of the one camera that took all photographs, without distortion. refine_poses, refine_distortion: let the bundle
-    adjustment change known poses, or find the distortion beside given intrinsics. shared_intrinsics: unknown lenses
-    are one (True) or one a photograph (False; default: one a camera, by EXIF data or size). model: a COLMAP model of
-    these photographs, used instead of structure from motion; without points it is completed. metric: the poses of a
-    COLMAP model, in `model` or `cameras`, are in metres. board: a board.toml (default as cameras). distances: measured
-    ones between cameras, for the scale. unscaled: go on without a metric scale.
+    cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the
+    cameras.json in the photographs' folder, if any); where all have poses these are used as they
+    are. intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
+    distortion. refine_poses, refine_distortion: let the bundle adjustment change known poses, or
+    find the distortion beside given intrinsics. shared_intrinsics: unknown lenses are one (True) or
+    one a photograph (False; default: one a camera, by EXIF data or size). model: a COLMAP model of
+    these photographs, used instead of structure from motion; without points it is completed.
+    metric: the poses of a COLMAP model, in `model` or `cameras`, are in metres. board: a board.toml
+    (default as cameras). distances: measured ones between cameras, for the scale. unscaled: go on
+    without a metric scale.
     """
 
     cameras: Path | None = None
@@ -68,9 +86,9 @@ class SparseOptions(Config):
 
 
 class Region(Config):
-    """Options that decide what is reconstructed. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in
-    the mesh's frame (default: found, see `groundtruth.dense.volume`); it cuts away the surroundings and saves most of
-    the time. board: as in SparseOptions."""
+    """Options that decide what is reconstructed. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the
+    region of interest in the mesh's frame (default: found, see `groundtruth.dense.volume`); it cuts
+    away the surroundings and saves most of the time. board: as in SparseOptions."""
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
@@ -81,14 +99,18 @@ class Region(Config):
             return None
         box = np.array(self.box_m).reshape(2, 3)
         if not (box[0] < box[1]).all():
-            raise HandbenchError(f"box_m: is {self.box_m}; expected xmin, ymin, zmin, xmax, ymax, zmax with min < max")
+            raise HandbenchError(
+                f"box_m: is {self.box_m}; expected xmin, ymin, zmin, xmax, ymax, zmax with min < "
+                "max"
+            )
         return box
 
 
 class DenseOptions(Region):
     """Options that decide what depth maps are made, and of which pixels.
 
-    masks: folder with a mask for each photograph. mask: cut the target out by its colours where there are no masks.
+    masks: folder with a mask for each photograph. mask: cut the target out by its colours where
+    there are no masks.
     dense: where depth maps are made; auto: on a CUDA device, if pycolmap can use one.
     """
 
@@ -105,16 +127,20 @@ class DenseOptions(Region):
 
 
 class MeshOptions(Region):
-    """Options that decide what becomes a surface. components: the parts of it to keep; target: with a board what stands
-    off its plane on the cameras' side, without one all."""
+    """Options that decide what becomes a surface. components: the parts of it to keep; target: with
+    a board what stands off its plane on the cameras' side, without one all."""
 
     components: Literal["target", "largest", "all"] = "target"
 
 
 class Options(SparseOptions, DenseOptions, MeshOptions):
-    """Options of a reconstruction: those of its three stages, each of which is given its own alone."""
+    """Options of a reconstruction: those of its three stages, each of which is given its own
+    alone."""
 
     def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
-        """The plain values of one stage's options, with the paths or without: their files' content tells more."""
-        wanted = {name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)}
+        """The plain values of one stage's options, with the paths or without: their files' content
+        tells more."""
+        wanted = {
+            name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
+        }
         return self.model_dump(mode="json", include=wanted)

@@ -34,8 +34,8 @@ SUMMARY_VERSION = 1
 
 @dataclass(frozen=True)
 class Result:
-    """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud it was made of, and
-    how well the photographs fit together."""
+    """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud
+    it was made of, and how well the photographs fit together."""
 
     surface: Surface
     cloud: Cloud
@@ -67,13 +67,21 @@ class Result:
 
 
 def stages(
-    root: Path, photos: Path, options: Options, content: list[Any], masks: str | None = None, capture: str = ""
+    root: Path,
+    photos: Path,
+    options: Options,
+    content: list[Any],
+    masks: str | None = None,
+    capture: str = "",
 ) -> tuple[Stage, Stage, Stage]:
-    """The stages sparse, dense and mesh, kept in the store at `root`; each is given its own options and no others, so
-    that its key holds all that it can depend on. content, masks: what tells the photographs, with all that lies beside
-    them, and the masks apart; capture: whose photographs they are."""
+    """The stages sparse, dense and mesh, kept in the store at `root`; each is given its own options
+    and no others, so that its key holds all that it can depend on. content, masks: what tells the
+    photographs, with all that lies beside them, and the masks apart; capture: whose photographs
+    they are."""
 
-    def staged(name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage) -> Stage:
+    def staged(
+        name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage
+    ) -> Stage:
         folders = {made.name: str(made.folder(root)) for made in on}
         given = {"photos": str(photos), "options": options.part(kind), **folders}
         return Stage(name, function, given, [*inputs, options.part(kind, paths=False)], capture)
@@ -86,19 +94,29 @@ def stages(
 def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:
     """Photographs in a folder to a mesh.
 
-    workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud), `summary.json`
-    (resolved options, figures, seconds) and `stages/`, from which a repeated or killed run goes on. Raises
-    HandbenchError when photographs are missing or broken, do not register, carry no scale, or show too little surface.
+    workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud),
+    `summary.json` (resolved options, figures, seconds) and `stages/`, from which a repeated or
+    killed run goes on. Raises HandbenchError when photographs are missing or broken, do not
+    register, carry no scale, or show too little surface.
     """
     with _made(Path(photos), options, workdir) as (options, (solved, fused, made), seconds):
-        sparse, cloud, surface = Sparse.load(solved), Cloud.load(fused / CLOUD), read_surface(made / MESH)
+        sparse, cloud, surface = (
+            Sparse.load(solved),
+            Cloud.load(fused / CLOUD),
+            read_surface(made / MESH),
+        )
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
         error_px = sparse.model.compute_mean_reprojection_error()
         volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
         target = Target(**read_json(made / TARGET, "the target of a mesh stage"))
-        result = Result(surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds)
+        result = Result(
+            surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds
+        )
         if workdir is not None:
-            workdir, facts = Path(workdir), {"version": SUMMARY_VERSION, "options": options.model_dump(mode="json")}
+            workdir, facts = (
+                Path(workdir),
+                {"version": SUMMARY_VERSION, "options": options.model_dump(mode="json")},
+            )
             with atomic_folder(workdir / "sparse") as folder:
                 write_model(sparse.model, folder)
             write_cloud(workdir / "dense.ply", cloud.points_m, cloud.normals)
@@ -107,7 +125,9 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         return result
 
 
-def reconstruct_cloud(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Cloud:
+def reconstruct_cloud(
+    photos: str | Path, options: Options, workdir: str | Path | None = None
+) -> Cloud:
     """As `reconstruct`, but no further than the fused cloud; workdir receives `stages/` alone."""
     with _made(Path(photos), options, workdir, count=2) as (_, (_, fused), _):
         return Cloud.load(fused / CLOUD)
@@ -117,12 +137,16 @@ def reconstruct_cloud(photos: str | Path, options: Options, workdir: str | Path 
 def _made(
     photos: Path, options: Options, workdir: str | Path | None, count: int = 3
 ) -> Iterator[tuple[Options, list[Path], dict[str, float]]]:
-    """The resolved options, the folders of the first `count` stages, there while the block lasts, and the seconds that
-    each took when it was made."""
+    """The resolved options, the folders of the first `count` stages, there while the block lasts,
+    and the seconds that each took when it was made."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
         inputs, options = resolve(photos, options)
-        masks = None if options.masks is None or not options.masks.exists() else content_hash(options.masks)
+        masks = (
+            None
+            if options.masks is None or not options.masks.exists()
+            else content_hash(options.masks)
+        )
         seconds = {}
         chain = stages(root, photos, options, content(inputs, options), masks)[:count]
         for each in chain:

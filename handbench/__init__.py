@@ -1,16 +1,18 @@
-"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other and drawn.
+"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other
+and drawn.
 
     import handbench as hb
 
-    hand = hb.simulate("scene.toml", "capture")        # or hb.load("capture"), of any data set that handbench reads
+    hand = hb.simulate("scene.toml", "capture")  # or hb.load("capture"), of any data set
     depth = hand.reconstruct("3fsk")
-    score = depth.evaluate()                           # against the capture's own surface, or evaluate("mesh.ply")
+    score = depth.evaluate()  # against the capture's own surface, or evaluate("mesh.ply")
     print(score["mae_mm"])
     score.plot("errors.png")
 
-Every function does what the command of its name does (`handbench reconstruct`, …), raises `HandbenchError` for a known
-mistake, and takes and gives SI units in the radar's frame (docs/conventions.md). Importing this package loads
-nothing but the standard library; what a call needs is imported by the call.
+Every function does what the command of its name does (`handbench reconstruct`, …), raises
+`HandbenchError` for a known mistake, and takes and gives SI units in the radar's frame
+(docs/conventions.md). Importing this package loads nothing but the standard library; what a call
+needs is imported by the call.
 """
 
 from importlib import import_module
@@ -20,7 +22,17 @@ if TYPE_CHECKING:
     from handbench.bench.results import Result
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
-    from handbench.interface import Capture, Depth, Score, calibrate, load, methods, reconstruct_mesh, run, simulate
+    from handbench.interface import (
+        Capture,
+        Depth,
+        Score,
+        calibrate,
+        load,
+        methods,
+        reconstruct_mesh,
+        run,
+        simulate,
+    )
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
     from handbench.support.errors import HandbenchError

@@ -1,4 +1,5 @@
-"""The functions and objects of `import handbench`: captures, depth maps and scores, and the commands as functions."""
+"""The functions and objects of `import handbench`: captures, depth maps and scores, and the
+commands as functions."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
     """Read what lies at a path.
 
     Args:
-        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder, a depth map
-            (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
+        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
+            a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
 
     Returns:
         Capture, Result, Depth, Surface or Transform.
@@ -80,12 +81,15 @@ class Capture:
         ghz = echoes.frequencies_hz / 1e9
         shape = " × ".join(map(str, echoes.aperture.channels))
         tones = f"{len(ghz)} tones from {ghz.min():.4g} to {ghz.max():.4g} GHz"
-        return f"<handbench.Capture {self.name}: {len(echoes.samples)} frames, {tones}, {shape} channels>"
+        return (
+            f"<handbench.Capture {self.name}: {len(echoes.samples)} frames, {tones}, {shape} "
+            "channels>"
+        )
 
     @cached_property
     def echoes(self) -> RadarCapture:
-        """All frames: `.samples` complex64 [frame, frequency, tx, rx], `.frequencies_hz`, `.aperture` with `tx_m`
-        [tx, 3] and `rx_m` [rx, 3]."""
+        """All frames: `.samples` complex64 [frame, frequency, tx, rx], `.frequencies_hz`,
+        `.aperture` with `tx_m` [tx, 3] and `rx_m` [rx, 3]."""
         return self._recorded.echoes()
 
     @property
@@ -114,14 +118,15 @@ class Capture:
         Args:
             method: an id of `methods()`.
             frame: which frame, from 0.
-            settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}, over what the capture asks
-                for; `handbench list methods` has them all.
+            settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}, over what
+                the capture asks for; `handbench list methods` has them all.
 
         Returns:
             The depth map, which remembers this capture.
 
         Raises:
-            HandbenchError: an unknown method or parameter, a frame or a tone that the capture does not have.
+            HandbenchError: an unknown method or parameter, a frame or a tone that the capture does
+                not have.
         """
         from handbench.bench.pipeline.image import configuration, image
         from handbench.bench.validation.checks import echo_warnings
@@ -135,7 +140,9 @@ class Capture:
             settings[key] = {**usual[key], **value} if within else value
         for doubt in echo_warnings(self.echoes):
             say(f"{self.folder}: {doubt}")
-        return Depth(image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self)
+        return Depth(
+            image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self
+        )
 
 
 class Drawn:
@@ -145,7 +152,8 @@ class Drawn:
         """Draw it as seen from the array: x grows to the left.
 
         Args:
-            file: where the figure is written too (.png, .pdf, .svg), if it is named; replaced if it exists.
+            file: where the figure is written too (.png, .pdf, .svg), if it is named; replaced if it
+                exists.
 
         Returns:
             Matplotlib's figure.
@@ -167,7 +175,8 @@ class Drawn:
 
 
 class Depth(Drawn):
-    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap` holds (`.map`).
+    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap`
+    holds (`.map`).
 
     Args:
         map: the depth map.
@@ -184,9 +193,13 @@ class Depth(Drawn):
 
     def __repr__(self) -> str:
         seen_mm = 1e3 * self.z_m[self.z_m == self.z_m]
-        depths = f"{seen_mm.min():.1f} to {seen_mm.max():.1f} mm" if len(seen_mm) else "nothing seen"
+        depths = (
+            f"{seen_mm.min():.1f} to {seen_mm.max():.1f} mm" if len(seen_mm) else "nothing seen"
+        )
         pixels = " × ".join(map(str, self.z_m.shape))
-        return f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
+        return (
+            f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
+        )
 
     def save(self, file: File) -> None:
         """Write the depth map.
@@ -217,26 +230,39 @@ class Depth(Drawn):
         return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
 
     def to_xarray(self) -> xr.Dataset:
-        """The maps over y_m and x_m as a Dataset of xarray, which is no dependency: `pip install xarray`."""
+        """The maps over y_m and x_m as a Dataset of xarray, which is no dependency: `pip install
+        xarray`."""
         try:
             import xarray as xr
         except ImportError as error:
             from handbench.support.errors import HandbenchError
 
-            raise HandbenchError(f"to_xarray: needs xarray ({error}); pip install xarray") from error
-        maps = {name: value for name, value in vars(self.map).items() if getattr(value, "shape", ()) == self.z_m.shape}
+            raise HandbenchError(
+                f"to_xarray: needs xarray ({error}); pip install xarray"
+            ) from error
+        maps = {
+            name: value
+            for name, value in vars(self.map).items()
+            if getattr(value, "shape", ()) == self.z_m.shape
+        }
         variables = {name: (("y_m", "x_m"), value) for name, value in maps.items()}
         return xr.Dataset(variables, {"y_m": self.y_m, "x_m": self.x_m}, {"method": self.method})
 
     def evaluate(
-        self, mesh: File | None = None, transform: Transform | File | None = None, protocol: str = "paper"
+        self,
+        mesh: File | None = None,
+        transform: Transform | File | None = None,
+        protocol: str = "paper",
     ) -> Score:
-        """Hold the map against a surface: by default that of its capture, the true one or else the measured.
+        """Hold the map against a surface: by default that of its capture, the true one or else the
+        measured.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
-            transform: what carries the mesh into the radar's frame, or its .json; without one it lies there already.
-            protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's own mask.
+            transform: what carries the mesh into the radar's frame, or its .json; without one it
+                lies there already.
+            protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's
+                own mask.
 
         Returns:
             The figures, by name, and the map of signed errors.
@@ -252,23 +278,30 @@ class Depth(Drawn):
         from handbench.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
-            mesh = self.capture.truth if transform is None else None  # which lies in the radar's frame already
+            mesh = (
+                self.capture.truth if transform is None else None
+            )  # which lies in the radar's frame already
             if mesh is None and self.capture.mesh is not None:
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:
-                    raise HandbenchError("transform: is missing; nothing carries the capture's mesh to the radar")
+                    raise HandbenchError(
+                        "transform: is missing; nothing carries the capture's mesh to the radar"
+                    )
         if mesh is None:
             raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
-        reference = reference_of_surface(read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m))
+        reference = reference_of_surface(
+            read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
+        )
         recorded = None if self.capture is None else self.capture._recorded
         found = score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
         return Score(found.errors, found.figures, self.method)
 
 
 class Score(Drawn):
-    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of each pixel.
+    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of
+    each pixel.
 
     Args:
         errors: signed errors in metres, z − z_ref: positive behind the surface.
@@ -323,23 +356,29 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     return Capture(folder)
 
 
-def reconstruct_mesh(photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any) -> Surface:
+def reconstruct_mesh(
+    photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any
+) -> Surface:
     """Reconstruct a metric surface from photographs.
 
     Args:
         photos: the folder of photographs.
         mesh: where the surface is written too (.ply), if it is named.
         workdir: where the stages' files are kept, cameras and sparse points among them.
-        options: those of `handbench.groundtruth.options.Options`, as board="board.toml", quality="draft".
+        options: those of `handbench.groundtruth.options.Options`, as board="board.toml",
+            quality="draft".
 
     Returns:
-        `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n] and `observed` [n] in the photographs' frame.
+        `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n] and `observed` [n] in the photographs'
+        frame.
     """
     from handbench.groundtruth.options import Options
     from handbench.groundtruth.pipeline import reconstruct
     from handbench.support.config import parse
 
-    found = reconstruct(Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None)
+    found = reconstruct(
+        Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None
+    )
     if mesh is not None:
         found.surface.save(mesh)
     return found.surface
@@ -354,7 +393,8 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
         seed: of the random numbers.
 
     Returns:
-        radar_from_photo, with its covariance (of [translation in metres, rotation vector in radians]).
+        radar_from_photo, with its covariance (of [translation in metres, rotation vector in
+        radians]).
     """
     from handbench.bench.run.photogrammetry import calibrate_captures
 

@@ -1,4 +1,5 @@
-"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards they are cached."""
+"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards
+they are cached."""
 
 import numpy as np
 
@@ -8,8 +9,8 @@ from handbench.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:
-    """Have the kernels compiled where they are not, and load each by running it on next to nothing, so that no measured
-    time holds either."""
+    """Have the kernels compiled where they are not, and load each by running it on next to nothing,
+    so that no measured time holds either."""
     compile_once("handbench.radar.warmup", gather, scatter)
     if load:
         _run_every_kernel()
@@ -24,7 +25,11 @@ def _run_every_kernel() -> None:
     from handbench.radar.simulation.forward import Scatterers, simulate
 
     three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
-    array, scan, tones_hz = AntennaArray(three, three), PlanarScan(three), np.linspace(72e9, 82e9, 4)
+    array, scan, tones_hz = (
+        AntennaArray(three, three),
+        PlanarScan(three),
+        np.linspace(72e9, 82e9, 4),
+    )
     axis_m = 1e-3 * np.arange(40)
     grid = VoxelGrid(axis_m, axis_m, 0.3 + 1e-4 * np.arange(3))
     echoes = np.ones((4, 3, 3), np.complex64)

@@ -1,4 +1,5 @@
-"""A copy of handbench's code, laid out as it is installed, for tests that edit it or read it as another tool does."""
+"""A copy of handbench's code, laid out as it is installed, for tests that edit it or read it as
+another tool does."""
 
 from __future__ import annotations
 

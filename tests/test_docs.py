@@ -1,5 +1,5 @@
-"""The documentation's code runs, its commands are known, its links lead somewhere, its figures say what makes them; and
-the conventions that no other test holds."""
+"""The documentation's code runs, its commands are known, its links lead somewhere, its figures say
+what makes them; and the conventions that no other test holds."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ SMALL = {
     "y": {"start_m": -0.03, "stop_m": 0.01, "step_m": 0.001},
 }
 
-every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+every_page = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix()
+)
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -53,14 +55,18 @@ def blocks(page: Path, language: str) -> list[str]:
 
 def spans(page: Path) -> list[str]:
     """The page's inline code, each on one line."""
-    return [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", FENCE.sub("", page.read_text("utf-8")))]
+    return [
+        " ".join(span.split())
+        for span in re.findall(r"`([^`]+)`", FENCE.sub("", page.read_text("utf-8")))
+    ]
 
 
 # Code
 
 
 @pytest.mark.parametrize(
-    "name", sorted({s for s in spans(DOCS / "methods.md") if re.match(r"handbench\.radar\.\w+\.", s)})
+    "name",
+    sorted({s for s in spans(DOCS / "methods.md") if re.match(r"handbench\.radar\.\w+\.", s)}),
 )
 def test_the_functions_of_the_equations_exist(name):
     module, _, function = name.rpartition(".")
@@ -77,10 +83,20 @@ def own_data(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("capture", "point_m", "near_m"),  # two arrays see it at an angle, and 3-FSK takes the path's slope as 2
-    [("mine", (0.010, -0.020, 0.300), 1e-4), ("scan", (0.0, 0.0, 0.300), 1e-4), ("two", (0.010, 0.0, 0.300), 1e-3)],
+    (
+        "capture",
+        "point_m",
+        "near_m",
+    ),  # two arrays see it at an angle, and 3-FSK takes the path's slope as 2
+    [
+        ("mine", (0.010, -0.020, 0.300), 1e-4),
+        ("scan", (0.0, 0.0, 0.300), 1e-4),
+        ("two", (0.010, 0.0, 0.300), 1e-3),
+    ],
 )
-def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(own_data, capture, point_m, near_m):
+def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(
+    own_data, capture, point_m, near_m
+):
     chosen, echoes = method("3fsk"), open_capture(own_data / capture).echoes()
     depth = chosen.run(echoes, chosen.configure(SMALL, "test"), 0).depth
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
@@ -90,7 +106,9 @@ def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(own_data
 
 def test_the_script_of_the_page_scores_and_draws(own_data):
     place_m = np.array([0.010, -0.020, 0.300])
-    corners_m = place_m + np.array([(-0.02, -0.02, 0), (0.02, -0.02, 0), (0.02, 0.02, 0), (-0.02, 0.02, 0)])
+    corners_m = place_m + np.array(
+        [(-0.02, -0.02, 0), (0.02, -0.02, 0), (0.02, 0.02, 0), (-0.02, 0.02, 0)]
+    )
     write_mesh(own_data / "mine.ply", mesh(corners_m, np.array([(0, 2, 1), (0, 3, 2)])))
     [code] = blocks(DOCS / "python.md", "python")
     found: dict[str, Any] = {}
@@ -108,10 +126,14 @@ def toml_of(page: str, marked: str) -> str:
 
 
 def test_the_smallest_mapping_reads_what_matlab_writes(tmp_path):
-    (tmp_path / "mapping.toml").write_text(toml_of("own_data.md", 'file = "hand.mat"'), encoding="utf-8")
+    (tmp_path / "mapping.toml").write_text(
+        toml_of("own_data.md", 'file = "hand.mat"'), encoding="utf-8"
+    )
     Mapping.model_validate(tomllib.loads((tmp_path / "mapping.toml").read_text("utf-8")))
     random = np.random.default_rng(0)
-    xr = random.standard_normal((3, 2, 4)) + 1j * random.standard_normal((3, 2, 4))  # [rx, tx, frequency]
+    xr = random.standard_normal((3, 2, 4)) + 1j * random.standard_normal(
+        (3, 2, 4)
+    )  # [rx, tx, frequency]
     stored = np.empty(xr.T.shape, [("real", "f8"), ("imag", "f8")])
     stored["real"], stored["imag"] = xr.T.real, xr.T.imag
     with h5py.File(tmp_path / "hand.mat", "w") as file:
@@ -119,7 +141,9 @@ def test_the_smallest_mapping_reads_what_matlab_writes(tmp_path):
         file["tx"], file["rx"] = np.arange(6.0).reshape(2, 3).T, np.arange(9.0).reshape(3, 3).T
     echoes = open_capture(tmp_path).echoes()
     np.testing.assert_allclose(echoes.samples[0], xr.transpose(2, 1, 0), rtol=1e-6)
-    np.testing.assert_allclose(echoes.aperture.tx_m, 1e-3 * np.array([(0, 1, 2), (-3, 4, 5)]), atol=1e-15)
+    np.testing.assert_allclose(
+        echoes.aperture.tx_m, 1e-3 * np.array([(0, 1, 2), (-3, 4, 5)]), atol=1e-15
+    )
 
 
 def test_the_smallest_transform_is_read(tmp_path):
@@ -139,8 +163,18 @@ def test_scenes_and_benchmarks_of_the_first_pages_are_valid():
     first = toml_of("tutorial.md", 'name = "first"')
     second = BenchFile.model_validate(tomllib.loads(first + toml_of("tutorial.md", "config = {")))
     assert method("3fsk").configure(second.method[-1].config, "page").f3_hz == 72e9
-    assert BenchFile.model_validate(tomllib.loads(first + toml_of("tutorial.md", "[tradeoff]"))).tradeoff is not None
-    assert len(BenchFile.model_validate(tomllib.loads(toml_of("own_data.md", "[calibration]"))).capture) == 2
+    assert (
+        BenchFile.model_validate(
+            tomllib.loads(first + toml_of("tutorial.md", "[tradeoff]"))
+        ).tradeoff
+        is not None
+    )
+    assert (
+        len(
+            BenchFile.model_validate(tomllib.loads(toml_of("own_data.md", "[calibration]"))).capture
+        )
+        == 2
+    )
 
 
 # Commands
@@ -153,7 +187,8 @@ def subcommands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
 
 
 def told_commands(page: Path) -> Iterator[tuple[str, bool]]:
-    """Every `handbench …` of a page, and whether it is whole: a line to type, without what stands for more."""
+    """Every `handbench …` of a page, and whether it is whole: a line to type, without what stands
+    for more."""
     for code in blocks(page, ""):
         for line in code.replace("\\\n", " ").splitlines():
             if line.startswith("handbench "):
@@ -176,7 +211,9 @@ def problem(command: str, whole: bool) -> str | None:
         chosen = known[name]
         names.append(name)
     options = chosen._option_string_actions
-    unknown = [word for word in words if re.match(r"--?[a-z]", word) and word.split("=")[0] not in options]
+    unknown = [
+        word for word in words if re.match(r"--?[a-z]", word) and word.split("=")[0] not in options
+    ]
     if unknown or not whole:
         return f"{' '.join(names)} has no {', '.join(unknown)}" if unknown else None
     said = io.StringIO()
@@ -222,28 +259,38 @@ def headings(page: Path) -> set[str]:
 
 def test_the_index_leads_to_every_page():
     found = set(re.findall(r"\]\(([\w./]+\.md)", (DOCS / "README.md").read_text("utf-8")))
-    assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} - found == {"README.md"}
+    assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} - found == {
+        "README.md"
+    }
 
 
 def makers(text: str, figure: str) -> list[str]:
     """The commands that stand behind "figure is made by", between this figure and the next."""
     _, _, after = text.partition(f"]({figure})")
     after = FIGURE.split(after)[0]
-    said = re.search(r"figures? (?:is|are) made by(?:\s*```\n(.+?)```|[^`]*`([^`]+)`)", after, re.DOTALL)
+    said = re.search(
+        r"figures? (?:is|are) made by(?:\s*```\n(.+?)```|[^`]*`([^`]+)`)", after, re.DOTALL
+    )
     return [command.strip() for command in said.groups() if command] if said else []
 
 
 def runs(command: str) -> bool:
-    """Whether what a command names is there: a module, a script, a target of the Makefile, a command of handbench."""
+    """Whether what a command names is there: a module, a script, a target of the Makefile, a
+    command of handbench."""
     match shlex.split(command):
         case ["python", "-m", module, *_]:
             return importlib.util.find_spec(module) is not None
         case ["python", "-c", code, *_]:
-            return all(importlib.util.find_spec(m) for m in re.findall(r"from ([\w.]+) import", code))
+            return all(
+                importlib.util.find_spec(m) for m in re.findall(r"from ([\w.]+) import", code)
+            )
         case ["python", script, *_]:
             return (ROOT / script).is_file()
         case ["make", target, *_]:
-            return re.search(rf"^{target}:", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE) is not None
+            return (
+                re.search(rf"^{target}:", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+                is not None
+            )
         case ["handbench", *_]:
             return problem(command, True) is None
     return False
@@ -263,18 +310,33 @@ def test_figures_without_a_command_are_noticed():
     assert makers(text, "a.png") == []
     assert makers(text, "b.png") == ["python docs/frames.py b.png"]
     assert runs("make table") and runs("python docs/frames.py b.png")
-    assert not any(map(runs, ("make coffee", "python -m docs.nothing", "python docs/nothing.py", "paint a.png")))
+    assert not any(
+        map(
+            runs, ("make coffee", "python -m docs.nothing", "python docs/nothing.py", "paint a.png")
+        )
+    )
 
 
 def test_every_figure_is_shown():
-    shown = {(page.parent / figure).resolve() for page in PAGES for figure in FIGURE.findall(page.read_text("utf-8"))}
-    assert {path for kind in ("*.png", "*.svg") for path in DOCS.rglob(kind) if path.resolve() not in shown} == set()
+    shown = {
+        (page.parent / figure).resolve()
+        for page in PAGES
+        for figure in FIGURE.findall(page.read_text("utf-8"))
+    }
+    assert {
+        path
+        for kind in ("*.png", "*.svg")
+        for path in DOCS.rglob(kind)
+        if path.resolve() not in shown
+    } == set()
 
 
 # Conventions
 
 
-@pytest.mark.parametrize("name", re.findall(r"`(tests/[\w/]+\.py::\w+)`", (DOCS / "conventions.md").read_text("utf-8")))
+@pytest.mark.parametrize(
+    "name", re.findall(r"`(tests/[\w/]+\.py::\w+)`", (DOCS / "conventions.md").read_text("utf-8"))
+)
 def test_the_tests_of_the_conventions_exist(name):
     file, _, test = name.partition("::")
     assert f"def {test}(" in (ROOT / file).read_text("utf-8"), name
@@ -290,28 +352,42 @@ def test_radar_x_points_left():
 
 
 def test_an_unturned_target_has_the_radars_axes():
-    moved = HandTarget(kind="hand", pose="F", distance_m=0.3, offset_m=(0.01, -0.02)).radar_from_target()
+    moved = HandTarget(
+        kind="hand", pose="F", distance_m=0.3, offset_m=(0.01, -0.02)
+    ).radar_from_target()
     np.testing.assert_allclose(moved.points(np.eye(3)), np.eye(3) + (0.01, -0.02, 0.3), atol=1e-15)
 
 
 def test_the_board_faces_the_radar():
-    """Unturned, the print's x points to the right of who looks at it from the radar, y up, z towards the radar."""
+    """Unturned, the print's x points to the right of who looks at it from the radar, y up, z
+    towards the radar."""
     radar_from_photo = Mount(rotation_deg=(0, 0, 0)).radar_from_photo()
     np.testing.assert_allclose(radar_from_photo.rotation, np.diag([-1, 1, -1]), atol=1e-15)
     assert np.linalg.det(Mount().radar_from_photo().rotation) == pytest.approx(1)
 
 
 def test_a_camera_looks_along_z():
-    """A point to the right and below of the optical axis falls right and below of the picture's middle."""
+    """A point to the right and below of the optical axis falls right and below of the picture's
+    middle."""
     camera = Camera(
-        name="a", width=300, height=200, model="PINHOLE", params=(100, 100, 150, 100), R=np.eye(3).tolist(), t=(0, 0, 0)
+        name="a",
+        width=300,
+        height=200,
+        model="PINHOLE",
+        params=(100, 100, 150, 100),
+        R=np.eye(3).tolist(),
+        t=(0, 0, 0),
     )
-    np.testing.assert_allclose(camera.project(np.array([[0.0, 0.0, 1.0], [0.1, 0.2, 1.0]])), [(150, 100), (160, 120)])
+    np.testing.assert_allclose(
+        camera.project(np.array([[0.0, 0.0, 1.0], [0.1, 0.2, 1.0]])), [(150, 100), (160, 120)]
+    )
 
 
 def test_an_error_behind_the_reference_is_positive():
     x_m = y_m = np.arange(3) * 1e-3
-    errors = error_map(x_m, y_m, np.full((3, 3), 0.302), np.full((3, 3), 0.300), np.zeros((3, 3)), None)
+    errors = error_map(
+        x_m, y_m, np.full((3, 3), 0.302), np.full((3, 3), 0.300), np.zeros((3, 3)), None
+    )
     assert errors.error_m == pytest.approx(2e-3)
 
 

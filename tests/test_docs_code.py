@@ -1,5 +1,6 @@
-"""Every Python block of README, CONTRIBUTING and docs is executed, or named below with its reason; what a block prints
-is what the page says. The blocks of a page run one after another, in one folder and one namespace."""
+"""Every Python block of README, CONTRIBUTING and docs is executed, or named below with its reason;
+what a block prints is what the page says. The blocks of a page run one after another, in one folder
+and one namespace."""
 
 from __future__ import annotations
 
@@ -33,31 +34,45 @@ from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
 
 FENCES = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NOT_RUN = {  # how a block begins → why it is not executed here
-    "import sys\n\nimport h5py": "docs/submissions.md: takes arguments; run in tests/bench/run/test_foreign_methods.py",
+    "import sys\n\nimport h5py": "docs/submissions.md: takes arguments; run in "
+    "tests/bench/run/test_foreign_methods.py",
     "import subprocess\nfrom dask_jobqueue": "docs/cluster.md: starts jobs on a SLURM cluster",
     '        "within_2mm": observed': "CONTRIBUTING.md: an entry of a dictionary inside a function",
-    '            "within_2mm_percent": 100': "CONTRIBUTING.md: an entry of a dictionary inside a function",
+    '            "within_2mm_percent": 100': "CONTRIBUTING.md: an entry of a dictionary inside a "
+    "function",
 }
 
 
 def of_point(folder: Path, names: dict[str, Any]) -> None:
     """The capture `mine` of own_data.md, and a plate through its point as `mine.ply`."""
     exec(blocks(DOCS / "own_data.md", "python")[0], {})
-    corners_m = np.array([0.010, -0.020, 0.300]) + 0.02 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+    corners_m = np.array([0.010, -0.020, 0.300]) + 0.02 * np.array(
+        [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    )
     write_mesh(folder / "mine.ply", mesh(corners_m, np.array([(0, 2, 1), (0, 3, 2)])))
 
 
 def of_arrays(folder: Path, names: dict[str, Any]) -> None:
     """Captures of the calibration target and of a point, by every third antenna and 32 tones."""
-    array, tones_hz = AntennaArray(qar50().tx_m[::3], qar50().rx_m[::3]), np.linspace(72e9, 82e9, 32)
+    array, tones_hz = (
+        AntennaArray(qar50().tx_m[::3], qar50().rx_m[::3]),
+        np.linspace(72e9, 82e9, 32),
+    )
     target = default_target()
-    balls = zip(target.centres_m + [0.0, 0.0, 0.31], target.element, target.foam_delay_m, strict=True)
-    seen = sum(sphere_echo(centre_m, e.ball_radius_m, d, tones_hz, array) for centre_m, e, d in balls)
+    balls = zip(
+        target.centres_m + [0.0, 0.0, 0.31], target.element, target.foam_delay_m, strict=True
+    )
+    seen = sum(
+        sphere_echo(centre_m, e.ball_radius_m, d, tones_hz, array) for centre_m, e, d in balls
+    )
     noise = np.random.default_rng(0).standard_normal((*seen.shape, 2)) @ [1, 1j]
     seen = seen + 0.01 * np.abs(seen).mean() * noise
     for name in ("target", "hand"):
         (folder / name).mkdir()
-        save_capture(folder / name / "echoes.h5", RadarCapture(seen[None].astype(np.complex64), tones_hz, array))
+        save_capture(
+            folder / name / "echoes.h5",
+            RadarCapture(seen[None].astype(np.complex64), tones_hz, array),
+        )
         (folder / name / "capture.toml").write_text(f'version = 1\nname = "{name}"\n', "utf-8")
     (folder / "target" / "target.toml").write_text(tomlkit.dumps(target.model_dump()), "utf-8")
 
@@ -66,13 +81,21 @@ def of_tutorial(folder: Path, names: dict[str, Any]) -> None:
     """A depth map as `3fsk.npz`."""
     chosen = method("3fsk")
     small = {axis: {"start_m": -0.01, "stop_m": 0.01, "step_m": 0.002} for axis in "xy"}
-    chosen.run(point_capture((0.0, 0.0, 0.3)), chosen.configure(small, "test"), 0).depth.save("3fsk.npz")
+    chosen.run(point_capture((0.0, 0.0, 0.3)), chosen.configure(small, "test"), 0).depth.save(
+        "3fsk.npz"
+    )
 
 
 def of_contributor(folder: Path, names: dict[str, Any]) -> None:
     """What the files that the page's blocks are added to know already."""
     for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
-        names.update({k: v for k, v in vars(importlib.import_module(module)).items() if not k.startswith("__")})
+        names.update(
+            {
+                k: v
+                for k, v in vars(importlib.import_module(module)).items()
+                if not k.startswith("__")
+            }
+        )
     names["Config"], names["Effect"] = Config, Effect
 
 
@@ -106,7 +129,9 @@ def registry():
     METHODS.update(known)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if ran(p)], ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if ran(p)], ids=lambda page: page.relative_to(ROOT).as_posix()
+)
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeypatch, registry):
     name, names = page.relative_to(ROOT).as_posix(), {"__name__": "page"}
     monkeypatch.chdir(tmp_path)
@@ -119,7 +144,9 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeyp
             with contextlib.redirect_stdout(io.StringIO()) as said:
                 exec(compile(textwrap.dedent(code), name, "exec"), names)
             assert not told or said.getvalue() == told
-        for test in re.findall(r"def (test_\w+)", code):  # a recipe's own, of what its blocks before made
+        for test in re.findall(
+            r"def (test_\w+)", code
+        ):  # a recipe's own, of what its blocks before made
             names[test]()
 
 
@@ -131,21 +158,30 @@ def test_what_is_not_executed_is_there_and_few():
 
 @pytest.fixture(scope="module")
 def tutorials_hand(tmp_path_factory) -> hb.Capture:
-    """The hand of the tutorial with a coarser mesh, the tones that are used, and the effects that take no time."""
+    """The hand of the tutorial with a coarser mesh, the tones that are used, and the effects that
+    take no time."""
     folder = tmp_path_factory.mktemp("tutorial")
     effects = 'effects = ["obliquity", "shadow_centre", "skin", "noise"]'
     sensor = "[sensor]\nsweep = []\ntones_hz = [82e9, 81.9e9, 81.8e9, 81e9]\n"
-    text = toml_of("tutorial.md", "[target]").replace("[target]", f"{effects}\n[target]\nedge_m = 2e-3")
+    text = toml_of("tutorial.md", "[target]").replace(
+        "[target]", f"{effects}\n[target]\nedge_m = 2e-3"
+    )
     text = re.sub(r"\[sensor\]\n.*?\n\n", sensor, text, flags=re.DOTALL)
     (folder / "hand.toml").write_text(text, "utf-8")
     return hb.simulate(folder / "hand.toml", folder / "capture")
 
 
 def test_the_example_method_is_right_on_the_tutorials_hand(tutorials_hand, registry):
-    """Against the simulator's own surface. Its tones are five times as far apart as 2-FSK's: noise moves a depth a
-    fifth as far, and speckle less; half of 2-FSK's error is asked for (measured: 0.3)."""
-    exec(compile(blocks(DOCS / "methods.md", "python")[0], "docs/methods.md", "exec"), {"__name__": "page"})
-    mae_mm = {id: tutorials_hand.reconstruct(id).evaluate()["mae_mm"] for id in ("2fsk", "wide2fsk")}
+    """Against the simulator's own surface. Its tones are five times as far apart as 2-FSK's: noise
+    moves a depth a fifth as far, and speckle less; half of 2-FSK's error is asked for (measured:
+    0.3)."""
+    exec(
+        compile(blocks(DOCS / "methods.md", "python")[0], "docs/methods.md", "exec"),
+        {"__name__": "page"},
+    )
+    mae_mm = {
+        id: tutorials_hand.reconstruct(id).evaluate()["mae_mm"] for id in ("2fsk", "wide2fsk")
+    }
     assert mae_mm["wide2fsk"] < mae_mm["2fsk"] / 2 < 5  # in the paper 6.6 mm
     for first_m, reached in ((0.30, True), (0.45, False)):
         found = tutorials_hand.reconstruct("wide2fsk", first_depth_m=first_m)

@@ -1,4 +1,5 @@
-"""The public face, `import handbench as hb`: a script of a few lines, on files that the commands made."""
+"""The public face, `import handbench as hb`: a script of a few lines, on files that the commands
+made."""
 
 from __future__ import annotations
 
@@ -23,7 +24,9 @@ from tests.small_benchmark import write_bench
 
 ROOT = Path(__file__).parents[1]
 PIXELS = {axis: {"start_m": -0.01, "stop_m": 0.01} for axis in "xy"}
-SET = [f"--set={axis}.{end}={value}" for axis, ends in PIXELS.items() for end, value in ends.items()]
+SET = [
+    f"--set={axis}.{end}={value}" for axis, ends in PIXELS.items() for end, value in ends.items()
+]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +44,9 @@ score = depth.evaluate()
 print(score["mae_mm"])
 score.plot("errors.png")
 """
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=_env(), capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=_env(), capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) < 1.0  # as `handbench evaluate` on the same ball, in tests/cli
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
@@ -55,7 +60,9 @@ def test_a_script_works_beside_files_and_folders_named_as_ours_were(ball, tmp_pa
             (tmp_path / f"{name}.py").write_text("raise RuntimeError('the user's own file')")
         else:
             (tmp_path / name).mkdir()
-            (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the user's own package')")
+            (tmp_path / name / "__init__.py").write_text(
+                "raise RuntimeError('the user's own package')"
+            )
     write_synthetic(tmp_path / "result", step_m=6e-3)
     (tmp_path / "script.py").write_text(f"""import handbench as hb
 from handbench.cli.main import main
@@ -77,9 +84,15 @@ def test_the_package_of_the_ground_truth_can_be_called_as_the_function_of_versio
 
 
 def test_importing_loads_the_standard_library_alone():
-    code = "import sys; before = set(sys.modules); import handbench; print(*set(sys.modules) - before)"
-    found = subprocess.run([sys.executable, "-c", code], env=_env(), capture_output=True, text=True, check=True).stdout
-    assert {name.partition(".")[0] for name in found.split()} - set(sys.stdlib_module_names) == {"handbench"}
+    code = (
+        "import sys; before = set(sys.modules); import handbench; print(*set(sys.modules) - before)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], env=_env(), capture_output=True, text=True, check=True
+    ).stdout
+    assert {name.partition(".")[0] for name in found.split()} - set(sys.stdlib_module_names) == {
+        "handbench"
+    }
 
 
 def test_maps_and_figures_are_those_of_the_commands(ball, tmp_path, capsys):
@@ -98,7 +111,9 @@ def test_maps_and_figures_are_those_of_the_commands(ball, tmp_path, capsys):
 def test_a_depth_map_is_drawn_saved_and_turned_into_points(ball, tmp_path):
     depth = ball.reconstruct("2fsk", **PIXELS)
     assert "2fsk: 21 × 21 pixels" in repr(depth)
-    assert depth._repr_png_().startswith(b"\x89PNG") and depth.evaluate()._repr_png_().startswith(b"\x89PNG")
+    assert depth._repr_png_().startswith(b"\x89PNG") and depth.evaluate()._repr_png_().startswith(
+        b"\x89PNG"
+    )
     for suffix in ("pdf", "svg"):
         depth.plot(tmp_path / f"depth.{suffix}")
         assert (tmp_path / f"depth.{suffix}").stat().st_size > 1000
@@ -113,17 +128,30 @@ def test_a_depth_map_is_drawn_saved_and_turned_into_points(ball, tmp_path):
 
 def test_a_dataset_of_xarray_has_the_maps_over_their_axes(ball):
     found = ball.reconstruct("2fsk", **PIXELS).to_xarray()
-    assert found.z_m.dims == ("y_m", "x_m") and {"z_m", "amplitude_db", "sigma_m", "p_gross"} <= set(found)
+    assert found.z_m.dims == ("y_m", "x_m") and {
+        "z_m",
+        "amplitude_db",
+        "sigma_m",
+        "p_gross",
+    } <= set(found)
     assert found.attrs["method"] == "2fsk"
 
 
 def test_load_knows_files_by_what_they_are(ball, tmp_path):
     write_synthetic(tmp_path / "result", step_m=6e-3)
-    (tmp_path / "T.json").write_text(json.dumps({"from": "photo", "to": "radar", "matrix": np.eye(4).tolist()}))
-    found = [hb.load(path) for path in (ball.folder, ball.truth, tmp_path / "result", tmp_path / "T.json")]
+    (tmp_path / "T.json").write_text(
+        json.dumps({"from": "photo", "to": "radar", "matrix": np.eye(4).tolist()})
+    )
+    found = [
+        hb.load(path)
+        for path in (ball.folder, ball.truth, tmp_path / "result", tmp_path / "T.json")
+    ]
     assert [type(one) for one in found] == [hb.Capture, hb.Surface, hb.Result, hb.Transform]
     assert not found[2].table.empty
-    assert repr(found[2]) == "<handbench.Result synthetic: 8 captures; 2fsk, 3fsk, broadband, narrowband>"
+    assert (
+        repr(found[2])
+        == "<handbench.Result synthetic: 8 captures; 2fsk, 3fsk, broadband, narrowband>"
+    )
     assert "ball: 1 frames, 3 tones from 79.5 to 82 GHz, 94 × 94 channels" in repr(found[0])
 
 
@@ -141,7 +169,9 @@ def test_mistakes_are_told_in_a_sentence(ball, tmp_path):
         depth.plot(tmp_path / "depth.gif")
     with pytest.raises(hb.HandbenchError, match="exists already"):
         hb.simulate(ball.folder.parent / "ball.toml", ball.folder)
-    with pytest.raises(hb.HandbenchError, match="name a mesh file"):  # the truth lies in the radar's frame already
+    with pytest.raises(
+        hb.HandbenchError, match="name a mesh file"
+    ):  # the truth lies in the radar's frame already
         depth.evaluate(transform=hb.Transform("photo", "radar", np.eye(4)))
     with pytest.raises(AttributeError, match="no attribute"):
         _ = hb.nothing
@@ -155,7 +185,9 @@ def test_everything_that_it_names_is_there():
 
 def test_the_module_is_the_command(tmp_path):
     command = [sys.executable, "-m", "handbench", "--version"]
-    done = subprocess.run(command, env=_env(), cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        command, env=_env(), cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"handbench {version('handbench')}\n"
 
 

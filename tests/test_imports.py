@@ -19,7 +19,13 @@ MAY_IMPORT = {
     "groundtruth": ("support", "radar.data", "calibration.transforms"),
     "bench": ("support", "radar", "calibration", "groundtruth"),
     "reports": ("support", "bench.results"),
-    "cli": ("support", "radar", "calibration", "groundtruth", "bench"),  # and reports, inside functions
+    "cli": (
+        "support",
+        "radar",
+        "calibration",
+        "groundtruth",
+        "bench",
+    ),  # and reports, inside functions
     "interface": ("support", "radar", "calibration", "groundtruth", "bench"),
 }
 ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen in one place
@@ -28,7 +34,9 @@ ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen
     "pymeshlab": "bench/scenes/implicit.py",  # under the GPL, see the README
 }
 FACE = ("handbench/__init__.py", "handbench/__main__.py")  # they import what they are asked for
-FILES = sorted(path.relative_to(ROOT) for top in (*ROOMS, "handbench") for path in (ROOT / top).rglob("*.py"))
+FILES = sorted(
+    path.relative_to(ROOT) for top in (*ROOMS, "handbench") for path in (ROOT / top).rglob("*.py")
+)
 
 
 def package_of(file: Path) -> str:
@@ -42,8 +50,8 @@ def parents(file: Path) -> tuple[str, ...]:
 
 
 def imported(tree: ast.AST, module: tuple[str, ...]) -> Iterator[tuple[str, bool, bool]]:
-    """Every imported module's full name; whether it is imported lazily, inside a function; whether for types alone.
-    `module` names the importing package, to resolve relative imports."""
+    """Every imported module's full name; whether it is imported lazily, inside a function; whether
+    for types alone. `module` names the importing package, to resolve relative imports."""
 
     def walk(node: ast.AST, lazy: bool, types: bool) -> Iterator[tuple[str, bool, bool]]:
         if isinstance(node, ast.Import):
@@ -52,8 +60,14 @@ def imported(tree: ast.AST, module: tuple[str, ...]) -> Iterator[tuple[str, bool
             parents = module[: len(module) - node.level + 1] if node.level else ()
             base = ".".join([*parents, *filter(None, [node.module])])
             yield from ((f"{base}.{alias.name}", lazy, types) for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
-            yield from ((name.value, lazy, types) for name in node.args[:1] if isinstance(name, ast.Constant))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(
+            ("import_module", "__import__")
+        ):
+            yield from (
+                (name.value, lazy, types)
+                for name in node.args[:1]
+                if isinstance(name, ast.Constant)
+            )
         lazy = lazy or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         guarded = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
         for child in ast.iter_child_nodes(node):
@@ -126,16 +140,30 @@ def test_a_forbidden_import_is_noticed(file, source):
 @pytest.mark.parametrize(
     ("file", "source"),
     [
-        ("radar/a.py", "import numpy\nfrom handbench.support.errors import HandbenchError\nfrom .files import inside"),
+        (
+            "radar/a.py",
+            "import numpy\nfrom handbench.support.errors import HandbenchError\nfrom .files "
+            "import inside",
+        ),
         ("calibration/a.py", "from handbench.radar.data.arrays import qar50"),
         (
             "groundtruth/a.py",
-            "from handbench.calibration.transforms import umeyama\nfrom handbench.support import errors",
+            "from handbench.calibration.transforms import umeyama\nfrom handbench.support import "
+            "errors",
         ),
-        ("bench/scenes/a.py", "import handbench.radar\nfrom handbench.groundtruth import board\nfrom . import hand"),
+        (
+            "bench/scenes/a.py",
+            "import handbench.radar\nfrom handbench.groundtruth import board\nfrom . import hand",
+        ),
         ("handbench/cli/main.py", "def report():\n    from handbench.reports import html"),
-        ("reports/a.py", "from handbench.bench.results import load\nfrom handbench.bench import results"),
-        ("groundtruth/a.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pycolmap"),
+        (
+            "reports/a.py",
+            "from handbench.bench.results import load\nfrom handbench.bench import results",
+        ),
+        (
+            "groundtruth/a.py",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pycolmap",
+        ),
         ("handbench/support/rays.py", "import open3d"),
     ],
 )
@@ -144,21 +172,31 @@ def test_an_allowed_import_passes(file, source):
 
 
 def room(module: str) -> str:
-    """The room of a module: the folder below its package, or the module itself where it stands beside the rooms."""
+    """The room of a module: the folder below its package, or the module itself where it stands
+    beside the rooms."""
     package, first, *_ = module.split(".") + [""]
     return f"{package}.{first}"
 
 
 def room_imports() -> dict[str, set[str]]:
     """Room → the rooms of the same package that its files import."""
-    modules = {".".join(file.with_suffix("").parts).removesuffix(".__init__"): file for file in FILES}
+    modules = {
+        ".".join(file.with_suffix("").parts).removesuffix(".__init__"): file for file in FILES
+    }
     modules = {name.removeprefix("handbench."): file for name, file in modules.items()}
     found: dict[str, set[str]] = {}
     for module, file in modules.items():
         found_in = imported(ast.parse((ROOT / file).read_text("utf-8")), parents(file))
-        for name, types in ((full_name.removeprefix("handbench."), types) for full_name, _, types in found_in):
+        for name, types in (
+            (full_name.removeprefix("handbench."), types) for full_name, _, types in found_in
+        ):
             known = name if name in modules else name.rpartition(".")[0]
-            if known in modules and not types and known.partition(".")[0] == file.parts[0] and "." in known:
+            if (
+                known in modules
+                and not types
+                and known.partition(".")[0] == file.parts[0]
+                and "." in known
+            ):
                 found.setdefault(room(module), set()).add(room(known))
     return {here: there - {here} for here, there in found.items()}
 
@@ -166,12 +204,21 @@ def room_imports() -> dict[str, set[str]]:
 def test_no_rooms_import_each_other():
     graph = room_imports()
     assert len(graph) > 20
-    assert list(TopologicalSorter(graph).static_order())  # raises CycleError, which names the circle
+    assert list(
+        TopologicalSorter(graph).static_order()
+    )  # raises CycleError, which names the circle
 
 
 @pytest.mark.parametrize(
     ("package", "most"),
-    [("handbench", 2), ("radar", 6), ("calibration", 8), ("groundtruth", 8), ("bench", 9), ("reports", 8)],
+    [
+        ("handbench", 2),
+        ("radar", 6),
+        ("calibration", 8),
+        ("groundtruth", 8),
+        ("bench", 9),
+        ("reports", 8),
+    ],
 )
 def test_a_package_has_few_rooms(package, most):
     rooms = {file.parts[1] for file in FILES if file.parts[0] == package and len(file.parts) > 2}

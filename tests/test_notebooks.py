@@ -1,4 +1,5 @@
-"""The notebooks of examples/ run from the first cell to the last, and are stored without outputs."""
+"""The notebooks of examples/ run from the first cell to the last, and are stored without
+outputs."""
 
 from __future__ import annotations
 
@@ -29,8 +30,14 @@ def test_there_are_three():
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_draws(notebook, tmp_path):
-    """In a kernel and a folder of its own; its own assertions hold, and it shows at least one picture."""
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "IPYTHONDIR": str(tmp_path / "ipython"), "MPLBACKEND": ""}
+    """In a kernel and a folder of its own; its own assertions hold, and it shows at least one
+    picture."""
+    env = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "IPYTHONDIR": str(tmp_path / "ipython"),
+        "MPLBACKEND": "",
+    }
     command = [sys.executable, "-c", RUN, str(notebook)]
     done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -15,9 +15,19 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
 def test_every_folder_with_code_is_installed_inside_handbench():
-    folders = {file.parent.relative_to(ROOT) for top in (*ROOMS, "handbench") for file in (ROOT / top).rglob("*.py")}
-    assert [str(folder) for folder in folders if not (ROOT / folder / "__init__.py").is_file()] == []
-    packages = {".".join(("handbench", *folder.parts)) for folder in folders if folder.parts[0] != "handbench"}
+    folders = {
+        file.parent.relative_to(ROOT)
+        for top in (*ROOMS, "handbench")
+        for file in (ROOT / top).rglob("*.py")
+    }
+    assert [
+        str(folder) for folder in folders if not (ROOT / folder / "__init__.py").is_file()
+    ] == []
+    packages = {
+        ".".join(("handbench", *folder.parts))
+        for folder in folders
+        if folder.parts[0] != "handbench"
+    }
     packages |= {".".join(folder.parts) for folder in folders if folder.parts[0] == "handbench"}
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(packages)
     places = PYPROJECT["tool"]["setuptools"]["package-dir"]
@@ -25,22 +35,44 @@ def test_every_folder_with_code_is_installed_inside_handbench():
 
 
 def test_every_data_file_is_installed(tmp_path):
-    """The files of the repository that are no code, and those of a wheel, whose only top-level name is handbench."""
+    """The files of the repository that are no code, and those of a wheel, whose only top-level name
+    is handbench."""
     tree = tmp_path / "tree"
-    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    names = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
     for name in names.split("\0"):
         if name and (ROOT / name).is_file() and not name.startswith("tests/"):
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, tree / name)
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir"]
-    subprocess.run([*build, str(tmp_path), str(tree)], check=True, capture_output=True, cwd=tmp_path)
+    build = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+    ]
+    subprocess.run(
+        [*build, str(tmp_path), str(tree)], check=True, capture_output=True, cwd=tmp_path
+    )
     [wheel] = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as content:
         installed = {name for name in content.namelist() if ".dist-info/" not in name}
-        [top] = [content.read(name) for name in content.namelist() if name.endswith("top_level.txt")]
+        [top] = [
+            content.read(name) for name in content.namelist() if name.endswith("top_level.txt")
+        ]
     assert top == b"handbench\n" and {name.split("/")[0] for name in installed} == {"handbench"}
-    rooms = {f"handbench/{name}" for name in names.split("\0") if name.startswith(tuple(f"{room}/" for room in ROOMS))}
-    assert installed == {name for name in rooms | {n for n in names.split("\0") if n.startswith("handbench/")}}
+    rooms = {
+        f"handbench/{name}"
+        for name in names.split("\0")
+        if name.startswith(tuple(f"{room}/" for room in ROOMS))
+    }
+    assert installed == {
+        name for name in rooms | {n for n in names.split("\0") if n.startswith("handbench/")}
+    }
 
 
 def test_all_code_is_typed_and_covered():

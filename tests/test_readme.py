@@ -1,4 +1,5 @@
-"""The tables of README and docs/results.md and the figure are those of the recorded result, of today's benchmark."""
+"""The tables of README and docs/results.md and the figure are those of the recorded result, of
+today's benchmark."""
 
 from __future__ import annotations
 
@@ -28,8 +29,12 @@ def test_the_table_the_figure_and_the_scenes_are_those_recorded():
 
 
 def test_the_record_is_of_todays_benchmark(recorded):
-    """Whatever keys a newer benchmark file may have: what the recorded one says, read as today, is today's."""
-    then, now = BenchFile.model_validate(tomllib.loads(recorded["config"])), load_benchmark("paper_table")[0]
+    """Whatever keys a newer benchmark file may have: what the recorded one says, read as today, is
+    today's."""
+    then, now = (
+        BenchFile.model_validate(tomllib.loads(recorded["config"])),
+        load_benchmark("paper_table")[0],
+    )
     assert then.model_dump(exclude={"tradeoff"}) == now.model_dump(exclude={"tradeoff"}), MEND
     assert set(readme.METHODS) <= {entry.id for entry in now.method}
 
@@ -38,7 +43,10 @@ def test_the_record_is_of_todays_protocol_and_definitions(recorded):
     chosen = protocol(load_benchmark("paper_table")[0].protocol)
     assert recorded["protocol"] == {"id": chosen.id, "version": chosen.version}, MEND
     for key in readme.METRICS:
-        told = {name: recorded["metrics"][key][name] for name in ("title", "unit", "better", "definition")}
+        told = {
+            name: recorded["metrics"][key][name]
+            for name in ("title", "unit", "better", "definition")
+        }
         metric = METRICS[key]
         assert told == {
             "title": metric.title,
@@ -53,8 +61,8 @@ def test_the_record_is_of_this_version(recorded):
 
 
 def test_every_figure_is_there_with_the_papers(recorded):
-    """Each method has each figure, but those without a precision of their own; the paper's are those of
-    handbench.bench.evaluation.metrics."""
+    """Each method has each figure, but those without a precision of their own; the paper's are
+    those of handbench.bench.evaluation.metrics."""
     rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
     measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
     for metric in readme.METRICS:

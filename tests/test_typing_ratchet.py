@@ -1,4 +1,5 @@
-"""The ratchet of types counts, refuses what rises and says what can be lowered. (`make lint` runs it on the code.)"""
+"""The ratchet of types counts, refuses what rises and says what can be lowered. (`make lint` runs
+it on the code.)"""
 
 import json
 
@@ -16,7 +17,11 @@ Found 4 errors in 3 files (checked 349 source files)"""
 
 
 def test_errors_count_in_the_innermost_room():
-    assert counted(OUTPUT.splitlines()) == dict.fromkeys(ROOMS, 0) | {"radar": 1, "bench/evaluation": 1, "bench": 2}
+    assert counted(OUTPUT.splitlines()) == dict.fromkeys(ROOMS, 0) | {
+        "radar": 1,
+        "bench/evaluation": 1,
+        "bench": 2,
+    }
 
 
 def test_a_file_of_no_room_is_noticed():
@@ -31,7 +36,10 @@ def test_a_file_of_no_room_is_noticed():
 def test_counts_may_fall_and_not_rise_and_strict_rooms_have_none(bench, radar, risen, fallen):
     found = dict.fromkeys(ROOMS, 0) | {"bench": bench, "radar": radar}
     more, fewer = verdict(found, {"bench": 5, "radar": 9})
-    assert ([line.split(":")[0] for line in more], [line.split(":")[0] for line in fewer]) == (risen, fallen)
+    assert ([line.split(":")[0] for line in more], [line.split(":")[0] for line in fewer]) == (
+        risen,
+        fallen,
+    )
 
 
 def test_the_record_is_of_the_rooms_that_are_not_strict():

@@ -1,4 +1,5 @@
-"""The ratchet of types: mypy's errors per room, which may fall and not rise; strict rooms have none.
+"""The ratchet of types: mypy's errors per room, which may fall and not rise; strict rooms have
+none.
 
 python tests/typing_ratchet.py            fails where a room has more errors than typing_ratchet.json allows
 python tests/typing_ratchet.py --lower    writes today's counts where they are lower
@@ -24,35 +25,51 @@ ERROR = re.compile(r"^(?:\.types/handbench/)?([^:\s]+\.py):\d+: error: ")
 
 
 def room(file: str) -> str:
-    """The room of a file: the longest of ROOMS that it lies in. Raises ValueError for a file in none."""
+    """The room of a file: the longest of ROOMS that it lies in. Raises ValueError for a file in
+    none."""
     return max((name for name in ROOMS if file.startswith(f"{name}/")), key=len)
 
 
 def counted(lines: Iterable[str]) -> dict[str, int]:
     """Errors per room in mypy's output."""
-    found = Counter(room(match[1].replace("\\", "/")) for line in lines if (match := ERROR.match(line)))
+    found = Counter(
+        room(match[1].replace("\\", "/")) for line in lines if (match := ERROR.match(line))
+    )
     return {name: found[name] for name in ROOMS}
 
 
 def verdict(found: dict[str, int], allowed: dict[str, int]) -> tuple[list[str], list[str]]:
-    """The rooms that have too many errors, and those whose record can be lowered; each as a line."""
+    """The rooms that have too many errors, and those whose record can be lowered; each as a
+    line."""
     limits = {name: 0 if name in STRICT else allowed.get(name, 0) for name in ROOMS}
-    risen = [f"{name}: {found[name]} errors, {limits[name]} allowed" for name in ROOMS if found[name] > limits[name]]
-    fallen = [f"{name}: {found[name]} errors, {limits[name]} allowed" for name in ROOMS if found[name] < limits[name]]
+    risen = [
+        f"{name}: {found[name]} errors, {limits[name]} allowed"
+        for name in ROOMS
+        if found[name] > limits[name]
+    ]
+    fallen = [
+        f"{name}: {found[name]} errors, {limits[name]} allowed"
+        for name in ROOMS
+        if found[name] < limits[name]
+    ]
     return risen, fallen
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run mypy as pyproject.toml has it and compare; returns the exit code."""
     environment = {**os.environ, "MYPYPATH": LINKS}
-    ran = subprocess.run([sys.executable, "-m", "mypy"], cwd=ROOT, env=environment, capture_output=True, text=True)
+    ran = subprocess.run(
+        [sys.executable, "-m", "mypy"], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     if ran.returncode not in (0, 1):
         print(ran.stdout + ran.stderr)
         return ran.returncode
     found, allowed = counted(ran.stdout.splitlines()), json.loads(RECORD.read_text("utf-8"))
     risen, fallen = verdict(found, allowed)
     if "--lower" in arguments:
-        lower = {name: min(found[name], allowed.get(name, 0)) for name in ROOMS if name not in STRICT}
+        lower = {
+            name: min(found[name], allowed.get(name, 0)) for name in ROOMS if name not in STRICT
+        }
         RECORD.write_text(json.dumps(lower, indent=2) + "\n", "utf-8")
     elif fallen:
         print("\n".join([*fallen, "fewer than allowed: python tests/typing_ratchet.py --lower"]))

@@ -1,4 +1,5 @@
-"""Checksums of a set of captures: SET/captures/NAME/FILE → a line of SET/checksums.txt, as `sha256sum -c` reads it."""
+"""Checksums of a set of captures: SET/captures/NAME/FILE → a line of SET/checksums.txt, as
+`sha256sum -c` reads it."""
 
 import hashlib
 import re
@@ -19,17 +20,30 @@ def write_checksums(folder: Path) -> None:
 
 
 def require_unchanged(capture: Path) -> None:
-    """HandbenchError where a capture of a set is not as its checksums say; other captures are not looked at."""
+    """HandbenchError where a capture of a set is not as its checksums say; other captures are not
+    looked at."""
     folder = capture.parent.parent
     file = folder / CHECKSUMS
     if capture.parent.name != CAPTURES or not file.is_file():
         return
-    listed = {name: digest for name, digest in _read(file).items() if name.startswith(f"{CAPTURES}/{capture.name}/")}
+    listed = {
+        name: digest
+        for name, digest in _read(file).items()
+        if name.startswith(f"{CAPTURES}/{capture.name}/")
+    }
     found = _sums(folder, capture) if listed else {}
     for name in sorted(listed | found):
         if listed.get(name) != found.get(name):
-            what = "is missing" if name not in found else "has other content" if name in listed else "is not in it"
-            raise HandbenchError(f"{capture}: differs from {file}: {name} {what}; copy the capture again")
+            what = (
+                "is missing"
+                if name not in found
+                else "has other content"
+                if name in listed
+                else "is not in it"
+            )
+            raise HandbenchError(
+                f"{capture}: differs from {file}: {name} {what}; copy the capture again"
+            )
 
 
 def _sums(folder: Path, below: Path) -> dict[str, str]:
@@ -37,7 +51,9 @@ def _sums(folder: Path, below: Path) -> dict[str, str]:
     sums = {}
     for path in sorted(path for path in below.rglob("*") if path.is_file()):
         with path.open("rb") as stream:
-            sums[path.relative_to(folder).as_posix()] = hashlib.file_digest(stream, "sha256").hexdigest()
+            sums[path.relative_to(folder).as_posix()] = hashlib.file_digest(
+                stream, "sha256"
+            ).hexdigest()
     return sums
 
 
@@ -45,10 +61,14 @@ def _read(file: Path) -> dict[str, str]:
     try:
         lines = read_text(file, "checksums", CSV_BYTES).splitlines()
     except ValueError as error:
-        raise HandbenchError(f"{file}: is not readable ({error}); expected lines of sha256sum") from None
+        raise HandbenchError(
+            f"{file}: is not readable ({error}); expected lines of sha256sum"
+        ) from None
     found = {}
     for number, line in enumerate(lines, 1):
         if (match := LINE.fullmatch(line)) is None:
-            raise HandbenchError(f"{file}: line {number} is no SHA-256 with a file's name; copy the file again")
+            raise HandbenchError(
+                f"{file}: line {number} is no SHA-256 with a file's name; copy the file again"
+            )
         found[match[2]] = match[1]
     return found

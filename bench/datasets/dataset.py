@@ -1,4 +1,5 @@
-"""Captures of any data set, through one interface: what lies in a folder tells which adapter reads it."""
+"""Captures of any data set, through one interface: what lies in a folder tells which adapter reads
+it."""
 
 import shutil
 from collections.abc import Sequence
@@ -23,24 +24,37 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, require_folder
 
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
-FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}  # what can be imported, by the name of its data set
+FOREIGN = {
+    "maroon": MaroonCapture,
+    "mapping": MappedCapture,
+}  # what can be imported, by the name of its data set
 KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (HDF5, MATLAB) or radar_*/calibrated_data (MAROON)"
-AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"  # behind a MAROON capture's path: its frames without the empty room
+AT_EMPTY_FILTERED = (
+    f"@{EMPTY_FILTERED}"  # behind a MAROON capture's path: its frames without the empty room
+)
 DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 
 def open_capture(path: str | Path) -> NativeCapture:
-    """The capture in a folder, by the adapter that fits. A MAROON capture's path may end in @emptyfiltered. Raises
-    HandbenchError where none fits, naming what was looked for."""
+    """The capture in a folder, by the adapter that fits. A MAROON capture's path may end in
+    @emptyfiltered. Raises HandbenchError where none fits, naming what was looked for."""
     path = Path(path)
     asked = path.name.endswith(AT_EMPTY_FILTERED)
-    folder = require_folder(path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED)) if asked else path, "a capture")
+    folder = require_folder(
+        path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED)) if asked else path, "a capture"
+    )
     adapter = _adapter(folder)
     if adapter is None:
-        hint = "; a planar scan: run `handbench import planar_scan`" if (folder / "scan.npy").exists() else ""
+        hint = (
+            "; a planar scan: run `handbench import planar_scan`"
+            if (folder / "scan.npy").exists()
+            else ""
+        )
         raise HandbenchError(f"{folder}: is no capture; expected {KNOWN}{hint}")
     if asked and adapter is not MaroonCapture:
-        raise HandbenchError(f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave it out")
+        raise HandbenchError(
+            f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave it out"
+        )
     return MaroonCapture(folder, empty_filtered=True) if asked else adapter(folder)
 
 
@@ -48,19 +62,27 @@ def _adapter(folder: Path) -> type[NativeCapture] | None:
     return next((adapter for adapter in ADAPTERS if adapter.fits(folder)), None)
 
 
-def captures(root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()) -> list[Path]:
-    """The folders below a data set's root that hold captures, in order; of the objects and distances alone (empty: of
-    all), which are names of folders: ROOT/OBJECT, ROOT/OBJECT/DISTANCE. What MAROON has captured to register its
-    sensors is left out, and so are its rooms without an object, which have no metadata.json.
+def captures(
+    root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()
+) -> list[Path]:
+    """The folders below a data set's root that hold captures, in order; of the objects and
+    distances alone (empty: of all), which are names of folders: ROOT/OBJECT, ROOT/OBJECT/DISTANCE.
+    What MAROON has captured to register its sensors is left out, and so are its rooms without an
+    object, which have no metadata.json.
 
     Raises HandbenchError for an object that is not there, and where nothing is left.
     """
     root = require_folder(root, "a data set")
-    found = sorted(_below(root, DEPTH), key=lambda folder: [_in_order(part) for part in folder.relative_to(root).parts])
+    found = sorted(
+        _below(root, DEPTH),
+        key=lambda folder: [_in_order(part) for part in folder.relative_to(root).parts],
+    )
     known = {folder.relative_to(root).parts[0] for folder in found if folder != root}
     for name in objects:
         if name not in known:
-            raise HandbenchError(f"{root}: has no captures of an object '{name}'; {suggest(name, sorted(known))}")
+            raise HandbenchError(
+                f"{root}: has no captures of an object '{name}'; {suggest(name, sorted(known))}"
+            )
     chosen = [
         folder
         for folder in found
@@ -69,7 +91,9 @@ def captures(root: str | Path, objects: Sequence[str] = (), distances: Sequence[
     ]
     if not chosen:
         there = ", ".join(sorted({folder.name for folder in found})[:12]) or "none at all"
-        raise HandbenchError(f"{root}: has no capture that was asked for; folders with captures: {there}")
+        raise HandbenchError(
+            f"{root}: has no capture that was asked for; folders with captures: {there}"
+        )
     return chosen
 
 
@@ -77,7 +101,11 @@ def _below(folder: Path, depth: int) -> list[Path]:
     adapter = _adapter(folder)
     if adapter is not None:
         return [folder] if adapter is not MaroonCapture or (folder / METADATA).is_file() else []
-    inner = [] if depth == 0 else [p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")]
+    inner = (
+        []
+        if depth == 0
+        else [p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")]
+    )
     return [found for p in inner if p.name != REGISTRATIONS for found in _below(p, depth - 1)]
 
 
@@ -87,14 +115,20 @@ def _in_order(name: str) -> tuple[int, str]:
 
 
 def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
-    """Turn a capture of the FOREIGN kind into a capture folder, all or nothing: echoes of all frames, the measured mesh
-    or else the photographs, transform, truth, description."""
+    """Turn a capture of the FOREIGN kind into a capture folder, all or nothing: echoes of all
+    frames, the measured mesh or else the photographs, transform, truth, description."""
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
-        raise HandbenchError(f"{path}: is no capture of '{kind}' but of {type(capture).__name__}; name the right kind")
+        raise HandbenchError(
+            f"{path}: is no capture of '{kind}' but of {type(capture).__name__}; name the right "
+            "kind"
+        )
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     if transform is not None and transform.scale < 0:
-        raise HandbenchError(f"{path}: {transform.note}; a capture folder has no place for that: use it where it lies")
+        raise HandbenchError(
+            f"{path}: {transform.note}; a capture folder has no place for that: use it where it "
+            "lies"
+        )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())
         for file, name in ((mesh, MESH), (capture.truth, TRUTH)):

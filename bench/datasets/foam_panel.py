@@ -1,8 +1,9 @@
 """The real 22–26 GHz raster scan of a foam panel by one transceiver, as a capture folder.
 
-The file holds six arrays one after another: data uint16 [Q, I; tone; x; y], first and last frequency, number of tones,
-step along x and y, and distance. Each tone's mean (what does not move with the scan) is removed, the tone's phase
-correction is added, and E = I − jQ focuses with e^{+jkR}, as everywhere in handbench.
+The file holds six arrays one after another: data uint16 [Q, I; tone; x; y], first and last
+frequency, number of tones, step along x and y, and distance. Each tone's mean (what does not move
+with the scan) is removed, the tone's phase correction is added, and E = I − jQ focuses with
+e^{+jkR}, as everywhere in handbench.
 """
 
 import warnings
@@ -15,7 +16,13 @@ from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, read_array, read_text, require_file, require_folder
+from handbench.support.files import (
+    atomic_folder,
+    read_array,
+    read_text,
+    require_file,
+    require_folder,
+)
 from handbench.support.limits import CSV_BYTES
 
 MOST_TONES, LARGEST = 100_000, 1e13
@@ -26,9 +33,15 @@ def import_planar_scan(source: str | Path, folder: str | Path) -> None:
     source = require_folder(source, "scan.npy and phase.txt")
     data, *settings = _read_arrays(source / "scan.npy")
     frequencies_hz, step_m = _settings(source / "scan.npy", *settings[:4])
-    if data.ndim != 4 or data.shape[:2] != (2, len(frequencies_hz)) or data.dtype.kind not in "iuf" or not data.size:
+    if (
+        data.ndim != 4
+        or data.shape[:2] != (2, len(frequencies_hz))
+        or data.dtype.kind not in "iuf"
+        or not data.size
+    ):
         raise HandbenchError(
-            f"{source / 'scan.npy'}: data is {data.dtype} {data.shape}; expected numbers [2, {len(frequencies_hz)}, x, "
+            f"{source / 'scan.npy'}: data is {data.dtype} {data.shape}; expected numbers [2, "
+            f"{len(frequencies_hz)}, x, "
             "y]"
         )
     echo = data[1].astype(np.float64) - 1j * data[0].astype(np.float64)
@@ -50,7 +63,9 @@ def _read_arrays(path: Path) -> list[np.ndarray]:
         try:
             return [read_array(stream, size - stream.tell()) for _ in range(6)]
         except Exception as error:  # what parses numpy's headers raises whatever it stumbles over
-            raise HandbenchError(f"{path}: does not hold six plain numpy arrays ({error}); copy it again") from error
+            raise HandbenchError(
+                f"{path}: does not hold six plain numpy arrays ({error}); copy it again"
+            ) from error
 
 
 def _settings(
@@ -58,11 +73,17 @@ def _settings(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The frequencies [f] and the steps along x and y, metres."""
     numbers = first_hz, last_hz, count, step_m
-    good = all(n.dtype.kind in "iuf" and n.size in (1, 2) and (n > 0).all() and (n < LARGEST).all() for n in numbers)
+    good = all(
+        n.dtype.kind in "iuf" and n.size in (1, 2) and (n > 0).all() and (n < LARGEST).all()
+        for n in numbers
+    )
     if not good or max(first_hz.size, last_hz.size, count.size) > 1 or count.item() > MOST_TONES:
-        shown = ", ".join(f"{n.dtype} {n.tolist()}" if n.size < 3 else f"{n.dtype} {n.shape}" for n in numbers)
+        shown = ", ".join(
+            f"{n.dtype} {n.tolist()}" if n.size < 3 else f"{n.dtype} {n.shape}" for n in numbers
+        )
         raise HandbenchError(
-            f"{path}: first and last frequency, number of tones and step are {shown}; expected positive numbers, "
+            f"{path}: first and last frequency, number of tones and step are {shown}; expected "
+            "positive numbers, "
             f"{MOST_TONES} tones at most"
         )
     frequencies_hz = np.linspace(first_hz.item(), last_hz.item(), int(count.item()))
@@ -72,11 +93,21 @@ def _settings(
 def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
     try:
         with warnings.catch_warnings(action="ignore"):  # of an empty file
-            table = np.loadtxt(read_text(path, "frequencies and phases, two rows", CSV_BYTES).splitlines(), ndmin=2)
+            table = np.loadtxt(
+                read_text(path, "frequencies and phases, two rows", CSV_BYTES).splitlines(), ndmin=2
+            )
     except ValueError as error:
         raise HandbenchError(f"{path}: is not two rows of numbers ({error})") from error
-    if len(table) != 2 or table.size == 0 or not np.isfinite(table).all() or (np.diff(table[0]) <= 0).any():
-        raise HandbenchError(f"{path}: has shape {table.shape}; expected rising frequencies and their phases, two rows")
+    if (
+        len(table) != 2
+        or table.size == 0
+        or not np.isfinite(table).all()
+        or (np.diff(table[0]) <= 0).any()
+    ):
+        raise HandbenchError(
+            f"{path}: has shape {table.shape}; expected rising frequencies and their phases, two "
+            "rows"
+        )
     return np.interp(frequencies_hz, *table)
 
 
@@ -87,7 +118,9 @@ def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray) -> CaptureFile:
+def _description(
+    frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray
+) -> CaptureFile:
     """Settings that fit this sensor: its tones and its aperture instead of the hand radar's."""
     lateral = {
         axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
@@ -96,7 +129,9 @@ def _description(frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.
     low, middle, high = (float(frequencies_hz[i]) for i in (0, -2, -1))
     tones = {"f1_hz": high, "f2_hz": middle}
     depth = {"z": {"start_m": 0.08, "stop_m": 0.13, "step_m": 0.001}}
-    unambiguous = {"z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}}  # c / (2 · 4 GHz) is 37.5 mm
+    unambiguous = {
+        "z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}
+    }  # c / (2 · 4 GHz) is 37.5 mm
     fsk = {**lateral, **tones, "first_depth_m": 0.10}
     sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
     return CaptureFile(

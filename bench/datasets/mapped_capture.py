@@ -34,9 +34,9 @@ Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is
 
 
 class Gains(Config):
-    """Place and form of complex numbers in the file, here of the gains that samples are divided by. axes: as the
-    program that wrote them counts them; reversed: the file's order is the opposite, as MATLAB's is, whose arrays are
-    stored by column."""
+    """Place and form of complex numbers in the file, here of the gains that samples are divided by.
+    axes: as the program that wrote them counts them; reversed: the file's order is the opposite, as
+    MATLAB's is, whose arrays are stored by column."""
 
     dataset: InFile | None = None
     real: InFile | None = None
@@ -62,15 +62,17 @@ class Gains(Config):
         if len(set(self.axes)) < len(self.axes):
             raise ValueError("axes name each axis once")
         if self.channels not in CHANNELS:
-            raise ValueError('axes hold "tx" and "rx", or "pair", or "position" of a transceiver that is moved')
+            raise ValueError(
+                'axes hold "tx" and "rx", or "pair", or "position" of a transceiver that is moved'
+            )
         if RE_IM in self.axes and pair:
             raise ValueError('real and imag are two data sets; axes then have no "re_im"')
         return self
 
 
 class Samples(Gains):
-    """Place and form of the echoes. sign: of j2πf·path/v in the exponent of an echo, and of its gain; sweeps: what
-    those of a frame become."""
+    """Place and form of the echoes. sign: of j2πf·path/v in the exponent of an echo, and of its
+    gain; sweeps: what those of a frame become."""
 
     sign: Literal["-", "+"]
     sweeps: Literal["mean", "frames"] | None = None
@@ -80,7 +82,9 @@ class Samples(Gains):
         if "frequency" not in self.axes:
             raise ValueError('axes name "frequency"')
         if (self.sweeps is not None) != ("sweep" in self.axes):
-            raise ValueError('sweeps = "mean" or "frames" is there if, and only if, axes name "sweep"')
+            raise ValueError(
+                'sweeps = "mean" or "frames" is there if, and only if, axes name "sweep"'
+            )
         return self
 
 
@@ -92,8 +96,8 @@ class Frequencies(Config):
 
 
 class Positions(Config):
-    """Place of the antennas' positions [n, 3] (x, y, z) in the file. reversed: as in `Gains`; x: its direction, seen
-    from the array looking at the target (ours points to the left)."""
+    """Place of the antennas' positions [n, 3] (x, y, z) in the file. reversed: as in `Gains`; x:
+    its direction, seen from the array looking at the target (ours points to the left)."""
 
     dataset: InFile
     unit: Literal["m", "cm", "mm"]
@@ -102,8 +106,8 @@ class Positions(Config):
 
 
 class Pairs(Config):
-    """Place of the pairs [n, 2] (transmitter, receiver) in the file. reversed: as in `Gains`; first: what the first
-    antenna is counted as, 1 in MATLAB."""
+    """Place of the pairs [n, 2] (transmitter, receiver) in the file. reversed: as in `Gains`;
+    first: what the first antenna is counted as, 1 in MATLAB."""
 
     dataset: InFile
     reversed: bool
@@ -111,7 +115,8 @@ class Pairs(Config):
 
 
 class Array(Config):
-    """One array: its echoes, where its antennas are, which pairs of them were measured, and their gains."""
+    """One array: its echoes, where its antennas are, which pairs of them were measured, and their
+    gains."""
 
     samples: Samples
     tx: Positions | None = None
@@ -125,7 +130,9 @@ class Array(Config):
         """All data sets that it names, but that of the tones."""
         tables = [self.tx, self.rx, self.position, self.pairs]
         complexes = [self.samples, self.gains]
-        return [t.dataset for t in tables if t] + [name for c in complexes if c for name in c.datasets]
+        return [t.dataset for t in tables if t] + [
+            name for c in complexes if c for name in c.datasets
+        ]
 
     @model_validator(mode="after")
     def _tables_of_the_axes(self) -> "Array":
@@ -133,16 +140,20 @@ class Array(Config):
         for name in ("tx", "rx", "position", "pairs"):
             if (getattr(self, name) is not None) != (name in needed):
                 raise ValueError(
-                    f'the table [{name}] is there if, and only if, samples.axes name "{name.removesuffix("s")}"'
-                    + (' or "pair"' if name in ("tx", "rx") else "")
+                    f"the table [{name}] is there if, and only if, samples.axes name "
+                    f'"{name.removesuffix("s")}"' + (' or "pair"' if name in ("tx", "rx") else "")
                 )
         if self.gains and {*self.gains.axes} - {"frequency", RE_IM} != self.samples.channels:
-            raise ValueError('gains.axes name the antennas as samples.axes do, and "frequency" if they differ by tone')
+            raise ValueError(
+                'gains.axes name the antennas as samples.axes do, and "frequency" if they differ '
+                "by tone"
+            )
         return self
 
 
 class Mapping(Array):
-    """The content of `mapping.toml`; capture: as in a `capture.toml`; array: further ones, which hear themselves."""
+    """The content of `mapping.toml`; capture: as in a `capture.toml`; array: further ones, which
+    hear themselves."""
 
     version: Literal[1]
     file: InFile
@@ -155,7 +166,8 @@ class Mapping(Array):
 
 @dataclass(frozen=True)
 class MappedCapture(NativeCapture):
-    """A folder with a `mapping.toml`; mesh, photographs and transform lie there as in a capture folder."""
+    """A folder with a `mapping.toml`; mesh, photographs and transform lie there as in a capture
+    folder."""
 
     @staticmethod
     def fits(folder: Path) -> bool:
@@ -175,10 +187,14 @@ class MappedCapture(NativeCapture):
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Its first `frames` frames, or all; they are as recorded."""
         told, arrays = self.mapping, (self.mapping, *self.mapping.array)
-        path = require_file(inside(self.folder, told.file, MAPPING), "the HDF5 or MATLAB file that mapping.toml names")
+        path = require_file(
+            inside(self.folder, told.file, MAPPING),
+            "the HDF5 or MATLAB file that mapping.toml names",
+        )
         try:
             with _reader(
-                path, {told.frequencies.dataset, *(name for array in arrays for name in array.datasets)}
+                path,
+                {told.frequencies.dataset, *(name for array in arrays for name in array.datasets)},
             ) as of:
                 capture = joined([_recording(of, told, array).capture() for array in arrays])
             return replace(capture, samples=capture.samples[:frames])
@@ -186,12 +202,15 @@ class MappedCapture(NativeCapture):
             raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             reason = " ".join(str(error).split())
-            raise HandbenchError(f"{path}: is not a readable HDF5 or MATLAB file ({reason}); copy it again") from error
+            raise HandbenchError(
+                f"{path}: is not a readable HDF5 or MATLAB file ({reason}); copy it again"
+            ) from error
 
 
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """A function that reads the file's data sets; refuses a file that lacks some of those wanted, naming all."""
+    """A function that reads the file's data sets; refuses a file that lacks some of those wanted,
+    naming all."""
     import h5py
 
     matlab = not h5py.is_hdf5(path)
@@ -204,7 +223,9 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
                 file.visit(lambda name: names.setdefault(name, len(names)) > 100 or None)
             there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
             lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
-            raise HandbenchError(f"has no {lacks} of its own; it has {', '.join(there[:12]) or 'no data sets'}")
+            raise HandbenchError(
+                f"has no {lacks} of its own; it has {', '.join(there[:12]) or 'no data sets'}"
+            )
         yield file.__getitem__ if matlab else partial(read, file, path=path)
 
 
@@ -212,14 +233,26 @@ def _recording(of: Read, told: Mapping, array: Array) -> Recording:
     """One of the arrays that the mapping tells of."""
     frequencies_hz = _real(of, told.frequencies.dataset)
     if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
-        raise _wrong(told.frequencies.dataset, frequencies_hz, "[frequency]")  # MATLAB's have an axis of one more
+        raise _wrong(
+            told.frequencies.dataset, frequencies_hz, "[frequency]"
+        )  # MATLAB's have an axis of one more
     with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
         frequencies_hz = frequencies_hz.reshape(-1) * UNITS[told.frequencies.unit]
-    given = {name: at for name in ("tx", "rx", "position") if (at := getattr(array, name)) is not None}
+    given = {
+        name: at for name in ("tx", "rx", "position") if (at := getattr(array, name)) is not None
+    }
     places = {name: _table(of, at, 3, f"of {name}") * UNITS[at.unit] for name, at in given.items()}
-    places_m = {f"{name}_m": p * ([-1, 1, 1] if given[name].x == "right" else 1) for name, p in places.items()}
-    pairs = None if array.pairs is None else _table(of, array.pairs, 2, "of pairs") - array.pairs.first
-    counts = {name: len(place) for name, place in places.items()} | {"frequency": len(frequencies_hz), RE_IM: 2}
+    places_m = {
+        f"{name}_m": p * ([-1, 1, 1] if given[name].x == "right" else 1)
+        for name, p in places.items()
+    }
+    pairs = (
+        None if array.pairs is None else _table(of, array.pairs, 2, "of pairs") - array.pairs.first
+    )
+    counts = {name: len(place) for name, place in places.items()} | {
+        "frequency": len(frequencies_hz),
+        RE_IM: 2,
+    }
     counts |= {} if pairs is None else {"pair": len(pairs)}
     samples = _complex(of, array.samples, counts)
     for place, axis in enumerate(ORDER[:2]):
@@ -227,15 +260,23 @@ def _recording(of: Read, told: Mapping, array: Array) -> Recording:
     gains = None if array.gains is None else _complex(of, array.gains, counts)
     if array.samples.sign == "+":
         samples, gains = samples.conj(), None if gains is None else gains.conj()
-    about = {"wave_speed_m_s": told.wave_speed_m_s, "source": told.capture.source or "", "licence": told.licence}
-    return Recording(samples, frequencies_hz, places_m, pairs, gains, array.samples.sweeps or "mean", about)
+    about = {
+        "wave_speed_m_s": told.wave_speed_m_s,
+        "source": told.capture.source or "",
+        "licence": told.licence,
+    }
+    return Recording(
+        samples, frequencies_hz, places_m, pairs, gains, array.samples.sweeps or "mean", about
+    )
 
 
 def _table(of: Read, told: Positions | Pairs, columns: int, what: str) -> np.ndarray:
     """Real numbers [n, columns]."""
     stored = _real(of, told.dataset)
     if stored.ndim != 2 or stored.shape[0 if told.reversed else 1] != columns:
-        expected = f"[{columns}, n] as stored, for it is reversed" if told.reversed else f"[n, {columns}]"
+        expected = (
+            f"[{columns}, n] as stored, for it is reversed" if told.reversed else f"[n, {columns}]"
+        )
         raise _wrong(told.dataset, stored, f"{expected} {what}")
     return stored.T if told.reversed else stored
 
@@ -245,11 +286,15 @@ def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
     axes: tuple[str, ...] = told.axes[::-1] if told.reversed else told.axes
     parts = {name: of(name) for name in told.datasets}
     for name, values in parts.items():
-        expected = tuple(counts.get(axis, size) for axis, size in zip(axes, values.shape, strict=False))
+        expected = tuple(
+            counts.get(axis, size) for axis, size in zip(axes, values.shape, strict=False)
+        )
         if values.ndim != len(axes) or values.shape != expected or values.size == 0:
             known = ", ".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in axes)
             raise _wrong(name, values, f"[{known}] as stored")
-    with np.errstate(invalid="ignore", over="ignore"):  # what is infinite is refused with the capture
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # what is infinite is refused with the capture
         values = _joined(parts, axes)
     axes = tuple(axis for axis in axes if axis != RE_IM)
     return values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
@@ -267,7 +312,8 @@ def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
             return values[real] + 1j * values[imag]
     if values.dtype.kind != "c":
         raise HandbenchError(
-            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of both parts (real, imag) "
+            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of "
+            "both parts (real, imag) "
             'or the axis "re_im"'
         )
     return values
@@ -284,4 +330,6 @@ def _require_real(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
-    return HandbenchError(f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml")
+    return HandbenchError(
+        f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml"
+    )

@@ -1,12 +1,14 @@
-"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read as it lies on disk: one object at one distance is a capture.
+"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read as it lies on disk: one object at one distance
+is a capture.
 
     OBJECT/30/  metadata.json  alignment.json
-                radar_72.0_82.0_128/  calibration.json  calibrated_data/000000.npy  000000_emptyfiltered.npy …
+                radar_72.0_82.0_128/  calibration.json
+                radar_72.0_82.0_128/calibrated_data/  000000.npy  000000_emptyfiltered.npy …
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
                 kinect/ realsense/ zed/  calibration.json  depth/  mask/ …
 
-Their radar frame is ours with x negated, or ours where `bench.datasets.maroon_alignment` finds so: boxes are turned
-here, transforms there, and the antennas stay where they are.
+Their radar frame is ours with x negated, or ours where `bench.datasets.maroon_alignment` finds so:
+boxes are turned here, transforms there, and the antennas stay where they are.
 """
 
 import re
@@ -46,19 +48,38 @@ FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.jso
 REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
-MESHES = {"masked": "mesh_masked.obj", "whole": "mesh.obj"}  # the first: of photographs cut to the object
-BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
-NEAR_ZMIN_M, ZMAX_M = 0.26, 0.7  # their code's, where metadata.json has none: the first for objects at 0.3 m only
+MESHES = {
+    "masked": "mesh_masked.obj",
+    "whole": "mesh.obj",
+}  # the first: of photographs cut to the object
+BEHIND_M = {
+    "start_m": -0.05,
+    "stop_m": 0.10,
+    "step_m": 0.001,
+}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
+NEAR_ZMIN_M, ZMAX_M = (
+    0.26,
+    0.7,
+)  # their code's, where metadata.json has none: the first for objects at 0.3 m only
 ROUNDED = 7  # decimals of metres: they keep float32
-PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)  # the methods that want pixels, and those of voxels
+PLANES = (
+    "2fsk",
+    "3fsk",
+    "nfsk",
+    "joint",
+    "prior-2fsk",
+    *LENSES,
+)  # the methods that want pixels, and those of voxels
 PROJECTIONS = ("broadband", "narrowband")
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
-RADAR_KERNEL = 4  # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
+RADAR_KERNEL = (
+    4  # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
+)
 
 
 class Metadata(Config, extra="ignore"):
-    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under xmin … zmax;
-    handbench_echo_scale: what exports of version 0.2 multiplied the echoes by."""
+    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under
+    xmin … zmax; handbench_echo_scale: what exports of version 0.2 multiplied the echoes by."""
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)
@@ -82,7 +103,11 @@ class MaroonCapture(NativeCapture):
     @cached_property
     def metadata(self) -> Metadata:
         """Its metadata.json; without one, nothing is known."""
-        return parse(Metadata, read_table(self.folder / METADATA, f"MAROON's {METADATA}"), str(self.folder / METADATA))
+        return parse(
+            Metadata,
+            read_table(self.folder / METADATA, f"MAROON's {METADATA}"),
+            str(self.folder / METADATA),
+        )
 
     @cached_property
     def about(self) -> CaptureFile:
@@ -104,20 +129,25 @@ class MaroonCapture(NativeCapture):
         found = sorted(radar for radar in self.folder.glob("radar_*") if (radar / FRAMES).is_dir())
         if len(found) != 1:
             raise HandbenchError(
-                f"{self.folder}: has {len(found)} folders radar_*/{FRAMES} ({', '.join(f.name for f in found)}); "
+                f"{self.folder}: has {len(found)} folders radar_*/{FRAMES} "
+                f"({', '.join(f.name for f in found)}); "
                 "expected one: move the others away"
             )
         return found[0]
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or as many as its first frame says that there are; they are calibrated already,
-        whatever is asked for; with the other sensors that alignment.json knows."""
+        """Its first `frames` frames, or as many as its first frame says that there are; they are
+        calibrated already, whatever is asked for; with the other sensors that alignment.json
+        knows."""
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
         read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
         for number, frame in enumerate(read):
             if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
-                raise HandbenchError(f"{self._file(number)}: 'fvec' differs from the first frame's; expected one sweep")
+                raise HandbenchError(
+                    f"{self._file(number)}: 'fvec' differs from the first frame's; expected one "
+                    "sweep"
+                )
         samples = np.stack([frame.samples for frame in read])
         parts = samples.view(np.float32)  # a power of two changes none of their digits
         parts *= np.float32(1 / self.metadata.handbench_echo_scale)
@@ -133,9 +163,11 @@ class MaroonCapture(NativeCapture):
         return folder if folder.is_dir() else None
 
     def mesh(self) -> Path | None:
-        """The masked mesh, in their photogrammetry's frame, metres; or, as in their code and said, the whole one where
-        there is no masked one; None without any."""
-        masked, whole = (self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole"))
+        """The masked mesh, in their photogrammetry's frame, metres; or, as in their code and said,
+        the whole one where there is no masked one; None without any."""
+        masked, whole = (
+            self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole")
+        )
         if masked.is_file() or not whole.is_file():
             return masked if masked.is_file() else None
         say(f"{self.folder}: has no {masked.name}; {whole.name} is taken, as their code does")
@@ -144,7 +176,9 @@ class MaroonCapture(NativeCapture):
     def transform(self) -> Transform | None:
         """radar_from_photo in our frame, with a note on its hand; None without an alignment."""
         file, hand = self.alignment, self.handedness
-        return replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
+        return (
+            replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
+        )
 
     @property
     def handedness(self) -> Handedness:
@@ -156,11 +190,16 @@ class MaroonCapture(NativeCapture):
         file, mirrored = self.alignment, lambda: self.handedness.mirrored
         here = [name for name in LENSES if pictures(self.folder, name, "depth")]
         known = read_table(file) if file and here else {}
-        return {n: OtherSensor(self.folder, n, file, mirrored) for n in here if file and f"{n}2radar" in known}
+        return {
+            n: OtherSensor(self.folder, n, file, mirrored)
+            for n in here
+            if file and f"{n}2radar" in known
+        }
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb. erode: away from the
-        target's edges too, by metadata.json's `mask_erosion`, as in the paper (their shipped configuration does not).
+        """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb.
+        erode: away from the target's edges too, by metadata.json's `mask_erosion`, as in the paper
+        (their shipped configuration does not).
 
         Raises HandbenchError for a box without room, as the example in their README has it.
         """
@@ -176,8 +215,9 @@ class MaroonCapture(NativeCapture):
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of the files that a run reads: the first `frames` frames (or all) of the radar and of the
-        other sensors, descriptions, masks, the mesh or else the photographs; not what their tools have made of it."""
+        """Hash of the content of the files that a run reads: the first `frames` frames (or all) of
+        the radar and of the other sensors, descriptions, masks, the mesh or else the photographs;
+        not what their tools have made of it."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
         for sensor in LENSES:
@@ -198,7 +238,9 @@ class MaroonCapture(NativeCapture):
         if beside.exists() or not name:
             return beside if beside.exists() else None
         registrations = self.folder.resolve().parent.parent / REGISTRATIONS
-        of_calibration = inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
+        of_calibration = (
+            inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
+        )
         if not of_calibration.is_file():
             return None
         say(f"{self.folder}: has no {ALIGNMENT}; {of_calibration} is taken")
@@ -209,25 +251,30 @@ class MaroonCapture(NativeCapture):
         about = self.metadata
         near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
         low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))
-        high = about.mask_3d_threshold if axis == "z" and about.mask_3d_threshold is not None else high
+        high = (
+            about.mask_3d_threshold if axis == "z" and about.mask_3d_threshold is not None else high
+        )
         low, high = about.mask_bb.get(f"{axis}min", low), about.mask_bb.get(f"{axis}max", high)
         if low >= high:
             raise HandbenchError(
-                f"{self.folder / METADATA}: mask_bb has {axis}max {high:g} below {axis}min {low:g}, so that no "
+                f"{self.folder / METADATA}: mask_bb has {axis}max {high:g} below {axis}min "
+                f"{low:g}, so that no "
                 "pixel is scored; correct it"
             )
         return low, high
 
     def _settings(self) -> dict[str, Any]:
-        """Method id → the pixels and voxels of their box: calibration.json's of the first frame, or their shipped one
-        about the object's distance."""
+        """Method id → the pixels and voxels of their box: calibration.json's of the first frame, or
+        their shipped one about the object's distance."""
         file = self.radar / VOLUMES
         frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
         if isinstance(frame, dict) and "volume" in frame:
             box = self._axes(file, frame["volume"])
         elif distance_m is not None:
-            ends = {end: round(distance_m + BEHIND_M[end], ROUNDED) for end in ("start_m", "stop_m")}
+            ends = {
+                end: round(distance_m + BEHIND_M[end], ROUNDED) for end in ("start_m", "stop_m")
+            }
             box = {"z": BEHIND_M | ends}
         else:
             return {}
@@ -238,29 +285,43 @@ class MaroonCapture(NativeCapture):
         """Our x, y and z of a `volume` of their calibration.json."""
         told = volume if isinstance(volume, dict) else {}
         low, high, count = (
-            checked_numbers(file, key, told.get(key), [(3,)], 1e4) for key in ("bb_min", "bb_max", "grid_size")
+            checked_numbers(file, key, told.get(key), [(3,)], 1e4)
+            for key in ("bb_min", "bb_max", "grid_size")
         )
         if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
             raise HandbenchError(
-                f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in {count.tolist()} voxels; expected "
+                f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in "
+                f"{count.tolist()} voxels; expected "
                 "whole numbers ≥ 1 and bb_min below bb_max"
             )
         if low[0] != -high[0] and self.handedness.mirrored:
             low[0], high[0] = -high[0], -low[0]
-        ends = zip(low.round(ROUNDED).tolist(), high.round(ROUNDED).tolist(), count.astype(int).tolist(), strict=True)
+        ends = zip(
+            low.round(ROUNDED).tolist(),
+            high.round(ROUNDED).tolist(),
+            count.astype(int).tolist(),
+            strict=True,
+        )
         return {
-            axis: {"start_m": a, "stop_m": b, "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"]}
+            axis: {
+                "start_m": a,
+                "stop_m": b,
+                "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"],
+            }
             for axis, (a, b, n) in zip("xyz", ends, strict=True)
         }
 
 
 @cache
 def _handedness(capture: MaroonCapture, key: str) -> Handedness:
-    """That of a capture whose content has this key, decided once a process: by its mesh, or else by another sensor."""
+    """That of a capture whose content has this key, decided once a process: by its mesh, or else by
+    another sensor."""
     file, mesh_file = capture.alignment, capture.mesh()
     if file is None:
         return Handedness(True, "")
-    found: dict[str, Callable[[], Triangles]] = {name: sensor.triangles for name, sensor in capture.sensors().items()}
+    found: dict[str, Callable[[], Triangles]] = {
+        name: sensor.triangles for name, sensor in capture.sensors().items()
+    }
     if mesh_file is not None:
         found = {PHOTOGRAMMETRY: lambda: read_triangles(mesh_file)[:2]}
     source, surface = next(iter(found.items()), (PHOTOGRAMMETRY, None))
@@ -268,10 +329,12 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller one that leaves more than
-    FEWEST_PX pixels (their `SensorVisualizer.add_sensor`); of y upwards and our x, as all maps here are.
+    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller one that
+    leaves more than FEWEST_PX pixels (their `SensorVisualizer.add_sensor`); of y upwards and our x,
+    as all maps here are.
 
-    The map's border erodes nothing. Their images are ours turned by 180°, which an even kernel minds.
+    The map's border erodes nothing. Their images are ours turned by 180°, which an even kernel
+    minds.
     """
     import cv2
 

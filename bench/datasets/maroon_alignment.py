@@ -1,11 +1,14 @@
-"""`alignment.json`, MAROON's file of transforms (Wirth et al. 2024, arXiv 2411.00527), and the sensors that it aligns.
+"""`alignment.json`, MAROON's file of transforms (Wirth et al. 2024, arXiv 2411.00527), and the
+sensors that it aligns.
 
-It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the frames of the sensors
-`radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`; metres in the first two, millimetres in
-the cameras' frames. Their code draws a left-handed radar frame, x to the right, y up, z away, so that p_ours =
-diag(−1, 1, 1)·p_theirs, and a matrix from a right-handed sensor contains a reflection. One without says that the radar
-frame is ours already, or that the sensor's points are a mirror image. Both readings place what the sensor saw before
-the radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in docs/maroon.md.
+It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the
+frames of the sensors `radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`;
+metres in the first two, millimetres in the cameras' frames. Their code draws a left-handed radar
+frame, x to the right, y up, z away, so that p_ours = diag(−1, 1, 1)·p_theirs, and a matrix from a
+right-handed sensor contains a reflection. One without says that the radar frame is ours already, or
+that the sensor's points are a mirror image. Both readings place what the sensor saw before the
+radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in
+docs/maroon.md.
 """
 
 from collections.abc import Callable
@@ -30,32 +33,69 @@ from handbench.support.pictures import opened_picture
 from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
-ROUNDING, TOO_CROOKED = 1e-6, 1e-3  # largest element by which a matrix may miss its rotation: unsaid, and at all
+ROUNDING, TOO_CROOKED = (
+    1e-6,
+    1e-3,
+)  # largest element by which a matrix may miss its rotation: unsaid, and at all
 FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
 PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
-LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}  # 3-FSK, a ninth of the paper's pixels
+LOOK = {
+    "x": PIXELS,
+    "y": PIXELS,
+    "coarse_filter_px": 3,
+    "fine_filter_px": 1,
+}  # 3-FSK, a ninth of the paper's pixels
 FAR_MM = 20.0  # off the nearer reading the radar's depth is of something else
-CLEAR_MM = 0.5  # by which the reading that the matrix does not suggest must fit better; below, the object is symmetric
-LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}  # sensor → its lens in calibration.json (Kinect: own form)
+# by which the reading that the matrix does not suggest must fit better; below, the object is
+# symmetric
+CLEAR_MM = 0.5
+LENSES = {
+    "kinect": "",
+    "realsense": "rgb",
+    "zed": "left",
+}  # sensor → its lens in calibration.json (Kinect: own form)
 SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
-LONGEST_MM = 10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
-# Kinect's modes NFOV_UNBINNED and 1080P, which their code asks for: sides of the whole picture, corner and sides of it.
-MODES = {"D0": ((1024, 1024), (192, 180), (640, 576)), "PV0": ((1920, 1440), (0, 180), (1920, 1080))}
+LONGEST_MM = (
+    10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
+)
+# Kinect's modes NFOV_UNBINNED and 1080P, which their code asks for: sides of the whole picture,
+# corner and sides of it.
+MODES = {
+    "D0": ((1024, 1024), (192, 180), (640, 576)),
+    "PV0": ((1920, 1440), (0, 180), (1920, 1080)),
+}
 LOCATION, MODEL = "CALIBRATION_CameraLocation", "CALIBRATION_LensDistortionModelBrownConrady"
-BROWN_CONRADY = [0, 1, 2, 3, 4, 5, 13, 12, 6, 7, 8, 9]  # FULL_OPENCV's parameters among the factory's 14
+BROWN_CONRADY = [
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    13,
+    12,
+    6,
+    7,
+    8,
+    9,
+]  # FULL_OPENCV's parameters among the factory's 14
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 
 
-def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None) -> Transform:
-    """`radar_from_SOURCE` in our radar frame, metres; it carries no covariance. `photogrammetry` becomes our `photo`.
+def load_alignment(
+    path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None
+) -> Transform:
+    """`radar_from_SOURCE` in our radar frame, metres; it carries no covariance. `photogrammetry`
+    becomes our `photo`.
 
-    source: a sensor of the file; its points are in the unit that the file's matrix expects (see above), which the
-    transform's scale shows. mirrored: whether the file's radar frame has x to the right; None: if the matrix contains a
-    reflection. Asked for the other reading, the source is a mirror image, and the transform's scale negative. The
-    matrix is brought to the nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4
-    similarity, and for an unknown source.
+    source: a sensor of the file; its points are in the unit that the file's matrix expects (see
+    above), which the transform's scale shows. mirrored: whether the file's radar frame has x to the
+    right; None: if the matrix contains a reflection. Asked for the other reading, the source is a
+    mirror image, and the transform's scale negative. The matrix is brought to the nearest rotation
+    with a scale. Raises HandbenchError for anything but a finite 4×4 similarity, and for an unknown
+    source.
     """
     content = read_table(path)
     key = f"{source}2radar"
@@ -64,10 +104,13 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
         raise HandbenchError(f"{path}: has no '{key}'; {suggest(source, known)}")
     matrix = checked_numbers(path, key, content[key], [(4, 4), (16,)]).reshape(4, 4)
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > ROUNDING:
-        raise HandbenchError(f"{path}: the last row of '{key}' is {matrix[3].tolist()}; expected [0, 0, 0, 1]")
+        raise HandbenchError(
+            f"{path}: the last row of '{key}' is {matrix[3].tolist()}; expected [0, 0, 0, 1]"
+        )
     if np.linalg.norm(matrix[:3, 3]) > FARTHEST_M:
         raise HandbenchError(
-            f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, {FARTHEST_M:g} at most"
+            f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, "
+            f"{FARTHEST_M:g} at most"
         )
     reflects = bool(np.linalg.det(matrix[:3, :3]) < 0)
     flip = MIRROR_X if (reflects if mirrored is None else mirrored) else np.eye(4)
@@ -75,42 +118,51 @@ def load_alignment(path: str | Path, source: str = "photogrammetry", mirrored: b
 
 
 def save_alignment(path: str | Path, transform: Transform) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and into the world, which is the
-    radar's frame in a new file.
+    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and into the
+    world, which is the radar's frame in a new file.
 
-    An existing file keeps its other keys, and the hand of its radar frame; that of a new one has x to the right, as
-    their code draws it. The covariance has no place there.
+    An existing file keeps its other keys, and the hand of its radar frame; that of a new one has x
+    to the right, as their code draws it. The covariance has no place there.
     """
     transform.require("photo", "radar", "transform")
-    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}  # which no viewer corrects
+    known: dict[str, Any] = {
+        "radar2world": np.eye(4),
+        "kinect_calib": {"space": "depth"},
+    }  # which no viewer corrects
     flip = MIRROR_X  # from our radar frame to theirs, or back
     if Path(path).exists():
         known |= read_table(path)
         if "photogrammetry2radar" in known and load_alignment(path, mirrored=True).scale < 0:
             flip = np.eye(4)
-    world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(4, 4)
+    world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(
+        4, 4
+    )
     to_radar = flip @ transform.matrix
     ways = {"photogrammetry2radar": to_radar, "photogrammetry2world": world @ to_radar}
     write_json(path, known | ways | {"radar2photogrammetry": transform.inverse().matrix @ flip})
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
-    """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a HandbenchError."""
-    content = read_json(path, what, RAW_VALUES, RAW_JSON_BYTES)  # it also holds intermediate data of the calibration
+    """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a
+    HandbenchError."""
+    content = read_json(
+        path, what, RAW_VALUES, RAW_JSON_BYTES
+    )  # it also holds intermediate data of the calibration
     if not isinstance(content, dict):
         raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
     return content
 
 
 def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
-    """The matrix with the nearest rotation or reflection (polar decomposition) and the mean stretch as scale; says how
-    far it was."""
+    """The matrix with the nearest rotation or reflection (polar decomposition) and the mean stretch
+    as scale; says how far it was."""
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
     if crooked > TOO_CROOKED:
         raise HandbenchError(
-            f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected {TOO_CROOKED:g} at most"
+            f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected "
+            f"{TOO_CROOKED:g} at most"
         )
     if crooked > ROUNDING:
         say(f"{path}: '{key}' was {crooked:.1e} off a rotation; the nearest one is taken")
@@ -128,9 +180,13 @@ class Handedness(NamedTuple):
 
 
 def handedness_of(
-    path: Path, source: str, surface: Callable[[], Triangles] | None, echoes: Callable[[], RadarCapture]
+    path: Path,
+    source: str,
+    surface: Callable[[], Triangles] | None,
+    echoes: Callable[[], RadarCapture],
 ) -> Handedness:
-    """Handedness of an alignment file, said. surface: what `source` saw, in its frame; None where that is not known."""
+    """Handedness of an alignment file, said. surface: what `source` saw, in its frame; None where
+    that is not known."""
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
     note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
     try:
@@ -139,9 +195,13 @@ def handedness_of(
         vertices, faces = surface()
         own_mm, other_mm = _off_mm(load_alignment(path, source).points(vertices), faces, echoes())
         if min(own_mm, other_mm) > FAR_MM:
-            raise HandbenchError(f"the radar's depth lies {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored")
+            raise HandbenchError(
+                f"the radar's depth lies {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
+            )
         side = "further off" if other_mm >= own_mm else "nearer to"
-        note += f"; mirrored, what it saw lies {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
+        note += (
+            f"; mirrored, what it saw lies {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
+        )
         mirrored ^= other_mm < min(own_mm - CLEAR_MM, own_mm / 2)
     except HandbenchError as error:
         note += f", which was not checked ({error})"
@@ -163,15 +223,16 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
         raise HandbenchError("what it saw lies beside the radar's pixels, or these are empty")
     x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
     seen_m, *both_m = (
-        np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)] for one_m in (z_m, surface_m, surface_m[:, ::-1])
+        np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)]
+        for one_m in (z_m, surface_m, surface_m[:, ::-1])
     )
     own_m, other_m = (float(KDTree(surface).query(seen_m)[0].mean()) for surface in both_m)
     return 1e3 * own_m, 1e3 * other_m
 
 
 def load_any_transform(file: Path | None) -> Transform:
-    """A transform into the radar frame: our form, or MAROON's in a file of that name, alignment.json; without a file,
-    of what lies there already."""
+    """A transform into the radar frame: our form, or MAROON's in a file of that name,
+    alignment.json; without a file, of what lies there already."""
     if file is None:
         return identity("radar")
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
@@ -185,7 +246,8 @@ def pictures(folder: Path, sensor: str, kind: str) -> list[Path]:
 
 @dataclass(frozen=True)
 class OtherSensor:
-    """A sensor of an object's folder; alignment: the file with its matrix; mirrored: tells later how to read it."""
+    """A sensor of an object's folder; alignment: the file with its matrix; mirrored: tells later
+    how to read it."""
 
     folder: Path
     name: str
@@ -193,46 +255,73 @@ class OtherSensor:
     mirrored: Callable[[], bool]
 
     def __call__(self, grid: PixelGrid, frame: int = 0) -> np.ndarray:
-        """Depth z [ny, nx] of what it saw, from the radar: `depth_on_grid` of its pixels joined to triangles."""
+        """Depth z [ny, nx] of what it saw, from the radar: `depth_on_grid` of its pixels joined to
+        triangles."""
         points, faces = self.triangles(frame)
         transform = load_alignment(self.alignment, self.name, self.mirrored())
         return depth_on_grid(mesh(transform.points(points), faces), grid.x_m, grid.y_m)
 
     def triangles(self, frame: int = 0) -> Triangles:
-        """A frame in its matrix's frame and unit, cut to the object where there is a mask. HandbenchError for a frame
-        that is not there, and for files that are not the sensor's."""
+        """A frame in its matrix's frame and unit, cut to the object where there is a mask.
+        HandbenchError for a frame that is not there, and for files that are not the sensor's."""
         from handbench.groundtruth.photos.photos import read_gray
 
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
         if not frame < len(depths):
-            raise HandbenchError(f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}")
+            raise HandbenchError(
+                f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}"
+            )
         counts, mask = _counts(depths[frame]), read_gray(masks[-1]) > 0 if masks else np.array(True)
-        content = read_table(self.folder / self.name / "calibration.json", f"the cameras of MAROON's {self.name}")
+        content = read_table(
+            self.folder / self.name / "calibration.json", f"the cameras of MAROON's {self.name}"
+        )
         try:
             depth_mm = counts * 1e3 * _numbers(content.get("capture", {}).get("scale", 1e-3), 1)
-            points_mm, seen = (self._kinect if self.name == "kinect" else self._pinhole)(depth_mm, mask, content)
+            points_mm, seen = (self._kinect if self.name == "kinect" else self._pinhole)(
+                depth_mm, mask, content
+            )
         except (HandbenchError, KeyError, TypeError, ValueError, AttributeError) as error:
-            raise HandbenchError(f"{depths[frame].parent}: does not fit its calibration.json ({error})") from error
+            raise HandbenchError(
+                f"{depths[frame].parent}: does not fit its calibration.json ({error})"
+            ) from error
         scale = load_alignment(self.alignment, self.name).scale
         unit = {-3: 1.0, 0: 1e-3}.get(round(np.log10(scale)))
         if unit is None:
-            raise HandbenchError(f"{self.alignment}: {self.name}2radar scales by {scale:.3g}; expected 0.001 or 1")
+            raise HandbenchError(
+                f"{self.alignment}: {self.name}2radar scales by {scale:.3g}; expected 0.001 or 1"
+            )
         return unit * points_mm, _joined(depth_mm, seen)
 
-    def _pinhole(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _pinhole(
+        self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Points [n, 3] of the pixels [height, width] that are seen, and these."""
-        lens, (height, width), seen = content[LENSES[self.name]], depth_mm.shape, (depth_mm > 0) & mask
-        params = tuple(_numbers([lens[key] for key in ("fx", "fy", "cx", "cy")], 4) + [0, 0, 0.5, 0.5])
+        lens, (height, width), seen = (
+            content[LENSES[self.name]],
+            depth_mm.shape,
+            (depth_mm > 0) & mask,
+        )
+        params = tuple(
+            _numbers([lens[key] for key in ("fx", "fy", "cx", "cy")], 4) + [0, 0, 0.5, 0.5]
+        )
         camera = Camera(name=self.name, width=width, height=height, model="PINHOLE", params=params)
         return _points(camera, depth_mm, seen), seen
 
-    def _kinect(self, depth_mm: np.ndarray, mask: np.ndarray, content: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _kinect(
+        self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The same, the mask being of the colour camera, in the frame of its matrix."""
         from scipy.ndimage import map_coordinates
 
-        cameras = {c["Location"].removeprefix(LOCATION): c for c in content["CalibrationInformation"]["Cameras"]}
+        cameras = {
+            c["Location"].removeprefix(LOCATION): c
+            for c in content["CalibrationInformation"]["Cameras"]
+        }
         depth, colour = (kinect_camera(cameras[place]) for place in MODES)
-        rotation, shift_m = (_numbers(cameras["PV0"]["Rt"][key], n) for key, n in (("Rotation", 9), ("Translation", 3)))
+        rotation, shift_m = (
+            _numbers(cameras["PV0"]["Rt"][key], n)
+            for key, n in (("Rotation", 9), ("Translation", 3))
+        )
         points_mm = _points(depth, depth_mm, seen := depth_mm > 0)
         of_colour_mm = points_mm @ rotation.reshape(3, 3).T + 1e3 * shift_m
         if mask.ndim:
@@ -244,13 +333,16 @@ class OtherSensor:
 
 
 def kinect_camera(factory: dict[str, Any]) -> Camera:
-    """The camera of a mode from the factory's entry for its sensor; ValueError for a lens of another model."""
+    """The camera of a mode from the factory's entry for its sensor; ValueError for a lens of
+    another model."""
     lens, place = factory["Intrinsics"], factory["Location"].removeprefix(LOCATION)
     (wide, high), (left, top), (width, height) = MODES[place]
     if lens["ModelType"] != MODEL:
         raise ValueError(f"the lens is {lens['ModelType']}, expected {MODEL}")
     cx, cy, fx, fy, *others = _numbers(lens["ModelParameters"], 14)
-    params = np.array([fx * wide, fy * high, cx * wide - left, cy * high - top, *others])[BROWN_CONRADY]
+    params = np.array([fx * wide, fy * high, cx * wide - left, cy * high - top, *others])[
+        BROWN_CONRADY
+    ]
     return Camera(name=place, width=width, height=height, model="FULL_OPENCV", params=tuple(params))
 
 
@@ -261,7 +353,9 @@ def _numbers(values: Any, count: int) -> np.ndarray:
 def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Points [n, 3] of the pixels that are seen, in the camera's frame."""
     if depth_mm.shape != (camera.height, camera.width):
-        raise ValueError(f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}")
+        raise ValueError(
+            f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}"
+        )
     xy = np.asarray(camera.colmap().cam_from_img(np.argwhere(seen)[:, ::-1] + 0.5))
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1) * depth_mm[seen, None]
 
@@ -269,7 +363,9 @@ def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarra
 def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Faces [m, 3] between neighbouring pixels whose depths differ by no more than LONGEST_MM."""
     index = np.where(seen, np.cumsum(seen).reshape(seen.shape) - 1, -1)
-    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1).reshape(-1, 4)
+    corners = np.stack(
+        [index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1
+    ).reshape(-1, 4)
     faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [3, 2, 1]]])
     faces = faces[(faces >= 0).all(axis=1)]
     return faces[np.ptp(depth_mm[seen][faces], axis=1) <= LONGEST_MM]
@@ -279,5 +375,7 @@ def _counts(file: Path) -> np.ndarray:
     """A grey picture of 16 bits [height, width]."""
     with opened_picture(file) as image:
         if image.mode != "I;16":
-            raise HandbenchError(f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits")
+            raise HandbenchError(
+                f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits"
+            )
         return np.asarray(image, np.float64)

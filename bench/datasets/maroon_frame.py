@@ -1,15 +1,17 @@
-"""One radar frame of MAROON: a numpy file that holds a pickled dictionary, read here without running anything.
+"""One radar frame of MAROON: a numpy file that holds a pickled dictionary, read here without
+running anything.
 
-What their public code says of its echoes, `xr`: they are [receiver, transmitter, frequency] of 96 × 96 antennas; rows
-and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order; their image is Σ xr·e^{+j2πfτ}, so that
-the echo is e^{−j2πfτ} as with us, and nothing is conjugated. Pairs of antennas that the radar could not use may be
-zero; they stay so.
+What their public code says of its echoes, `xr`: they are [receiver, transmitter, frequency] of 96 ×
+96 antennas; rows and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order;
+their image is Σ xr·e^{+j2πfτ}, so that the echo is e^{−j2πfτ} as with us, and nothing is
+conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
 
-A pickle is a program that may call whatever it can name. This reader lets it name five things, and none of them is
-numpy's own: stand-ins take the description of an array apart, check it, and build the array from its plain bytes.
-Python's own unpickler is used because the one in C reserves memory for any number that a file mentions. As a few
-hundred bytes can make a tuple of 2⁶⁰ parts, which what hashes or prints it walks through, keys are text, and only those
-steps are taken, and counted, that arrays and plain values need.
+A pickle is a program that may call whatever it can name. This reader lets it name five things, and
+none of them is numpy's own: stand-ins take the description of an array apart, check it, and build
+the array from its plain bytes. Python's own unpickler is used because the one in C reserves memory
+for any number that a file mentions. As a few hundred bytes can make a tuple of 2⁶⁰ parts, which
+what hashes or prints it walks through, keys are text, and only those steps are taken, and counted,
+that arrays and plain values need.
 """
 
 import math
@@ -40,7 +42,8 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 
 @dataclass(frozen=True)
 class Frame:
-    """samples: complex64 [f, tx, rx] at frequencies_hz [f]; count: how many frames there are of the capture."""
+    """samples: complex64 [f, tx, rx] at frequencies_hz [f]; count: how many frames there are of the
+    capture."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -48,15 +51,21 @@ class Frame:
 
 
 def read_frame(file: Path) -> Frame:
-    """Read `calibrated_data/NNNNNN.npy`, in our order of axes. Raises HandbenchError for anything else."""
+    """Read `calibrated_data/NNNNNN.npy`, in our order of axes. Raises HandbenchError for anything
+    else."""
     content = read_dictionary(file)
     frequencies_hz, xr = _frequencies_hz(file, content), _numbers(file, content, "xr")
     expected = ANTENNAS, ANTENNAS, len(frequencies_hz)
     if xr.dtype.kind != "c" or xr.shape != expected:
-        raise HandbenchError(f"{file}: 'xr' is {xr.dtype} {xr.shape}; expected complex numbers {expected} [rx, tx, f]")
+        raise HandbenchError(
+            f"{file}: 'xr' is {xr.dtype} {xr.shape}; expected complex numbers {expected} [rx, "
+            "tx, f]"
+        )
     count = _numbers(file, content, "number_of_measurements")
     if count.size != 1 or count.dtype.kind not in "fiu" or not 1 <= count.item() <= MOST:
-        raise HandbenchError(f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}")
+        raise HandbenchError(
+            f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}"
+        )
     samples = single(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
 
@@ -65,7 +74,8 @@ def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:
     fvec, (low_hz, high_hz) = _numbers(file, content, "fvec").reshape(-1), RADAR_HZ
     if fvec.dtype.kind not in "fiu" or not ((fvec > low_hz) & (fvec < high_hz)).all():
         raise HandbenchError(
-            f"{file}: 'fvec' is {fvec.dtype} from {fvec.min():.4g} to {fvec.max():.4g}; expected hertz, {low_hz:g} to "
+            f"{file}: 'fvec' is {fvec.dtype} from {fvec.min():.4g} to {fvec.max():.4g}; expected "
+            f"hertz, {low_hz:g} to "
             f"{high_hz:g}"
         )
     return fvec.astype(np.float64)
@@ -74,7 +84,9 @@ def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:
 def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
     """An entry of the dictionary as an array of numbers."""
     if key not in content:
-        raise HandbenchError(f"{file}: has no '{key}'; expected fvec, xr and number_of_measurements")
+        raise HandbenchError(
+            f"{file}: has no '{key}'; expected fvec, xr and number_of_measurements"
+        )
     value = np.asarray(content[key])
     if value.dtype.kind not in "biufc" or value.size == 0:
         raise HandbenchError(f"{file}: '{key}' is {value.dtype} {value.shape}; expected numbers")
@@ -82,8 +94,8 @@ def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
 
 
 def read_dictionary(path: str | Path) -> dict[str, Any]:
-    """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a HandbenchError, and
-    nothing that the file names is ever called."""
+    """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a
+    HandbenchError, and nothing that the file names is ever called."""
     content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
         return _unpickle(content)
@@ -95,7 +107,10 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
 def _unpickle(content: bytes) -> dict[str, Any]:
     stream = BytesIO(content)
     version = np.lib.format.read_magic(stream)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }[version]
     shape, _, dtype = read_header(stream)
     if not dtype.hasobject or dtype.names or shape != ():
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
@@ -123,11 +138,14 @@ def _checked(key: Any, value: Any) -> Any:
 
 
 class _Dtype:
-    """Stands in for numpy.dtype: a kind of number and its byte order, or the object of the outermost array."""
+    """Stands in for numpy.dtype: a kind of number and its byte order, or the object of the
+    outermost array."""
 
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
-            raise ValueError(f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type")
+            raise ValueError(
+                f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type"
+            )
         self.name, self.order = name, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
@@ -138,13 +156,18 @@ class _Dtype:
     def numbers(self, content: bytes, count: int) -> np.ndarray:
         """`count` numbers from their bytes."""
         dtype = np.dtype(self.name).newbyteorder(self.order)
-        if dtype.hasobject or not isinstance(content, bytes) or len(content) != count * dtype.itemsize:
+        if (
+            dtype.hasobject
+            or not isinstance(content, bytes)
+            or len(content) != count * dtype.itemsize
+        ):
             raise ValueError(f"not the bytes of {count} numbers of type {self.name}")
         return np.frombuffer(content, dtype)
 
 
 class _Array:
-    """Stands in for numpy.ndarray: an array of `numbers`, or the outermost one with its only object."""
+    """Stands in for numpy.ndarray: an array of `numbers`, or the outermost one with its only
+    object."""
 
     def __init__(self, *_: Any) -> None:
         self.numbers: np.ndarray | None = None
@@ -152,14 +175,20 @@ class _Array:
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         _, shape, dtype, by_column, content = state
-        if len(shape) > 32 or any(not isinstance(n, int) or n < 0 for n in shape) or not isinstance(dtype, _Dtype):
+        if (
+            len(shape) > 32
+            or any(not isinstance(n, int) or n < 0 for n in shape)
+            or not isinstance(dtype, _Dtype)
+        ):
             raise ValueError("an array without shape or type")
         if dtype.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
                 raise ValueError("an array of objects")
             self.objects = content
         else:
-            self.numbers = dtype.numbers(content, math.prod(shape)).reshape(shape, order="F" if by_column else "C")
+            self.numbers = dtype.numbers(content, math.prod(shape)).reshape(
+                shape, order="F" if by_column else "C"
+            )
 
 
 def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
@@ -182,14 +211,19 @@ class _Name:
 
 CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since
 NAMES = {("numpy", "dtype"): _Dtype, ("numpy", "ndarray"): _Array} | {
-    (core, name): make for core in CORES for name, make in (("_reconstruct", _Array), ("scalar", _scalar))
+    (core, name): make
+    for core in CORES
+    for name, make in (("_reconstruct", _Array), ("scalar", _scalar))
 }
 
 
 KNOWN = (
-    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT LONG_BINGET MEMOIZE "
-    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
-    "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINBYTES SHORT_BINBYTES"
+    "PROTO FRAME STOP MARK GLOBAL STACK_GLOBAL REDUCE BUILD PUT GET BINPUT BINGET LONG_BINPUT "
+    "LONG_BINGET MEMOIZE "
+    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG1 BINFLOAT EMPTY_TUPLE TUPLE TUPLE1 "
+    "TUPLE2 TUPLE3 "
+    "EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS BINUNICODE SHORT_BINUNICODE BINBYTES "
+    "SHORT_BINBYTES"
 )
 
 

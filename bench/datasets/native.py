@@ -43,13 +43,17 @@ class CaptureFile(Config):
     units: Literal["m"] = "m"
     seed: int | None = None
     box_m: tuple[float, float, float, float, float, float] | None = Field(
-        default=None, description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored"
+        default=None,
+        description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored",
     )
     contains: tuple[str, ...] = ()
     source: str | None = None
-    effects: tuple[Choice, ...] = Field(default=(), description="of a simulated capture: what its echoes show")
+    effects: tuple[Choice, ...] = Field(
+        default=(), description="of a simulated capture: what its echoes show"
+    )
     methods: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="configuration per method id where this sensor needs another than the default"
+        default_factory=dict,
+        description="configuration per method id where this sensor needs another than the default",
     )
 
 
@@ -60,7 +64,8 @@ def save_capture_file(folder: Path, description: CaptureFile) -> None:
 
 @dataclass(frozen=True)
 class NativeCapture:
-    """One scene's data as a benchmark needs them, from a capture folder; adapters of other forms override what differs.
+    """One scene's data as a benchmark needs them, from a capture folder; adapters of other forms
+    override what differs.
 
     A path or a transform is None where there is none.
     """
@@ -79,12 +84,14 @@ class NativeCapture:
         description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
         for name in description.contains:
             if not os.path.exists(inside(folder, name, "capture.toml")):
-                raise HandbenchError(f"{folder}: {name} is missing, but capture.toml says it is there; copy it again")
+                raise HandbenchError(
+                    f"{folder}: {name} is missing, but capture.toml says it is there; copy it again"
+                )
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, beside the echoes or in their
-        file, with what it knows of the antennas put in, said in one line."""
+        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, beside the
+        echoes or in their file, with what it knows of the antennas put in, said in one line."""
         folder = require_folder(self.folder, WHAT)
         echoes = load_capture(folder / ECHOES)
         if calibrated:
@@ -113,13 +120,13 @@ class NativeCapture:
         return load_transform(file).require("photo", "radar", file) if file else None
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that its data set scores, here all on target; erode: less the target's edges,
-        if the data set says so."""
+        """Pixels [ny, nx] of a depth map that its data set scores, here all on target; erode: less
+        the target's edges, if the data set says so."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of all that a run over its first `frames` frames (None: all) may read: here of the whole
-        folder."""
+        """Hash of the content of all that a run over its first `frames` frames (None: all) may
+        read: here of the whole folder."""
         return content_hash(self.folder)
 
     def _lying(self, name: str) -> Path | None:

@@ -1,4 +1,5 @@
-"""Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface, description."""
+"""Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface,
+description."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +8,15 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from handbench.bench.datasets.native import DESCRIPTION, ECHOES, EMPTY, PHOTOS, TARGET, TRUE_TRANSFORM, TRUTH
+from handbench.bench.datasets.native import (
+    DESCRIPTION,
+    ECHOES,
+    EMPTY,
+    PHOTOS,
+    TARGET,
+    TRUE_TRANSFORM,
+    TRUTH,
+)
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import echo_scene, echoes
 from handbench.bench.scenes.photographs import Studio, photo_effects
@@ -27,8 +36,8 @@ JPEG_QUALITY = 96
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
-    """Write a capture folder: echoes (and those of the empty room), photographs, true surface and description, all or
-    nothing. Returns the effects' rows."""
+    """Write a capture folder: echoes (and those of the empty room), photographs, true surface and
+    description, all or nothing. Returns the effects' rows."""
     compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
@@ -43,10 +52,12 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         return write_photos(scene, temporary, simulated.rows)
 
 
-def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()) -> tuple[Choice, ...]:
-    """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres, radar frame),
-    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`. rows: of the echoes'
-    effects; returns them with those of the photographs."""
+def write_photos(
+    scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
+) -> tuple[Choice, ...]:
+    """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres,
+    radar frame), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
+    `capture.toml`. rows: of the echoes' effects; returns them with those of the photographs."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
@@ -65,7 +76,13 @@ def write_photos(scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
 def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
     """The content of `capture.toml`; contains: what lies beside it; rows: the effects'."""
     target, pose = scene.file.target, ""
-    kind = "hand" if isinstance(target, HandTarget | MeshTarget) else "other" if scene.target is None else "target"
+    kind = (
+        "hand"
+        if isinstance(target, HandTarget | MeshTarget)
+        else "other"
+        if scene.target is None
+        else "target"
+    )
     if isinstance(target, HandTarget):
         pose = target.pose if isinstance(target.pose, str) else "free"
     return {
@@ -82,9 +99,12 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
     }
 
 
-def write_photographs(scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]) -> None:
-    """Write the scene's photographs [height, width, 3], 8-bit BGR, as `photograph` takes each with its camera and
-    number, with `cameras.json` (intrinsics alone), `truth_cameras.json` and `board.toml`."""
+def write_photographs(
+    scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]
+) -> None:
+    """Write the scene's photographs [height, width, 3], 8-bit BGR, as `photograph` takes each with
+    its camera and number, with `cameras.json` (intrinsics alone), `truth_cameras.json` and
+    `board.toml`."""
     import cv2
 
     load_pycolmap()  # here, not in a thread
@@ -94,9 +114,14 @@ def write_photographs(scene: Scene, folder: Path, photograph: Callable[[Camera, 
         image = photograph(camera, number)
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         with atomic_path(folder / camera.name) as temporary:
-            temporary.write_bytes(packed.tobytes())  # not by OpenCV, which does not mind a full disk
+            temporary.write_bytes(
+                packed.tobytes()
+            )  # not by OpenCV, which does not mind a full disk
 
     for_each(take, range(len(scene.cameras)))
-    save_cameras(folder / "cameras.json", tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras))
+    save_cameras(
+        folder / "cameras.json",
+        tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras),
+    )
     save_cameras(folder / "truth_cameras.json", scene.cameras)
     save_board(folder / "board.toml", scene.board)

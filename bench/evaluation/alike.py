@@ -10,8 +10,9 @@ OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 
 class Alike(NamedTuple):
-    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own threshold, open_z_m above
-    OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are ordered."""
+    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own
+    threshold, open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are
+    ordered."""
 
     z_m: np.ndarray
     open_z_m: np.ndarray

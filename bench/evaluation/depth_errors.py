@@ -1,4 +1,5 @@
-"""A depth map against a reference, pixel by pixel: errors along z and distances between the two surfaces."""
+"""A depth map against a reference, pixel by pixel: errors along z and distances between the two
+surfaces."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,11 +11,13 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny]; all others [ny, nx], metres.
+    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny]; all others [ny, nx],
+    metres.
 
-    error_m = z − z_ref, NaN where unobserved; reference_z_m, NaN where there is no surface. Where it is known (else
-    None): sigma_m, the reference's standard deviation along z; to_reference_m, the distance of the map's point to the
-    reference, NaN where the map is not judged; to_map_m, that of the reference's point to the map.
+    error_m = z − z_ref, NaN where unobserved; reference_z_m, NaN where there is no surface. Where
+    it is known (else None): sigma_m, the reference's standard deviation along z; to_reference_m,
+    the distance of the map's point to the reference, NaN where the map is not judged; to_map_m,
+    that of the reference's point to the map.
     """
 
     x_m: np.ndarray
@@ -34,15 +37,23 @@ def error_map(
     sigma_m: np.ndarray | None = None,
     met: np.ndarray | None = None,
 ) -> ErrorMap:
-    """Compare depths z_m with reference_z_m, both [ny, nx] on pixel centres x_m [nx], y_m [ny], metres.
+    """Compare depths z_m with reference_z_m, both [ny, nx] on pixel centres x_m [nx], y_m [ny],
+    metres.
 
-    sigma_m [ny, nx]: the reference's own standard deviation along z. met [ny, nx]: whether the ray through the pixel
-    meets any surface, observed or invented; without it what lies beside the reference cannot be judged.
+    sigma_m [ny, nx]: the reference's own standard deviation along z. met [ny, nx]: whether the ray
+    through the pixel meets any surface, observed or invented; without it what lies beside the
+    reference cannot be judged.
     """
-    for name, given in (("depth map", z_m), ("sigma_m", sigma_m), ("met", met), ("reference", reference_z_m)):
+    for name, given in (
+        ("depth map", z_m),
+        ("sigma_m", sigma_m),
+        ("met", met),
+        ("reference", reference_z_m),
+    ):
         if given is not None and given.shape != (len(y_m), len(x_m)):
             raise HandbenchError(
-                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} do not lie on one grid; "
+                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} do not lie on "
+                "one grid; "
                 "render the reference on the depth map's grid"
             )
     reference_z_m = np.where(np.isfinite(reference_z_m), reference_z_m, np.nan).astype(np.float64)
@@ -55,13 +66,17 @@ def error_map(
 def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [ny, nx] of each judged point of the map to the reference, and of each of the reference's to the map."""
+    """Distance [ny, nx] of each judged point of the map to the reference, and of each of the
+    reference's to the map."""
     from scipy.spatial import KDTree
 
     surface = np.isfinite(reference_z_m)
     judged = np.isfinite(z_m) & (surface | _empty((met | surface).tobytes(), surface.shape))
     x, y = np.meshgrid(x_m, y_m)
-    found, expected = (np.stack([x[at], y[at], z[at]], axis=-1) for at, z in ((judged, z_m), (surface, reference_z_m)))
+    found, expected = (
+        np.stack([x[at], y[at], z[at]], axis=-1)
+        for at, z in ((judged, z_m), (surface, reference_z_m))
+    )
     to_reference_m, to_map_m = np.full(z_m.shape, np.nan), np.full(z_m.shape, np.nan)
     to_reference_m[judged] = KDTree(expected).query(found)[0]
     to_map_m[surface] = KDTree(found).query(expected)[0]
@@ -73,12 +88,21 @@ def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
     """Pixels [ny, nx] next to no surface, of the flags of those whose rays meet one."""
     from scipy.ndimage import binary_dilation, binary_fill_holes
 
-    return ~binary_dilation(binary_fill_holes(np.frombuffer(met, bool).reshape(shape)), np.ones((3, 3)))
+    return ~binary_dilation(
+        binary_fill_holes(np.frombuffer(met, bool).reshape(shape)), np.ones((3, 3))
+    )
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
-    """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, in place of errors and
-    on itself as surface: NaN where a repeat does not observe the pixel. The median of its |error| is the precision."""
-    several = len(z_m) > 1  # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
-    deviation_m = np.std(z_m, axis=0, ddof=1, dtype=np.float64) if several else np.full(z_m.shape[1:], np.nan)
-    return ErrorMap(np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), deviation_m, deviation_m)
+    """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, in
+    place of errors and on itself as surface: NaN where a repeat does not observe the pixel. The
+    median of its |error| is the precision."""
+    several = (
+        len(z_m) > 1
+    )  # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
+    deviation_m = (
+        np.std(z_m, axis=0, ddof=1, dtype=np.float64) if several else np.full(z_m.shape[1:], np.nan)
+    )
+    return ErrorMap(
+        np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), deviation_m, deviation_m
+    )

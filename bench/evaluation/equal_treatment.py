@@ -1,8 +1,10 @@
-"""Methods under equal treatment: on the pixels that all see, smoothed alike, and by their own order of amplitudes.
+"""Methods under equal treatment: on the pixels that all see, smoothed alike, and by their own order
+of amplitudes.
 
-Thresholds and filters of their own decide much of a method's error. Two measures are free of them: the error on the
-pixels that every method sees, and the risk–coverage curve (El-Yaniv & Wiener 2010; its area: Geifman et al. 2019), the
-error of a method's strongest pixels over the share of the surface that they are, whatever the threshold.
+Thresholds and filters of their own decide much of a method's error. Two measures are free of them:
+the error on the pixels that every method sees, and the risk–coverage curve (El-Yaniv & Wiener 2010;
+its area: Geifman et al. 2019), the error of a method's strongest pixels over the share of the
+surface that they are, whatever the threshold.
 """
 
 from collections.abc import Mapping
@@ -21,20 +23,22 @@ FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the commo
 
 
 class Treated(NamedTuple):
-    """A method's figures of one capture under one treatment, and the mean absolute error at SHARES_PERCENT, mm [n],
-    NaN where the method does not reach."""
+    """A method's figures of one capture under one treatment, and the mean absolute error at
+    SHARES_PERCENT, mm [n], NaN where the method does not reach."""
 
     figures: Values
     curve_mm: np.ndarray
 
 
 def on_common_pixels(metric: str) -> str:
-    """The words with which a metric's title goes on under equal treatment; none for one that needs no common pixels."""
+    """The words with which a metric's title goes on under equal treatment; none for one that needs
+    no common pixels."""
     return "" if metric in ALIKE else " on common pixels"
 
 
 def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Treated]:
-    """Each method's figures against one reference [ny, nx], of the maps of all methods on its grid."""
+    """Each method's figures against one reference [ny, nx], of the maps of all methods on its
+    grid."""
     common = np.isfinite(reference_z_m)
     for alike in maps.values():
         common = common & np.isfinite(alike.z_m)
@@ -44,7 +48,9 @@ def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Tre
     y, x = (np.arange(n, dtype=float) for n in common.shape)
     found = {}
     for method, alike in maps.items():
-        pooled = pool([ErrorMap(x, y, np.where(common, alike.z_m - reference_z_m, np.nan), reference_z_m)])
+        pooled = pool(
+            [ErrorMap(x, y, np.where(common, alike.z_m - reference_z_m, np.nan), reference_z_m)]
+        )
         figures = {key: pooled[key] for key in FIGURES}
         figures["common_percent"] = 100 * float(common.sum() / surface) if surface else None
         figures["aurc_mm"] = float(risks_mm[method][:reached].mean()) if reached else None
@@ -54,8 +60,8 @@ def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Tre
 
 
 def risk_mm(alike: Alike, reference_z_m: np.ndarray) -> np.ndarray:
-    """Mean absolute error of the 1, 2, … n strongest pixels on the surface, mm [n]; equal amplitudes stay in the order
-    of the map."""
+    """Mean absolute error of the 1, 2, … n strongest pixels on the surface, mm [n]; equal
+    amplitudes stay in the order of the map."""
     seen = np.isfinite(alike.open_z_m) & np.isfinite(reference_z_m)
     error_mm = 1e3 * np.abs(alike.open_z_m - reference_z_m)[seen]
     order = np.argsort(-alike.open_db[seen], kind="stable")

@@ -1,9 +1,12 @@
-"""Errors by their cause: of the pixels of one incidence angle, amplitude, part of the hand or distance to an edge.
+"""Errors by their cause: of the pixels of one incidence angle, amplitude, part of the hand or
+distance to an edge.
 
-An edge lies between two neighbouring pixels of which only one has a reference, or whose depths are more than JUMP_M
-apart. No slope is taken across an edge. What the image's border cuts off is no edge.
+An edge lies between two neighbouring pixels of which only one has a reference, or whose depths are
+more than JUMP_M apart. No slope is taken across an edge. What the image's border cuts off is no
+edge.
 
-Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors' likelihood.
+Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors'
+likelihood.
 """
 
 from collections.abc import Iterator
@@ -22,11 +25,14 @@ NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
 
 
 def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, object]]:
-    """A capture's lines of RELIABILITY, for all pixels and for those that are not flagged as doubtful; none where the
-    map has no σ. The reference's σ is added in quadrature where it is known."""
+    """A capture's lines of RELIABILITY, for all pixels and for those that are not flagged as
+    doubtful; none where the map has no σ. The reference's σ is added in quadrature where it is
+    known."""
     if depth.sigma_m is None:
         return
-    reference_m = np.full(errors.error_m.shape, np.nan) if errors.sigma_m is None else errors.sigma_m
+    reference_m = (
+        np.full(errors.error_m.shape, np.nan) if errors.sigma_m is None else errors.sigma_m
+    )
     sigma_mm = 1e3 * np.hypot(depth.sigma_m, np.nan_to_num(reference_m))
     told = np.isfinite(errors.error_m) & np.isfinite(sigma_mm) & (sigma_mm > 0)
     known = bool(np.isfinite(reference_m[told]).all())
@@ -36,24 +42,30 @@ def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, o
         facts = {"pixels": pixels, "reference_sigma": known, "n_pixels": len(error_mm)}
         facts |= {"nll": negative_log_likelihood(error_mm, spread_mm)}
         for nominal in NOMINAL_PERCENT:
-            yield facts | {"nominal_percent": nominal, "observed_percent": covered(error_mm / spread_mm, nominal)}
+            yield facts | {
+                "nominal_percent": nominal,
+                "observed_percent": covered(error_mm / spread_mm, nominal),
+            }
 
 
 def covered(deviations: np.ndarray, nominal_percent: float) -> float:
-    """Percentage of errors over their σ [n] that the normal interval of nominal_percent about 0 holds; NaN of none."""
+    """Percentage of errors over their σ [n] that the normal interval of nominal_percent about 0
+    holds; NaN of none."""
     reach = NormalDist().inv_cdf(0.5 + nominal_percent / 200)
     return 100 * float(np.mean(np.abs(deviations) <= reach)) if len(deviations) else np.nan
 
 
 def negative_log_likelihood(error_mm: np.ndarray, sigma_mm: np.ndarray) -> float:
-    """Mean of −ln N(e; 0, σ²) of errors [n] in mm: ½ ln(2πe σ²) where all σ are equal and right; NaN of none."""
+    """Mean of −ln N(e; 0, σ²) of errors [n] in mm: ½ ln(2πe σ²) where all σ are equal and right;
+    NaN of none."""
     each = 0.5 * (np.log(2 * np.pi * sigma_mm**2) + (error_mm / sigma_mm) ** 2)
     return float(each.mean()) if len(each) else np.nan
 
 
 JUMP_M = 5e-3  # a smooth surface that rises as much within 1 mm is inclined by 79°
 PALM_RADIUS_M = 22e-3  # two fingers side by side are 40 mm wide, a palm 70 to 100 mm
-LEAST_SHARE = 0.1  # of the silhouette, of either part: a target that is no hand has less, and four closed fingers
+# of the silhouette, of either part: a target that is no hand has less, and four closed fingers
+LEAST_SHARE = 0.1
 PARTS = ("finger", "palm")
 BINS = {  # a bin holds its lower edge
     "incidence_deg": (0, 5, 10, 15, 20, 30, 45, np.inf),
@@ -63,24 +75,41 @@ BINS = {  # a bin holds its lower edge
 }
 Part = tuple[slice, slice]
 ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
-ALONG: tuple[tuple[Part, Part], ...] = ((ALL, BEFORE), (ALL, BEHIND)), ((BEFORE, ALL), (BEHIND, ALL))  # x, then y
-MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")  # formed for each capture
+ALONG: tuple[tuple[Part, Part], ...] = (
+    ((ALL, BEFORE), (ALL, BEHIND)),
+    ((BEFORE, ALL), (BEHIND, ALL)),
+)  # x, then y
+MEANS = (
+    "mean_mm",
+    "median_mm",
+    "absolute_mm",
+    "p95_mm",
+    "observed_percent",
+    "nll",
+)  # formed for each capture
 
 
 class Averages:
-    """CAUSES or RELIABILITY of every capture's lines, added one at a time: figures are formed for each capture and
-    averaged over those that have them, of which those without pixels have none; pixels are counted over all."""
+    """CAUSES or RELIABILITY of every capture's lines, added one at a time: figures are formed for
+    each capture and averaged over those that have them, of which those without pixels have none;
+    pixels are counted over all."""
 
     def __init__(self, schema: Schema) -> None:
         self.schema, self.means = schema, [name for name in schema.names if name in MEANS]
-        self.keys = [name for name in schema.names if name not in (*self.means, "n_pixels", "n_captures")]
-        self.sums: dict[tuple[Any, ...], np.ndarray] = {}  # of figures; how many have them; pixels; captures with some
+        self.keys = [
+            name for name in schema.names if name not in (*self.means, "n_pixels", "n_captures")
+        ]
+        self.sums: dict[
+            tuple[Any, ...], np.ndarray
+        ] = {}  # of figures; how many have them; pixels; captures with some
 
     def add(self, line: dict[str, Any]) -> None:
         """Add a capture's line."""
         values, pixels = np.array([line.get(name) for name in self.means], float), line["n_pixels"]
         known = np.isfinite(values)
-        place = self.sums.setdefault(tuple(line.get(name) for name in self.keys), np.zeros(2 * len(self.means) + 2))
+        place = self.sums.setdefault(
+            tuple(line.get(name) for name in self.keys), np.zeros(2 * len(self.means) + 2)
+        )
         place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
 
     def table(self) -> pd.DataFrame:
@@ -96,17 +125,28 @@ class Averages:
         return frame(self.schema, found)
 
 
-def cause_lines(depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]) -> Iterator[dict[str, object]]:
+def cause_lines(
+    depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]
+) -> Iterator[dict[str, object]]:
     """A capture's lines of CAUSES: one a bin; surface: of `surface_causes`."""
     observed = np.isfinite(errors.error_m)
     error_mm = 1e3 * errors.error_m[observed]
-    values = {name: of[observed] for name, of in (surface | {"below_maximum_db": -depth.amplitude_db}).items()}
+    values = {
+        name: of[observed]
+        for name, of in (surface | {"below_maximum_db": -depth.amplitude_db}).items()
+    }
     for cause, edges in BINS.items():
         for i, part in enumerate(PARTS if cause == "part" else ()):
             yield {"cause": cause, "part": part, **_figures(error_mm[values[cause] == i])}
         for low, high in pairwise(edges):
             inside = (values[cause] >= low) & ((values[cause] < high) | (high == np.inf))
-            yield {"cause": cause, "part": "", "low": low, "high": high, **_figures(error_mm[inside])}
+            yield {
+                "cause": cause,
+                "part": "",
+                "low": low,
+                "high": high,
+                **_figures(error_mm[inside]),
+            }
 
 
 def _figures(error_mm: np.ndarray) -> dict[str, float]:
@@ -114,12 +154,17 @@ def _figures(error_mm: np.ndarray) -> dict[str, float]:
     if not len(error_mm):
         return {"n_pixels": 0}
     absolute_mm = np.abs(error_mm)
-    means = {"mean_mm": error_mm.mean(), "median_mm": np.median(error_mm), "absolute_mm": absolute_mm.mean()}
+    means = {
+        "mean_mm": error_mm.mean(),
+        "median_mm": np.median(error_mm),
+        "absolute_mm": absolute_mm.mean(),
+    }
     return {"n_pixels": len(error_mm), **means, "p95_mm": np.quantile(absolute_mm, 0.95)}
 
 
 def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
-    """Causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] tells of each pixel [ny, nx], NaN where unknown."""
+    """Causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] tells of each pixel [ny, nx], NaN
+    where unknown."""
     return {
         "incidence_deg": incidence_deg(x_m, y_m, z_m),
         "part": parts(x_m, y_m, z_m),
@@ -128,8 +173,9 @@ def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[st
 
 
 def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Angle [ny, nx] between a surface's normal, on the array's side, and the direction to the array's centre. A slope
-    is the mean of those to both neighbours along x or y, or the one that crosses no edge; NaN where neither is."""
+    """Angle [ny, nx] between a surface's normal, on the array's side, and the direction to the
+    array's centre. A slope is the mean of those to both neighbours along x or y, or the one that
+    crosses no edge; NaN where neither is."""
     x, y = np.meshgrid(x_m, y_m)
     slopes = []
     for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
@@ -137,15 +183,17 @@ def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarr
         slope = np.where(np.abs(rise) > JUMP_M, np.nan, rise / (along_m[behind] - along_m[before]))
         forth, back = np.full(z_m.shape, np.nan), np.full(z_m.shape, np.nan)
         forth[before], back[behind] = slope, slope
-        slopes.append(np.where(np.isnan(forth), back, np.where(np.isnan(back), forth, (forth + back) / 2)))
+        slopes.append(
+            np.where(np.isnan(forth), back, np.where(np.isnan(back), forth, (forth + back) / 2))
+        )
     to_centre = z_m - x * slopes[0] - y * slopes[1]
     cosine = to_centre / np.sqrt((x**2 + y**2 + z_m**2) * (1 + slopes[0] ** 2 + slopes[1] ** 2))
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Distance [ny, nx] in x and y to the nearest edge, which is drawn by points midway between two pixels; infinite
-    without an edge, NaN beside the reference."""
+    """Distance [ny, nx] in x and y to the nearest edge, which is drawn by points midway between two
+    pixels; infinite without an edge, NaN beside the reference."""
     from scipy.spatial import KDTree
 
     pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
@@ -159,8 +207,9 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
 
 
 def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Index in PARTS [ny, nx]: the palm survives an opening of the silhouette, holes filled, with a disc of
-    PALM_RADIUS_M. NaN beside the reference, and everywhere where either part has less than LEAST_SHARE."""
+    """Index in PARTS [ny, nx]: the palm survives an opening of the silhouette, holes filled, with a
+    disc of PALM_RADIUS_M. NaN beside the reference, and everywhere where either part has less than
+    LEAST_SHARE."""
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     surface = np.isfinite(z_m)
@@ -169,7 +218,11 @@ def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
     if silhouette.all():
         return part
     core = distance_transform_edt(silhouette, pixel_m) > PALM_RADIUS_M
-    palm = silhouette & (distance_transform_edt(~core, pixel_m) <= PALM_RADIUS_M) if core.any() else core
+    palm = (
+        silhouette & (distance_transform_edt(~core, pixel_m) <= PALM_RADIUS_M)
+        if core.any()
+        else core
+    )
     if LEAST_SHARE <= palm.sum() / max(silhouette.sum(), 1) <= 1 - LEAST_SHARE:
         part[surface] = palm[surface]
     return part

@@ -1,8 +1,9 @@
-"""The ground-truth floor: the mean absolute error that a perfect radar would show, because the reference errs itself.
+"""The ground-truth floor: the mean absolute error that a perfect radar would show, because the
+reference errs itself.
 
-With an error e ~ N(0, σ²) at every pixel, the mean of |e| is expected to be √(2/π)·mean σ, however the pixels' errors
-hang together. How far it scatters about that does depend on it: the registration moves all pixels, of every capture
-that it carries, by one rigid motion; a mesh errs by patches.
+With an error e ~ N(0, σ²) at every pixel, the mean of |e| is expected to be √(2/π)·mean σ, however
+the pixels' errors hang together. How far it scatters about that does depend on it: the registration
+moves all pixels, of every capture that it carries, by one rigid motion; a mesh errs by patches.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,10 +22,12 @@ SPAN = 1 << 20  # more blocks than a row can have
 
 
 def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float | None:
-    """The floor over the observed pixels of each of `maps`, compared with its reference, averaged over those that have
-    any. None where nothing was observed or a part of σ is unknown."""
+    """The floor over the observed pixels of each of `maps`, compared with its reference, averaged
+    over those that have any. None where nothing was observed or a part of σ is unknown."""
     seen = _observed(maps, references)
-    floors_m = [(r.sigma_m if m.sigma_m is None else m.sigma_m)[observed].mean() for m, r, observed in seen]
+    floors_m = [
+        (r.sigma_m if m.sigma_m is None else m.sigma_m)[observed].mean() for m, r, observed in seen
+    ]
     mean_m = float(np.mean(floors_m)) if floors_m else np.nan
     return 1e3 * float(ABSOLUTE) * mean_m if np.isfinite(mean_m) else None
 
@@ -40,30 +43,48 @@ def _observed(
 
 
 def floor_interval(
-    maps: Iterable[ErrorMap], references: Iterable[Reference], seed: int = 0, value: float | None = None
+    maps: Iterable[ErrorMap],
+    references: Iterable[Reference],
+    seed: int = 0,
+    value: float | None = None,
 ) -> Interval | None:
-    """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the mean of |e| over seeded
-    draws of the reference's error. value: the floor itself, where it is at hand, so that maps and references are read
-    once. None where there is no floor, or one of zero, which does not scatter."""
+    """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the
+    mean of |e| over seeded draws of the reference's error. value: the floor itself, where it is at
+    hand, so that maps and references are read once. None where there is no floor, or one of zero,
+    which does not scatter."""
     value = floor_mm(maps, references) if value is None else value
     if not value:
         return None
-    rng, again, sum_m, n = np.random.default_rng(seed), np.random.default_rng(), np.zeros(RESAMPLES), 0
-    starts: dict[bytes, Any] = {}  # captures that share a registration share its error: drawn from the same state
+    rng, again, sum_m, n = (
+        np.random.default_rng(seed),
+        np.random.default_rng(),
+        np.zeros(RESAMPLES),
+        0,
+    )
+    starts: dict[
+        bytes, Any
+    ] = {}  # captures that share a registration share its error: drawn from the same state
     for m, r, observed in _observed(maps, references):
-        assert r.registration is not None and r.registration.covariance is not None  # σ is known, so they are too
+        assert (
+            r.registration is not None and r.registration.covariance is not None
+        )  # σ is known, so they are too
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
         drawing = again if key in starts else rng
         again.bit_generator.state = starts.setdefault(key, rng.bit_generator.state)
-        motions = drawing.multivariate_normal(np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore")
+        motions = drawing.multivariate_normal(
+            np.zeros(len(covariance)), covariance, RESAMPLES, check_valid="ignore"
+        )
         sum_m += _absolute_sum_m(m, r, motions, rng) / observed.sum()
         n += 1
     low, high = np.quantile(1e3 * (sum_m / n), TAILS)
     return Interval(float(min(low, value)), float(max(high, value)))
 
 
-def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of the registration."""
+def _absolute_sum_m(
+    m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of
+    the registration."""
     observed = np.isfinite(m.error_m)
     column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
     names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)
@@ -71,12 +92,15 @@ def _absolute_sum_m(m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.rand
     assert r.leverage is not None  # comes with the registration
     leverage, mesh_sigma_m = r.leverage[observed].T, r.mesh_sigma_m[observed]
     draws = zip(motions, patches, strict=True)
-    return np.array([np.abs(motion @ leverage + patch[block] * mesh_sigma_m).sum() for motion, patch in draws])
+    return np.array(
+        [np.abs(motion @ leverage + patch[block] * mesh_sigma_m).sum() for motion, patch in draws]
+    )
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:
-    """The parts of a reference's uncertainty: root mean square of σ along z over its pixels, in mm, by the mesh, by
-    the registration and by both together. A part that is not known is None and named under "unknown"."""
+    """The parts of a reference's uncertainty: root mean square of σ along z over its pixels, in mm,
+    by the mesh, by the registration and by both together. A part that is not known is None and
+    named under "unknown"."""
     surface = np.isfinite(reference.z_m)
     sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
     named = zip((*PARTS, "together"), sigmas_m, strict=True)

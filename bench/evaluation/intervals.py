@@ -1,10 +1,11 @@
 """Confidence intervals whose unit is the capture.
 
-Captures differ: another hand, or the same hand placed again, has an error of its own, common to all of its pixels. An
-interval has to hold for captures that were not measured, so that each capture counts as one value, however many pixels
-it has. Figures of captures are skewed: Student's t is transformed as Hall (1992, "On the removal of skewness by
-transformation", J. R. Stat. Soc. B 54) does. Fewer than FEWEST captures tell too little of others; no interval is given
-then. `tests/bench/evaluation/test_statistics.py` measures how often the intervals hold the true value.
+Captures differ: another hand, or the same hand placed again, has an error of its own, common to all
+of its pixels. An interval has to hold for captures that were not measured, so that each capture
+counts as one value, however many pixels it has. Figures of captures are skewed: Student's t is
+transformed as Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B 54)
+does. Fewer than FEWEST captures tell too little of others; no interval is given then.
+`tests/bench/evaluation/test_statistics.py` measures how often the intervals hold the true value.
 """
 
 from collections.abc import Sequence
@@ -31,11 +32,11 @@ class Interval(NamedTuple):
 
 
 def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Interval of the mean of what captures like these [n] show; NaN are left out, and None is returned for fewer than
-    FEWEST.
+    """Interval of the mean of what captures like these [n] show; NaN are left out, and None is
+    returned for fewer than FEWEST.
 
-    T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the skewness, whose distribution is Student's to a
-    higher order, and back at its ends.
+    T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the skewness, whose distribution
+    is Student's to a higher order, and back at its ends.
     """
     from scipy.special import stdtrit
 
@@ -54,8 +55,8 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
 
 
 def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
-    """`mean_interval` of a metric's figures, one a capture, cut to what the metric can be; a share of nothing or of all
-    in every capture shows no spread and has none."""
+    """`mean_interval` of a metric's figures, one a capture, cut to what the metric can be; a share
+    of nothing or of all in every capture shows no spread and has none."""
     found, facts = mean_interval(values), METRICS[metric]
     if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
         return None
@@ -67,16 +68,23 @@ def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interv
 def note(captures: int) -> str:
     """A sentence on what the intervals over so many captures speak of."""
     if captures >= FEWEST:
-        return f"{captures} captures: the intervals speak of captures like these, between which the figures vary"
-    return f"{captures} capture{'s' * (captures > 1)}: {TOO_FEW} how others differ; {FEWEST} or more have intervals"
+        return (
+            f"{captures} captures: the intervals speak of captures like these, between which "
+            "the figures vary"
+        )
+    return (
+        f"{captures} capture{'s' * (captures > 1)}: {TOO_FEW} how others differ; {FEWEST} or "
+        "more have intervals"
+    )
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:
-    """Interval, in mm, of `metrics.precision` of these hands; None where that is None. It speaks of further repeats of
-    the same hands, of which neighbouring ones may be correlated.
+    """Interval, in mm, of `metrics.precision` of these hands; None where that is None. It speaks of
+    further repeats of the same hands, of which neighbouring ones may be correlated.
 
-    z = μ_h + AR(1) of deviation σ_h and a correlation ρ that is common to the hands. Given ρ, Σ s_h²χ²/ν is simulated
-    with the generalised least squares' s_h; ρ has the posterior of a flat prior (seeded draws).
+    z = μ_h + AR(1) of deviation σ_h and a correlation ρ that is common to the hands. Given ρ, Σ
+    s_h²χ²/ν is simulated with the generalised least squares' s_h; ρ has the posterior of a flat
+    prior (seeded draws).
     """
     hands = usable_repeats(strongest_z_m)
     if not hands:
@@ -87,7 +95,9 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
     for h, z in enumerate(hands):
         n, centred = len(z), 1e3 * (z - z.mean())
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-        inverse = np.linalg.inv(np.sign(RHO[:, None, None]) ** apart * np.abs(RHO[:, None, None]) ** apart)
+        inverse = np.linalg.inv(
+            np.sign(RHO[:, None, None]) ** apart * np.abs(RHO[:, None, None]) ** apart
+        )
         weight = inverse.sum(axis=(1, 2))
         mean = inverse.sum(axis=1) @ centred / weight
         off = centred - mean[:, None]
@@ -98,7 +108,10 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
     generator = np.random.default_rng(seed)
     p = np.exp(log_p - log_p.max())
     rho = generator.choice(len(RHO), RESAMPLES, p=p / p.sum())
-    measured_mm, scattered_mm = np.zeros(RESAMPLES), np.zeros(RESAMPLES)  # sums over the hands, one at a time
+    measured_mm, scattered_mm = (
+        np.zeros(RESAMPLES),
+        np.zeros(RESAMPLES),
+    )  # sums over the hands, one at a time
     for freedom, square in zip((len(z) - 1 for z in hands), squares, strict=True):
         spread_mm = np.sqrt(square[rho] / freedom)
         measured_mm += spread_mm

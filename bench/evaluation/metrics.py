@@ -24,8 +24,8 @@ BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of merit. better: the direction in which a method improves ("zero": nearer to zero); paper: the
-    paper's figures by method."""
+    """One figure of merit. better: the direction in which a method improves ("zero": nearer to
+    zero); paper: the paper's figures by method."""
 
     key: str
     title: str
@@ -35,22 +35,32 @@ class Metric:
     paper: dict[str, float] = field(default_factory=dict)
 
 
-_KNOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))  # in the order of the tables
+_KNOWN = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text("utf-8")
+)  # in the order of the tables
 METRICS = {key: Metric(key, **facts) for key, facts in _KNOWN.items()}
-TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").read_text("utf-8"))  # of methods, by id
-PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}  # and its figures
+TITLES: dict[str, str] = tomllib.loads(
+    Path(__file__).with_name("titles.toml").read_text("utf-8")
+)  # of methods, by id
+PAPER = {
+    (m.key, method): value for m in METRICS.values() for method, value in m.paper.items()
+}  # and its figures
 
 
 def _told(m: ErrorMap) -> ErrorMap:
     """The map's pixels that add anything to the sums, in one row."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
-    others = (None if values is None else values[at] for values in (m.sigma_m, m.to_reference_m, m.to_map_m))
+    others = (
+        None if values is None else values[at]
+        for values in (m.sigma_m, m.to_reference_m, m.to_map_m)
+    )
     return ErrorMap(m.x_m, m.y_m, m.error_m[at], m.reference_z_m[at], *others)
 
 
 def terms(m: ErrorMap) -> Terms:
-    """The terms that each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not known."""
+    """The terms that each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not
+    known."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
     unknown = np.full(m.error_m.shape, np.nan)
     sigma_m, to_reference_m, to_map_m = (
@@ -77,8 +87,11 @@ def terms(m: ErrorMap) -> Terms:
 
 
 def figures(t: Terms) -> Terms:
-    """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to stand on."""
-    surface = np.where(t["surface"] > 0, t["surface"], np.nan)  # without one there is nothing to be found
+    """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to
+    stand on."""
+    surface = np.where(
+        t["surface"] > 0, t["surface"], np.nan
+    )  # without one there is nothing to be found
     with np.errstate(divide="ignore", invalid="ignore"):
         mae_m, mean_square_m2 = t["absolute_m"] / t["observed"], t["square_m2"] / t["observed"]
         to_reference_m, to_map_m = t["to_reference_m"] / t["judged"], t["to_map_m"] / t["surface"]
@@ -96,7 +109,9 @@ def figures(t: Terms) -> Terms:
             "chamfer_mm": 1e3 * (to_reference_m + to_map_m) / 2,
             **{f"complete_{mm}mm_percent": 100 * t[f"right_{mm}"] / t["surface"] for mm in F_MM},
             **{f"accurate_{mm}mm_percent": 100 * t[f"right_{mm}"] / t["judged"] for mm in F_MM},
-            **{f"f_{mm}mm_percent": 200 * t[f"right_{mm}"] / (surface + t["judged"]) for mm in F_MM},
+            **{
+                f"f_{mm}mm_percent": 200 * t[f"right_{mm}"] / (surface + t["judged"]) for mm in F_MM
+            },
         }
 
 
@@ -110,23 +125,30 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
         observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
     absolute_m = np.concatenate(observed)
-    values = {key: float(value) if np.isfinite(value) else None for key, value in figures(totals).items()}
+    values = {
+        key: float(value) if np.isfinite(value) else None for key, value in figures(totals).items()
+    }
     ordered = dict.fromkeys(ORDERED)
     if len(absolute_m):
         median_m, p95_m = np.quantile(absolute_m, tuple(QUANTILES.values()))
-        ordered = dict(zip(ORDERED, (1e3 * float(v) for v in (absolute_m.max(), median_m, p95_m)), strict=True))
+        ordered = dict(
+            zip(ORDERED, (1e3 * float(v) for v in (absolute_m.max(), median_m, p95_m)), strict=True)
+        )
     found = values | ordered | {"n_observed": len(absolute_m)}
     return {key: found[key] for key in METRICS if key in found}
 
 
 def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
-    """The figures over a capture's frames from the mean and the largest absolute error of each [n]; none where it has
-    a single frame, or one in which nothing was observed."""
+    """The figures over a capture's frames from the mean and the largest absolute error of each [n];
+    none where it has a single frame, or one in which nothing was observed."""
     if len(mae_mm) < 2 or not np.isfinite([mae_mm, max_mm]).all():
         return {}
     found: Values = {"frames_largest_mm": float(np.max(max_mm))}
     for name, values in (("mae", mae_mm), ("max", max_mm)):
-        found |= {f"frames_{name}_mm": float(np.mean(values)), f"frames_{name}_deviation_mm": deviation(values)}
+        found |= {
+            f"frames_{name}_mm": float(np.mean(values)),
+            f"frames_{name}_deviation_mm": deviation(values),
+        }
     return found
 
 
@@ -138,19 +160,23 @@ def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
 
 
 def averaged(captures: pd.DataFrame) -> Values:
-    """The figures of `of_captures`, formed for each capture and then averaged over those that have them, as the paper's
-    table is; the pooled ones and the number of pixels of all captures together. The floor, where `captures` has it as
-    `floor_mm`, is known if it is for each capture that observes anything. A figure that has nothing to stand on is
-    None."""
+    """The figures of `of_captures`, formed for each capture and then averaged over those that have
+    them, as the paper's table is; the pooled ones and the number of pixels of all captures
+    together. The floor, where `captures` has it as `floor_mm`, is known if it is for each capture
+    that observes anything. A figure that has nothing to stand on is None."""
     pixels = captures.n_observed.sum()
     values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
-        "pooled_mae_mm": (captures.mae_mm * captures.n_observed).sum() / pixels if pixels else np.nan,
+        "pooled_mae_mm": (captures.mae_mm * captures.n_observed).sum() / pixels
+        if pixels
+        else np.nan,
         "pooled_max_mm": captures.max_mm.max(),
     }
     if "floor_mm" in captures:
         values["floor_mm"] = captures.floor_mm[captures.n_observed > 0].mean(skipna=False)
-    found: Values = {key: float(value) if np.isfinite(value) else None for key, value in values.items()}
+    found: Values = {
+        key: float(value) if np.isfinite(value) else None for key, value in values.items()
+    }
     return {key: found[key] for key in METRICS if key in found}
 
 
@@ -161,11 +187,13 @@ AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the cap
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n, ny, nx].
+    """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n,
+    ny, nx].
 
-    The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of those observed in
-    every repeat. (The strongest pixel of each repeat by itself may jump between glints of nearly equal strength, and
-    would measure the distance between them.) NaN when no pixel is observed in every repeat, depth and amplitude.
+    The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of
+    those observed in every repeat. (The strongest pixel of each repeat by itself may jump between
+    glints of nearly equal strength, and would measure the distance between them.) NaN when no pixel
+    is observed in every repeat, depth and amplitude.
     """
     steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
     if not steady.any():
@@ -175,7 +203,8 @@ def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarra
 
 
 def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
-    """Precision from each hand's strongest depths [n_repeats], metres; None without `usable_repeats`."""
+    """Precision from each hand's strongest depths [n_repeats], metres; None without
+    `usable_repeats`."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return {"precision_mm": None, "relative_precision_percent": None}
@@ -183,12 +212,15 @@ def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
     distance_m = np.mean([z.mean() for z in hands])
     return {
         "precision_mm": float(1e3 * precision_m),
-        "relative_precision_percent": float(100 * (1 - precision_m / distance_m)) if distance_m else None,
+        "relative_precision_percent": float(100 * (1 - precision_m / distance_m))
+        if distance_m
+        else None,
     }
 
 
 def deviation(values: np.ndarray) -> float:
-    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, whatever their mean rounds to."""
+    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, whatever their mean
+    rounds to."""
     return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 
@@ -197,13 +229,16 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
 
     Empty when a hand keeps fewer than two: a mean over fewer hands would be another figure.
     """
-    hands = [z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)]
+    hands = [
+        z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
+    ]
     return hands if all(len(z) > 1 for z in hands) else []
 
 
 def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom, the value that
-    gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
+    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom,
+    the value that gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite).
+    None without `usable_repeats`."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
@@ -216,4 +251,6 @@ def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] |
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
     """Metric → "definition [unit]; lower is better", as result and metric files carry it."""
-    return {k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))}
+    return {
+        k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))
+    }

@@ -1,4 +1,5 @@
-"""Tests whose unit is the capture: of two methods on the same captures, and of one method on different ones."""
+"""Tests whose unit is the capture: of two methods on the same captures, and of one method on
+different ones."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -16,7 +17,8 @@ from handbench.support.errors import HandbenchError
 
 
 class Tested(NamedTuple):
-    """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to test."""
+    """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to
+    test."""
 
     difference: float
     low: float = np.nan
@@ -25,8 +27,8 @@ class Tested(NamedTuple):
 
 
 def paired(a: np.ndarray, b: np.ndarray) -> Tested:
-    """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's own on that capture
-    does not (Student's paired t). NaN in either leaves a capture out."""
+    """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's
+    own on that capture does not (Student's paired t). NaN in either leaves a capture out."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
@@ -36,8 +38,12 @@ def paired(a: np.ndarray, b: np.ndarray) -> Tested:
         return Tested(difference)
     size = np.abs(np.stack([a, b])[:, known]).max()
     if spread <= 1e-12 * size:  # roundings
-        return Tested(difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0)
-    return Tested(difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1)))
+        return Tested(
+            difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0
+        )
+    return Tested(
+        difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1))
+    )
 
 
 def unpaired(a: np.ndarray, b: np.ndarray) -> Tested:
@@ -59,8 +65,9 @@ def unpaired(a: np.ndarray, b: np.ndarray) -> Tested:
 
 
 def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
-    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all repeats were
-    independent: cautious where both image the same echoes. The interval is that of the ratio, times A's precision."""
+    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all
+    repeats were independent: cautious where both image the same echoes. The interval is that of the
+    ratio, times A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Tested(np.nan)
@@ -82,21 +89,31 @@ def compare(
     titles: Mapping[str, str] | None = None,
     treatment: str = "",
 ) -> pd.DataFrame:
-    """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its captures [n], the same
-    ones in the same order; treatment: of `TREATMENTS`, or "", each method as it is. Methods without a figure are left
-    out. Raises HandbenchError for different captures and for metrics that have no direction."""
+    """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its
+    captures [n], the same ones in the same order; treatment: of `TREATMENTS`, or "", each method as
+    it is. Methods without a figure are left out. Raises HandbenchError for different captures and
+    for metrics that have no direction."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
-            f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the same ones"
+            f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
+            "same ones"
         )
     if METRICS[metric].better == "zero":
-        raise HandbenchError(f"comparison: '{metric}' cannot be compared; expected one with a direction, as {HEADLINE}")
+        raise HandbenchError(
+            f"comparison: '{metric}' cannot be compared; expected one with a direction, as "
+            f"{HEADLINE}"
+        )
     known = [method for method, values in figures.items() if np.isfinite(values).any()]
     pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]
     smaller_first = pairs if METRICS[metric].better == "lower" else [pair[::-1] for pair in pairs]
     tests = [paired(figures[small], figures[large]) for small, large in smaller_first]
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
-        metric=metric, unit=METRICS[metric].unit, reference=reference, n_blocks=0, sentence="", treatment=treatment
+        metric=metric,
+        unit=METRICS[metric].unit,
+        reference=reference,
+        n_blocks=0,
+        sentence="",
+        treatment=treatment,
     )
     for name in ("difference", "low", "high"):
         lines[name] = [getattr(tested, name) for tested in tests]
@@ -115,7 +132,10 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
         title += f"{on_common_pixels(line.metric)}, {TREATMENTS[line.treatment]}"
     none = f"no difference shown between {better} and {worse} in {title}: "
     if np.isnan(line.low):
-        ahead = f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} ({title}) on these"
+        ahead = (
+            f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} "
+            f"({title}) on these"
+        )
         return f"{ahead} {line.n_captures}: {TOO_FEW} of others"
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
@@ -126,22 +146,32 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
     """A difference ≥ 0 with its interval in words, to the digits that are worth telling."""
     places = _places(difference)
-    return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace("-", "−")
+    return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace(
+        "-", "−"
+    )
 
 
 def amount_text(difference: float, unit: str) -> str:
     """A difference in words."""
-    return f"{difference:.{_places(difference)}f} {'percentage points' if unit == '%' else unit}".replace("-", "−")
+    shown = "percentage points" if unit == "%" else unit
+    return f"{difference:.{_places(difference)}f} {shown}".replace("-", "−")
 
 
 def _places(difference: float) -> int:
     return next((d for d, size in ((1, 1.0), (2, 0.1)) if round(abs(difference), 9) >= size), 3)
 
 
-def _ordered(pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str) -> tuple[str, str]:
-    """The better method first, on the captures that both have; the earlier one where they are equal."""
+def _ordered(
+    pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str
+) -> tuple[str, str]:
+    """The better method first, on the captures that both have; the earlier one where they are
+    equal."""
     first, second = pair
-    gained = np.nanmean(figures[second] - figures[first]) if np.isfinite(figures[second] - figures[first]).any() else 0
+    gained = (
+        np.nanmean(figures[second] - figures[first])
+        if np.isfinite(figures[second] - figures[first]).any()
+        else 0
+    )
     return (second, first) if (gained < 0 if direction == "lower" else gained > 0) else pair
 
 
@@ -153,10 +183,12 @@ def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
 
 
 def corrected(p: Sequence[float]) -> list[float]:
-    """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1, never falling, at most
-    1; those that are not known stay so, and count for none."""
+    """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1,
+    never falling, at most 1; those that are not known stay so, and count for none."""
     given = np.asarray(p, float)
     found, known = given.copy(), np.flatnonzero(np.isfinite(given))
     order = known[np.argsort(given[known], kind="stable")]
-    found[order] = np.minimum(np.maximum.accumulate(given[order] * (len(order) - np.arange(len(order)))), 1)
+    found[order] = np.minimum(
+        np.maximum.accumulate(given[order] * (len(order) - np.arange(len(order)))), 1
+    )
     return found.tolist()

@@ -1,17 +1,19 @@
 """A mesh brought onto a radar depth map, for captures without a calibration target.
 
-Point-to-plane ICP along z (Chen & Medioni 1992): every pixel that the radar and the mesh share gives one distance
-e = (z_radar − z_mesh)·n_z, with the mesh's depth cast anew at each step. A small motion of the mesh, dp = τ + ω×(p − c)
-about the pixels' centre c, changes e by −n·dp, where n = (−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z makes a steep
-surface count less, whose z swings with any sideways error. Tukey's weights keep strangers out.
+Point-to-plane ICP along z (Chen & Medioni 1992): every pixel that the radar and the mesh share
+gives one distance e = (z_radar − z_mesh)·n_z, with the mesh's depth cast anew at each step. A small
+motion of the mesh, dp = τ + ω×(p − c) about the pixels' centre c, changes e by −n·dp, where n =
+(−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z makes a steep surface count less, whose z swings
+with any sideways error. Tukey's weights keep strangers out.
 
-The pixels' errors hang together: within a resolution cell, which speckle and the methods' filters make and which the
-distances left over show, and further, by a bias of the radar that the fit takes for a motion. Both are in the
-covariance, as Gaussian functions of the pixels' separation: the first with strength and reach as the left-over
-distances have them, the second as simulated hands, whose pose is known, show it.
+The pixels' errors hang together: within a resolution cell, which speckle and the methods' filters
+make and which the distances left over show, and further, by a bias of the radar that the fit takes
+for a motion. Both are in the covariance, as Gaussian functions of the pixels' separation: the first
+with strength and reach as the left-over distances have them, the second as simulated hands, whose
+pose is known, show it.
 
-What it aligns to is the radar itself: a bias of the radar is taken for a motion and cannot show afterwards. No metric
-calls this; whoever does says so in the transform that comes of it.
+What it aligns to is the radar itself: a bias of the radar is taken for a motion and cannot show
+afterwards. No metric calls this; whoever does says so in the transform that comes of it.
 """
 
 from dataclasses import replace
@@ -29,23 +31,39 @@ from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
-STEEPEST = 0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
+STEEPEST = (
+    0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
+)
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
-FINEST_M = 1e-6  # scale of the distances below which nothing is an outlier: the ray caster's own error
-CONDITION = 300.0  # a direction that answers with less than 1/17 of the best one's distance is not held
-STEPS, STILL_M = 60, 1e-6  # Gauss–Newton steps at most, and the motion (rms of the pixels) that ends them
+FINEST_M = (
+    1e-6  # scale of the distances below which nothing is an outlier: the ray caster's own error
+)
+CONDITION = (
+    300.0  # a direction that answers with less than 1/17 of the best one's distance is not held
+)
+STEPS, STILL_M = (
+    60,
+    1e-6,
+)  # Gauss–Newton steps at most, and the motion (rms of the pixels) that ends them
 LEFT, FASTEST, ROUND = 0.02, 0.95, 6  # standard deviations left to walk that end it; see _left
-PROBE_M = 0.008  # over which the left-over distances are asked how far they reach: three cells of a 5 × 5 mm filter
-BIAS_M, BIAS_REACH_M = 1.2e-4, 0.025  # 1σ of the radar's bias along z, and its reach: measured on simulated hands
-MOST_ABSORBED = 0.9  # of the distances' variance by the fit; more is too small a surface for its cells
+# over which the left-over distances are asked how far they reach: three cells of a 5 × 5 mm filter
+PROBE_M = 0.008
+BIAS_M, BIAS_REACH_M = (
+    1.2e-4,
+    0.025,
+)  # 1σ of the radar's bias along z, and its reach: measured on simulated hands
+MOST_ABSORBED = (
+    0.9  # of the distances' variance by the fit; more is too small a surface for its cells
+)
 FARTHEST_M, FARTHEST_RAD = 0.015, np.radians(10)  # beyond: another surface is as likely as this one
 FEWEST_PIXELS, FEWEST_BLOCKS = 100, 8  # six unknowns want more cells than unknowns that err apart
 DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; place_m [2, n]: its x and y;
-    distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3], radius_m: their extent."""
+    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; place_m [2, n]: its x
+    and y; distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3],
+    radius_m: their extent."""
 
     pixel: np.ndarray
     place_m: np.ndarray
@@ -56,21 +74,26 @@ class _Pixels(NamedTuple):
 
 
 def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
-    """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the radar frame."""
-    transform = refine(read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar"))
+    """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the
+    radar frame."""
+    transform = refine(
+        read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar")
+    )
     return replace(transform, refined={"depth": Path(depth_file).name, **(transform.refined or {})})
 
 
 def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
-    """The mesh's transform into the radar frame for which its depth fits the radar's, near `start`; the scale is kept.
+    """The mesh's transform into the radar frame for which its depth fits the radar's, near `start`;
+    the scale is kept.
 
-    Its `refined` tells what was changed: reason, pixels, left_out (strangers), blocks, rms_before_mm and rms_after_mm
-    (of e, over the pixels that the fit kept), translation_mm [3] of and rotation_deg [3] (a vector) about centre_mm,
-    uncertainty, held and free directions in words, start. The covariance (6×6, for the scale as given) has the scatter
-    that the distances show and the bias that a radar has on a hand (BIAS_M); along free directions it is the start's,
-    and there is none where the start has none. It knows nothing of a larger bias, as of a wrong delay. Raises
-    HandbenchError when the two share too little, or when the motion does not end or leaves the capture range (15 mm,
-    10°).
+    Its `refined` tells what was changed: reason, pixels, left_out (strangers), blocks,
+    rms_before_mm and rms_after_mm (of e, over the pixels that the fit kept), translation_mm [3] of
+    and rotation_deg [3] (a vector) about centre_mm, uncertainty, held and free directions in words,
+    start. The covariance (6×6, for the scale as given) has the scatter that the distances show and
+    the bias that a radar has on a hand (BIAS_M); along free directions it is the start's, and there
+    is none where the start has none. It knows nothing of a larger bias, as of a wrong delay. Raises
+    HandbenchError when the two share too little, or when the motion does not end or leaves the
+    capture range (15 mm, 10°).
     """
     matrix, walk, left = start.matrix, list[np.ndarray](), np.inf
     while True:
@@ -86,17 +109,23 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
         matrix = _motion(walk[-1], pixels) @ matrix
     if left > 1:
         raise HandbenchError(
-            f"refine: still moving by {1e3 * np.linalg.norm(walk[-1]):.3f} mm after {STEPS} steps; mesh and depth map "
+            f"refine: still moving by {1e3 * np.linalg.norm(walk[-1]):.3f} mm after {STEPS} "
+            "steps; mesh and depth map "
             "do not settle: start nearer, or calibrate with a target"
         )
     change = matrix @ np.linalg.inv(start.matrix)
-    shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [*pixels.centre_m, 1]  # of the point that came there
+    shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [
+        *pixels.centre_m,
+        1,
+    ]  # of the point that came there
     turn_rad = Rotation.from_matrix(change[:3, :3]).as_rotvec()
     shift, turn = float(np.linalg.norm(shift_m)), float(np.linalg.norm(turn_rad))
     if shift > FARTHEST_M or turn > FARTHEST_RAD:
         raise HandbenchError(
-            f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; at most "
-            f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: start nearer "
+            f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; "
+            "at most "
+            f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: "
+            "start nearer "
             "(--transform), or calibrate with a target"
         )
     before = _shared(surface, depth, start)
@@ -124,10 +153,13 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
 
 
 def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _Pixels:
-    """Distances and their derivatives where both have a depth. Left out: where a phase may have wrapped, steep surface,
-    and silhouettes, on which the slope (a central difference over the neighbours) does not exist or is a jump."""
+    """Distances and their derivatives where both have a depth. Left out: where a phase may have
+    wrapped, steep surface, and silhouettes, on which the slope (a central difference over the
+    neighbours) does not exist or is a jump."""
     if min(depth.z_m.shape) < 3:
-        raise HandbenchError(f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more")
+        raise HandbenchError(
+            f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more"
+        )
     z_m = reference_on_grid(surface.moved(radar_from_mesh), depth.x_m, depth.y_m).z_m
     slope_y, slope_x = np.gradient(z_m, depth.y_m, depth.x_m)
     n_z = 1 / np.sqrt(1 + slope_x**2 + slope_y**2)
@@ -139,8 +171,10 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
     blocks = _blocks(*place_m).max() + 1
     if len(row) < FEWEST_PIXELS or blocks < FEWEST_BLOCKS:
         raise HandbenchError(
-            f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {blocks} cells of "
-            f"{1e3 * BLOCK_M:.0f} mm; expected {FEWEST_PIXELS} in {FEWEST_BLOCKS} or more: check --transform, and that "
+            f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {blocks} "
+            "cells of "
+            f"{1e3 * BLOCK_M:.0f} mm; expected {FEWEST_PIXELS} in {FEWEST_BLOCKS} or more: check "
+            "--transform, and that "
             "both show the same object"
         )
     points_m = np.stack([*place_m, z_m[row, column]], axis=1).astype(np.float64)
@@ -155,16 +189,17 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
 
 
 def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tukey's weights ψ(e)/e and slopes ψ'(e), both [n], for the scale that the median of |e| gives: about zero, so
-    that a start far off loses nothing."""
+    """Tukey's weights ψ(e)/e and slopes ψ'(e), both [n], for the scale that the median of |e|
+    gives: about zero, so that a start far off loses nothing."""
     scale_m = max(1.4826 * float(np.median(np.abs(distance_m))), FINEST_M)
     u2 = np.minimum((distance_m / (TUKEY * scale_m)) ** 2, 1)
     return (1 - u2) ** 2, (1 - u2) * (1 - 5 * u2)
 
 
 def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and the condition [6] of each: the
-    largest eigenvalue over its own, rising. The surface holds those with a condition up to CONDITION."""
+    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and the condition
+    [6] of each: the largest eigenvalue over its own, rising. The surface holds those with a
+    condition up to CONDITION."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     return vector, value[0] / np.maximum(value, 1e-12 * value[0])
@@ -185,27 +220,36 @@ def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
     return motion
 
 
-def _scatter(pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Covariance [k, k] of the fit within the held directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ
-    ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J (Conley 1999), ρ(r; ℓ) = exp(−r²/2ℓ²).
+def _scatter(
+    pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, held: np.ndarray
+) -> np.ndarray:
+    """Covariance [k, k] of the fit within the held directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ)
+    + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J (Conley
+    1999), ρ(r; ℓ) = exp(−r²/2ℓ²).
 
-    s² is the mean square of u = w·e over the share of it that the fit has not absorbed. With τ, the mean of u_i u_j/s²
-    over the pairs, each weighed by ρ(r_ij; q), ℓ² = q²τ/(1 − τ): the integral of ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² + q²).
+    s² is the mean square of u = w·e over the share of it that the fit has not absorbed. With τ, the
+    mean of u_i u_j/s² over the pairs, each weighed by ρ(r_ij; q), ℓ² = q²τ/(1 − τ): the integral of
+    ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² + q²).
     """
     jacobian, left_m = pixels.jacobian @ held, weight * pixels.distance_m
     variance_m2 = float((left_m**2).mean()) + FINEST_M**2
-    probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(np.ones((len(left_m), 1)), pixels, PROBE_M)
+    probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(
+        np.ones((len(left_m), 1)), pixels, PROBE_M
+    )
     shared = np.clip(float(probed_m2[0, 0]) / variance_m2, 1e-3, MOST_ABSORBED)
     cells = _paired(jacobian, pixels, PROBE_M * np.sqrt(shared / (1 - shared)))
     bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian))
     absorbed = np.clip(np.trace(bread @ cells) / len(left_m), 0, MOST_ABSORBED)
-    bias = BIAS_M**2 * _paired((weight * pixels.jacobian[:, 2])[:, None] * jacobian, pixels, BIAS_REACH_M)
+    bias = BIAS_M**2 * _paired(
+        (weight * pixels.jacobian[:, 2])[:, None] * jacobian, pixels, BIAS_REACH_M
+    )
     scatter: np.ndarray = bread @ (variance_m2 / (1 - absorbed) * cells + bias) @ bread
     return scatter
 
 
 def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
-    """Σ v_i v_jᵀ exp(−r_ij²/2ℓ²) [k, k] over all pairs of pixels with values [n, k]: along y, then along x."""
+    """Σ v_i v_jᵀ exp(−r_ij²/2ℓ²) [k, k] over all pairs of pixels with values [n, k]: along y, then
+    along x."""
     (x_m, column), (y_m, row) = (np.unique(axis, return_inverse=True) for axis in pixels.place_m)
     grid = np.zeros((values.shape[1], len(y_m), len(x_m)))
     grid[:, row, column] = values.T
@@ -214,9 +258,10 @@ def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
 
 
 def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
-    """Standard deviations that the walk, of steps [k], still has before it: motions a, then b, of which the last are
-    |b|²/(|a| − |b|) for ever (Aitken). Of single steps, or of ROUND at once, which sees through a walk in circles: at
-    outlines pixels come and go. None are left once a step is below STILL_M."""
+    """Standard deviations that the walk, of steps [k], still has before it: motions a, then b, of
+    which the last are |b|²/(|a| − |b|) for ever (Aitken). Of single steps, or of ROUND at once,
+    which sees through a walk in circles: at outlines pixels come and go. None are left once a step
+    is below STILL_M."""
     left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
     for stride in (1, ROUND):
         if len(walk) >= 2 * stride:
@@ -228,13 +273,19 @@ def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
 
 
 def _covariance(
-    pixels: _Pixels, scatter: np.ndarray, held: np.ndarray, free: np.ndarray, start: np.ndarray | None
+    pixels: _Pixels,
+    scatter: np.ndarray,
+    held: np.ndarray,
+    free: np.ndarray,
+    start: np.ndarray | None,
 ) -> np.ndarray | None:
-    """Covariance [6, 6] of [translation, rotation] about the origin: the scatter [k, k] along the held directions
-    [6, k], the start's along the free ones; None where it has none."""
+    """Covariance [6, 6] of [translation, rotation] about the origin: the scatter [k, k] along the
+    held directions [6, k], the start's along the free ones; None where it has none."""
     if free.shape[1] and start is None:
         return None
-    to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))  # from [τ, ω·radius_m]
+    to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(
+        np.repeat([1, 1 / pixels.radius_m], 3)
+    )  # from [τ, ω·radius_m]
     covariance: np.ndarray = to_origin @ held @ scatter @ held.T @ to_origin.T
     if start is not None:
         unmoved = to_origin @ free @ free.T @ np.linalg.inv(to_origin)
@@ -245,10 +296,19 @@ def _covariance(
 def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
     """The sentence that tells the covariance at the pixels' centre, or why there is none."""
     if moved.covariance is None:
-        return f"no covariance: the surface does not hold {', '.join(free)}, and the start states no error along it"
-    sigmas = 1e3 * np.diag(moved.point_covariance(pixels.centre_m)) ** 0.5, np.degrees(np.diag(moved.covariance) ** 0.5)
+        return (
+            f"no covariance: the surface does not hold {', '.join(free)}, and the start "
+            "states no error along it"
+        )
+    sigmas = (
+        1e3 * np.diag(moved.point_covariance(pixels.centre_m)) ** 0.5,
+        np.degrees(np.diag(moved.covariance) ** 0.5),
+    )
     mm, degrees = (" × ".join(f"{sigma:.2f}" for sigma in three[-3:]) for three in sigmas)
-    return f"one σ at the surface's middle {mm} mm, {degrees}° (x × y × z), if the radar errs as it does on hands"
+    return (
+        f"one σ at the surface's middle {mm} mm, {degrees}° (x × y × z), if the radar errs as "
+        "it does on hands"
+    )
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
@@ -263,4 +323,6 @@ def _name(vector: np.ndarray) -> str:
     """A direction's parts above 0.3, the largest first, as "+0.95 z −0.31 about x"."""
     vector = vector * np.sign(vector[np.abs(vector).argmax()])
     parts = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
-    return " ".join(f"{'−' if vector[i] < 0 else '+'}{abs(vector[i]):.2f} {DIRECTIONS[i]}" for i in parts)
+    return " ".join(
+        f"{'−' if vector[i] < 0 else '+'}{abs(vector[i]):.2f} {DIRECTIONS[i]}" for i in parts
+    )

@@ -5,7 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.intervals import Interval, figure_interval, median_interval, precision_interval
+from handbench.bench.evaluation.intervals import (
+    Interval,
+    figure_interval,
+    median_interval,
+    precision_interval,
+)
 from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, precision
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
 from handbench.bench.evaluation.tables import TABLE, frame
@@ -14,29 +19,44 @@ Intervals = dict[str, Interval | None]
 
 
 def accuracy_rows(
-    method: str, reference: str, captures: pd.DataFrame, protocol: Protocol = PAPER, floor: Interval | None = None
+    method: str,
+    reference: str,
+    captures: pd.DataFrame,
+    protocol: Protocol = PAPER,
+    floor: Interval | None = None,
 ) -> pd.DataFrame:
-    """The protocol's metrics of a method against one reference, from `of_captures` of its maps, with their `floor_mm`
-    where it is known; floor: its interval."""
+    """The protocol's metrics of a method against one reference, from `of_captures` of its maps,
+    with their `floor_mm` where it is known; floor: its interval."""
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
     values = {"floor_mm": None} | averaged(captures)
     known = {key: value for key, value in values.items() if key in protocol.metrics}
     return _rows(method, reference, known, intervals | {"floor_mm": floor})
 
 
-def frame_rows(method: str, reference: str, captures: Sequence[Values], protocol: Protocol = PAPER) -> pd.DataFrame:
-    """The protocol's figures over all frames, from each capture's `over_frames`; none unless all captures have them."""
+def frame_rows(
+    method: str, reference: str, captures: Sequence[Values], protocol: Protocol = PAPER
+) -> pd.DataFrame:
+    """The protocol's figures over all frames, from each capture's `over_frames`; none unless all
+    captures have them."""
     shared = set.intersection(*map(set, captures)) if captures else set()
-    found = {key: np.array([figures[key] for figures in captures], float) for key in shared & set(protocol.metrics)}
+    found = {
+        key: np.array([figures[key] for figures in captures], float)
+        for key in shared & set(protocol.metrics)
+    }
     values: Values = {key: float(of.mean()) for key, of in found.items()}
-    return _rows(method, reference, values, {key: figure_interval(key, of) for key, of in found.items()})
+    return _rows(
+        method, reference, values, {key: figure_interval(key, of) for key, of in found.items()}
+    )
 
 
 def precision_rows(
-    method: str, reference: str, strongest_z_m: Sequence[np.ndarray], pixels_mm: Sequence[float] = ()
+    method: str,
+    reference: str,
+    strongest_z_m: Sequence[np.ndarray],
+    pixels_mm: Sequence[float] = (),
 ) -> pd.DataFrame:
-    """The precision from each hand's strongest depths [n_repeats] and, where it is known, per pixel from each hand's
-    median deviation in mm; needs no reference, is listed with each."""
+    """The precision from each hand's strongest depths [n_repeats] and, where it is known, per pixel
+    from each hand's median deviation in mm; needs no reference, is listed with each."""
     values, key = precision(strongest_z_m), "pixel_precision_mm"
     intervals: Intervals = {"precision_mm": precision_interval(strongest_z_m)}
     if len(pixels_mm):
@@ -48,11 +68,15 @@ def precision_rows(
     return _rows(method, reference, values, intervals)
 
 
-def time_rows(method: str, reference: str, seconds: Sequence[float] | np.ndarray, seed: int = 0) -> pd.DataFrame:
+def time_rows(
+    method: str, reference: str, seconds: Sequence[float] | np.ndarray, seed: int = 0
+) -> pd.DataFrame:
     """The time per frame from each frame's imaging time; listed with each reference as well."""
     frames_s = np.asarray(seconds, dtype=np.float64)
     value = float(np.median(frames_s)) if len(frames_s) else None
-    return _rows(method, reference, {"seconds": value}, {"seconds": median_interval(frames_s, seed)})
+    return _rows(
+        method, reference, {"seconds": value}, {"seconds": median_interval(frames_s, seed)}
+    )
 
 
 def _rows(method: str, reference: str, values: Values, intervals: Intervals) -> pd.DataFrame:

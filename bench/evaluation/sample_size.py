@@ -1,7 +1,9 @@
-"""Captures that a comparison of methods takes: the variance of its figures, and the power of the tests of `paired`.
+"""Captures that a comparison of methods takes: the variance of its figures, and the power of the
+tests of `paired`.
 
-The figure of method m on capture c is y_mc = μ + method + capture + method × capture (+ residual). A paired test is
-free of the capture's part; one between different captures, or different hands, bears it twice.
+The figure of method m on capture c is y_mc = μ + method + capture + method × capture (+ residual).
+A paired test is free of the capture's part; one between different captures, or different hands,
+bears it twice.
 """
 
 from bisect import bisect_left
@@ -22,8 +24,9 @@ POWER = 0.8  # the chance of showing a difference that there is
 
 
 class Components(NamedTuple):
-    """Standard deviations between captures, of the methods' own on a capture, and between repeats of one method on one
-    capture; NaN for these without repeats, which the second then holds too. Negative estimates of a variance are 0."""
+    """Standard deviations between captures, of the methods' own on a capture, and between repeats
+    of one method on one capture; NaN for these without repeats, which the second then holds too.
+    Negative estimates of a variance are 0."""
 
     capture: float
     interaction: float
@@ -32,29 +35,34 @@ class Components(NamedTuple):
 
 
 def components(figures: np.ndarray) -> Components:
-    """Variance components of figures [captures, methods] or [captures, methods, repeats] by the two-way analysis of
-    variance with random captures; captures that lack a figure are left out. Raises HandbenchError for fewer than LEAST
-    captures or two methods."""
+    """Variance components of figures [captures, methods] or [captures, methods, repeats] by the
+    two-way analysis of variance with random captures; captures that lack a figure are left out.
+    Raises HandbenchError for fewer than LEAST captures or two methods."""
     cells = figures[..., None] if figures.ndim == 2 else figures
     cells = cells[np.isfinite(cells).all(axis=(1, 2))]
     n, k, r = cells.shape
     if n < LEAST or k < 2:
         raise HandbenchError(
-            f"variance components: {n} captures of {k} methods have all figures; expected {LEAST} and 2 or more"
+            f"variance components: {n} captures of {k} methods have all figures; expected "
+            f"{LEAST} and 2 or more"
         )
     means = cells.mean(axis=2)
     of_captures, of_methods = means.mean(axis=1, keepdims=True), means.mean(axis=0)
     captures = r * k * of_captures.var(ddof=1)
-    interaction = r * ((means - of_captures - of_methods + means.mean()) ** 2).sum() / ((n - 1) * (k - 1))
+    interaction = (
+        r * ((means - of_captures - of_methods + means.mean()) ** 2).sum() / ((n - 1) * (k - 1))
+    )
     residual = ((cells - means[..., None]) ** 2).sum() / (n * k * (r - 1)) if r > 1 else np.nan
     own = (interaction - residual) / r if r > 1 else interaction
-    capture, own, residual = np.sqrt(np.maximum([(captures - interaction) / (r * k), own, residual], 0)).tolist()
+    capture, own, residual = np.sqrt(
+        np.maximum([(captures - interaction) / (r * k), own, residual], 0)
+    ).tolist()
     return Components(capture, own, residual, n)
 
 
 def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """`components` of method → a metric of the same captures [n], as plain values for a result's facts; nothing where
-    there are too few, and no residual where it is not known."""
+    """`components` of method → a metric of the same captures [n], as plain values for a result's
+    facts; nothing where there are too few, and no residual where it is not known."""
     try:
         found = components(np.stack(list(figures.values()), axis=1))._asdict()
     except HandbenchError:
@@ -63,15 +71,20 @@ def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:
-    """Power of the two-sided paired t test of n captures, whose differences have this standard deviation."""
+    """Power of the two-sided paired t test of n captures, whose differences have this standard
+    deviation."""
     return _power(effect * np.sqrt(n) / spread, n - 1, alpha) if spread else 1.0
 
 
 def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: float = ALPHA) -> float:
-    """Power of Welch's two-sided test of n captures of each of two methods, with these standard deviations; by the
-    noncentral t of the degrees of freedom that the true variances have."""
+    """Power of Welch's two-sided test of n captures of each of two methods, with these standard
+    deviations; by the noncentral t of the degrees of freedom that the true variances have."""
     a, b = (spread**2 / n for spread in spreads)
-    return _power(effect / np.sqrt(a + b), (a + b) ** 2 * (n - 1) / (a**2 + b**2), alpha) if a + b else 1.0
+    return (
+        _power(effect / np.sqrt(a + b), (a + b) ** 2 * (n - 1) / (a**2 + b**2), alpha)
+        if a + b
+        else 1.0
+    )
 
 
 def _power(shift: float, freedom: float, alpha: float) -> float:
@@ -79,7 +92,9 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
     reach = stats.t.isf(alpha / 2, freedom)
     if shift > reach + 37:  # the noncentral t of larger shifts is NaN
         return 1.0
-    return float(stats.nct.sf(reach, freedom, shift) + np.nan_to_num(stats.nct.cdf(-reach, freedom, shift)))
+    return float(
+        stats.nct.sf(reach, freedom, shift) + np.nan_to_num(stats.nct.cdf(-reach, freedom, shift))
+    )
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
@@ -89,16 +104,22 @@ def captures_needed(power_of: Callable[[int], float], power: float) -> int | Non
 
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
-    """Captures, of each side where they differ, that show this difference of two means with a power of POWER.
+    """Captures, of each side where they differ, that show this difference of two means with a power
+    of POWER.
 
-    spreads: the standard deviation of the captures' differences (paired), or one for each side (Welch). None: more
-    than MOST, or no difference. Never fewer than FEWEST, which are tested at all.
+    spreads: the standard deviation of the captures' differences (paired), or one for each side
+    (Welch). None: more than MOST, or no difference. Never fewer than FEWEST, which are tested at
+    all.
     """
     if not difference or not np.isfinite(difference):
         return None
     if len(spreads) == 1:
-        needed = captures_needed(lambda n: paired_power(abs(difference), spreads[0], n, alpha), POWER)
+        needed = captures_needed(
+            lambda n: paired_power(abs(difference), spreads[0], n, alpha), POWER
+        )
     else:
         one, other = spreads
-        needed = captures_needed(lambda n: welch_power(abs(difference), (one, other), n, alpha), POWER)
+        needed = captures_needed(
+            lambda n: welch_power(abs(difference), (one, other), n, alpha), POWER
+        )
     return None if needed is None else max(needed, FEWEST)

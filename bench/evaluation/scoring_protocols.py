@@ -1,6 +1,8 @@
-"""Protocols (scoring_protocols.toml): what of a depth map is scored, against what, and by which figures.
+"""Protocols (scoring_protocols.toml): what of a depth map is scored, against what, and by which
+figures.
 
-A protocol is named and versioned in every result. Figures of two protocols, or of two versions, do not compare.
+A protocol is named and versioned in every result. Figures of two protocols, or of two versions, do
+not compare.
 """
 
 import tomllib
@@ -44,7 +46,9 @@ def _protocols() -> dict[str, Protocol]:
         facts = {**base, **own, "rules": base.get("rules", {}) | own["rules"]}
         without = facts.pop("without", ())
         metrics = facts.pop("metrics", [key for key in METRICS if key not in without])
-        found[name] = Protocol(name, metrics=tuple(metrics), compared=tuple(facts.pop("compared")), **facts)
+        found[name] = Protocol(
+            name, metrics=tuple(metrics), compared=tuple(facts.pop("compared")), **facts
+        )
     return found
 
 

@@ -1,7 +1,8 @@
-"""Tables: the columns that a TOML file declares, as tables.toml those of result folders, whose CSV files are read and
-written here as pandas DataFrames.
+"""Tables: the columns that a TOML file declares, as tables.toml those of result folders, whose CSV
+files are read and written here as pandas DataFrames.
 
-A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may be empty.
+A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing:
+it may be empty.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks
 
 FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no format
     "seconds": lambda value: f"{value:,.0f}" if value >= 100 else f"{value:.3g}",
-    "list": lambda values: ", ".join(f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values),
+    "list": lambda values: ", ".join(
+        f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values
+    ),
     "rounded list": lambda values: ", ".join(f"{v:.0f}" for v in values),
     "band": lambda ends: f"{ends[0]:.2f}–{ends[1]:.2f}",
     "yes or no": lambda value: "yes" if value else "**no**",
@@ -44,9 +47,10 @@ FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no 
 
 @dataclass(frozen=True)
 class Column:
-    """One column. unit: of its numbers, where it is the same in every line; optional: older files may lack it; counts:
-    lines with this in their column `unit` hold whole numbers. heading: with the unit that a person reads (none: it
-    stands in the files alone), scale: what the value is multiplied by for that, form: how it is written (or FORMS)."""
+    """One column. unit: of its numbers, where it is the same in every line; optional: older files
+    may lack it; counts: lines with this in their column `unit` hold whole numbers. heading: with
+    the unit that a person reads (none: it stands in the files alone), scale: what the value is
+    multiplied by for that, form: how it is written (or FORMS)."""
 
     name: str
     kind: type
@@ -82,7 +86,10 @@ class Schema:
 def declared(module: str) -> dict[str, Schema]:
     """The tables of the TOML file beside a module's own file."""
     known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
-    return {table: Schema(tuple(_column(*entry) for entry in columns.items())) for table, columns in known.items()}
+    return {
+        table: Schema(tuple(_column(*entry) for entry in columns.items()))
+        for table, columns in known.items()
+    }
 
 
 def _column(name: str, facts: dict[str, Any]) -> Column:
@@ -99,15 +106,19 @@ SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes"
 RANKING = SCHEMAS["ranking"]
 
 
-def frame(schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()) -> pd.DataFrame:
-    """A table from its lines: mappings by column, or values in the order of the columns. None: not known."""
+def frame(
+    schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()
+) -> pd.DataFrame:
+    """A table from its lines: mappings by column, or values in the order of the columns. None: not
+    known."""
     import pandas as pd
 
     return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """The table with the columns and dtypes of its schema; what an optional column lacks is filled."""
+    """The table with the columns and dtypes of its schema; what an optional column lacks is
+    filled."""
     import pandas as pd
 
     typed = {}
@@ -117,17 +128,23 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
             if not column.optional:
                 raise ValueError(f"'{column.name}' has lines without a value")
             values = values.astype(object).mask(values.isna(), OLDER[column.kind])
-        typed[column.name] = values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
+        typed[column.name] = (
+            values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
+        )
     return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
 
 
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
-    """Method → the figures of its captures' first frames: one capture a line, one metric a column, NaN where a figure
-    has nothing to stand on; captures and metrics in the order of the scores."""
-    lines = scores[(scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)]
+    """Method → the figures of its captures' first frames: one capture a line, one metric a column,
+    NaN where a figure has nothing to stand on; captures and metrics in the order of the scores."""
+    lines = scores[
+        (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
+    ]
     captures, metrics = (list(dict.fromkeys(lines[column])) for column in ("capture", "metric"))
     return {
-        str(method): of.pivot(index="capture", columns="metric", values="value").reindex(captures, columns=metrics)
+        str(method): of.pivot(index="capture", columns="metric", values="value").reindex(
+            captures, columns=metrics
+        )
         for method, of in lines.groupby("method", sort=False)
     }
 
@@ -144,34 +161,45 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
-    """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its kind, with its line, are
-    a HandbenchError. An older file may lack the last columns, those that are optional."""
+    """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its
+    kind, with its line, are a HandbenchError. An older file may lack the last columns, those that
+    are optional."""
     import pandas as pd
 
     try:
-        text = read_text(path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES)
+        text = read_text(
+            path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES
+        )
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
         if (wide := text.partition("\n")[0].count(",")) > MOST_COLUMNS:
-            raise ValueError(f"its first line has about {wide} cells; at most {MOST_COLUMNS} are read")
+            raise ValueError(
+                f"its first line has about {wide} cells; at most {MOST_COLUMNS} are read"
+            )
         lines = csv.reader(io.StringIO(text))
         header = next(lines, [])
         required = sum(not column.optional for column in schema.columns)
         if len(header) < required or header != schema.names[: len(header)]:
-            raise ValueError(f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(schema.names)}")
+            raise ValueError(
+                f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(schema.names)}"
+            )
         rows, columns, number = list[list[Any]](), schema.columns[: len(header)], lines.line_num + 1
         for cells_of_line in lines:
             rows.append(_values(columns, cells_of_line, number))
             number = lines.line_num + 1
         return conform(pd.DataFrame(rows, columns=header).reindex(columns=schema.names), schema)
     except (ValueError, csv.Error) as error:
-        raise HandbenchError(f"{path}: {' '.join(str(error).split())}; run the benchmark again") from None
+        raise HandbenchError(
+            f"{path}: {' '.join(str(error).split())}; run the benchmark again"
+        ) from None
 
 
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table with a header line, atomically; what is not finite becomes an empty cell."""
     if list(table.columns) != schema.names:
-        raise HandbenchError(f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}")
+        raise HandbenchError(
+            f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}"
+        )
     cells = conform(table, schema)
     for column in schema.columns:
         values = cells[column.name]
@@ -179,8 +207,14 @@ def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
             cells[column.name] = values.astype(int)
         elif column.kind is float:
             values = values.where(np.isfinite(values))
-            whole = values.notna() & (cells.unit == column.counts) if column.counts else values.isna() & False
-            cells[column.name] = values.astype(object).mask(whole, values[whole].astype(int).astype(object))
+            whole = (
+                values.notna() & (cells.unit == column.counts)
+                if column.counts
+                else values.isna() & False
+            )
+            cells[column.name] = values.astype(object).mask(
+                whole, values[whole].astype(int).astype(object)
+            )
     with atomic_path(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
 

@@ -19,7 +19,8 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ImagingTask:
-    """A method with its settings and the echoes of the frames that it images, which `prepare` has checked."""
+    """A method with its settings and the echoes of the frames that it images, which `prepare` has
+    checked."""
 
     method: Method
     settings: Config
@@ -37,7 +38,11 @@ class ImagingTask:
 
 
 def prepare(
-    echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0, every_nth_antenna: int = 1
+    echoes: RadarCapture,
+    chosen: Method,
+    settings: Config,
+    frame: int = 0,
+    every_nth_antenna: int = 1,
 ) -> ImagingTask:
     """Check that a method can image a capture's frames 0 to `frame`.
 
@@ -46,14 +51,17 @@ def prepare(
         chosen: the method.
         settings: its configuration, see `configuration`.
         frame: the last frame that is needed.
-        every_nth_antenna: of transmitters and receivers, in the order of the file; the others are left out.
+        every_nth_antenna: of transmitters and receivers, in the order of the file; the others are
+            left out.
 
     Raises:
         HandbenchError: the capture lacks the frame or a tone, or has antennas in millimetres.
     """
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
-        raise HandbenchError(f"frame {frame}: is not there; the capture has frames 0 to {len(echoes.samples) - 1}")
+        raise HandbenchError(
+            f"frame {frame}: is not there; the capture has frames 0 to {len(echoes.samples) - 1}"
+        )
     echoes = thinned(echoes, every_nth_antenna)
     require_tones(echoes, settings)
     return ImagingTask(chosen, settings, echoes)
@@ -69,13 +77,16 @@ def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0
 
 
 def require_near(echoes: RadarCapture) -> RadarCapture:
-    """The capture itself; HandbenchError where an antenna is further away than HANDBENCH_FARTHEST_M."""
+    """The capture itself; HandbenchError where an antenna is further away than
+    HANDBENCH_FARTHEST_M."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
         raise HandbenchError(
-            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at most: are its "
-            "positions millimetres? multiply them by 1e-3; if they are not, raise HANDBENCH_FARTHEST_M"
+            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at "
+            "most: are its "
+            "positions millimetres? multiply them by 1e-3; if they are not, raise "
+            "HANDBENCH_FARTHEST_M"
         )
     return echoes
 
@@ -86,8 +97,8 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
 
 
 def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for a capture: defaults, then what its sensor asks for, of the method that it is a
-    variant of or of itself, then what the user does."""
+    """The method's configuration for a capture: defaults, then what its sensor asks for, of the
+    method that it is a variant of or of itself, then what the user does."""
     of_sensor = about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over

@@ -20,23 +20,30 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Scores:
-    """The signed errors of a depth map's pixels, and its figures: metric → value in the metric's unit; None where it
-    is not defined."""
+    """The signed errors of a depth map's pixels, and its figures: metric → value in the metric's
+    unit; None where it is not defined."""
 
     errors: ErrorMap
     figures: Values
 
 
 def score(
-    depth: DepthMap, reference: Reference, protocol: Protocol = PAPER, recorded: NativeCapture | None = None
+    depth: DepthMap,
+    reference: Reference,
+    protocol: Protocol = PAPER,
+    recorded: NativeCapture | None = None,
 ) -> Scores:
-    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures that they give."""
+    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures that they
+    give."""
     errors = pixel_errors(depth, reference, protocol, recorded)
     return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
 
 
 def pixel_errors(
-    depth: DepthMap, reference: Reference, protocol: Protocol = PAPER, recorded: NativeCapture | None = None
+    depth: DepthMap,
+    reference: Reference,
+    protocol: Protocol = PAPER,
+    recorded: NativeCapture | None = None,
 ) -> ErrorMap:
     """Signed errors of the pixels that a protocol scores.
 
@@ -59,19 +66,25 @@ def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | No
         return depth.z_m
     if recorded is None:
         raise HandbenchError(
-            f"protocol: '{protocol.id}' scores the pixels of the capture's own mask, and no capture is named; name it"
+            f"protocol: '{protocol.id}' scores the pixels of the capture's own mask, and no "
+            "capture is named; name it"
         )
     return np.where(recorded.mask(depth, protocol.erodes), depth.z_m, np.nan)
 
 
-def reference_of_surface(surface: Surface, radar_from_mesh: Transform, grid: PixelGrid) -> Reference:
+def reference_of_surface(
+    surface: Surface, radar_from_mesh: Transform, grid: PixelGrid
+) -> Reference:
     """Depth of a surface on a pixel grid of the radar, after carrying it into the radar frame."""
     radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
-def reference_of_file(mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False) -> Reference:
-    """As `reference_of_surface`, of a mesh file; exact: the surface is known without error, as a simulator's own is."""
+def reference_of_file(
+    mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
+) -> Reference:
+    """As `reference_of_surface`, of a mesh file; exact: the surface is known without error, as a
+    simulator's own is."""
     surface = read_surface(mesh_file)
     if exact:
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))

@@ -1,11 +1,13 @@
 """The result folder: written by the runner, read by the reports.
 
-result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods, facts, failures
+result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods,
+              facts, failures
 *.csv         table, tasks, scores, curves: columns as in `bench.evaluation.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
-depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz (x_m, y_m, z_m,
-              sigma_m: standard deviation along z, by mesh and registration together; NaN: unknown)
+depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz
+              (x_m, y_m, z_m, sigma_m: standard deviation along z, by mesh and registration
+              together; NaN: unknown)
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 
 The other tables of `Result` follow from these (`bench.results.derived`).
@@ -34,7 +36,14 @@ from handbench.bench.results.maps import (
     write_photo,
     write_surface,
 )
-from handbench.bench.results.result_folder import TABLES, Result, load, write_about, write_config, write_tables
+from handbench.bench.results.result_folder import (
+    TABLES,
+    Result,
+    load,
+    write_about,
+    write_config,
+    write_tables,
+)
 from handbench.bench.results.tradeoff import (
     Claim,
     Section,
@@ -45,9 +54,26 @@ from handbench.bench.results.tradeoff import (
     write_tradeoff,
 )
 
-__all__ = ["HEADLINE", "HEADLINES", "REFERENCES", "About", "CaptureFacts", "Failure", "MethodFacts", "MetricFacts"]
+__all__ = [
+    "HEADLINE",
+    "HEADLINES",
+    "REFERENCES",
+    "About",
+    "CaptureFacts",
+    "Failure",
+    "MethodFacts",
+    "MetricFacts",
+]
 __all__ += ["LEVEL", "RANKING", "each", "metric_facts", "write_table"]
 __all__ += ["ErrorMap", "Surface", "depth_path", "errors_path", "read_errors"]
 __all__ += ["write_errors", "write_photo", "write_surface"]
 __all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]
-__all__ += ["Claim", "Section", "Setting", "Tradeoff", "TradeoffFacts", "load_tradeoff", "write_tradeoff"]
+__all__ += [
+    "Claim",
+    "Section",
+    "Setting",
+    "Tradeoff",
+    "TradeoffFacts",
+    "load_tradeoff",
+    "write_tradeoff",
+]

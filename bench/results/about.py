@@ -15,9 +15,24 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
-SHARES = ("observed_percent", "complete_2mm_percent")  # of the surface: what is seen, and what is seen and right
-HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *ALIKE, "precision_mm", "seconds")  # read at a glance
-REFERENCES = ("photogrammetry", "completed", "truth")  # completed: by the truth, where photogrammetry has no surface
+SHARES = (
+    "observed_percent",
+    "complete_2mm_percent",
+)  # of the surface: what is seen, and what is seen and right
+HEADLINES = (
+    HEADLINE,
+    "floor_mm",
+    "max_mm",
+    *SHARES,
+    *ALIKE,
+    "precision_mm",
+    "seconds",
+)  # read at a glance
+REFERENCES = (
+    "photogrammetry",
+    "completed",
+    "truth",
+)  # completed: by the truth, where photogrammetry has no surface
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
@@ -34,12 +49,16 @@ class MetricFacts(Config):
 
 def metric_facts() -> dict[str, MetricFacts]:
     """The definitions that travel with a result."""
-    return {key: MetricFacts.model_validate(metric, from_attributes=True) for key, metric in METRICS.items()}
+    return {
+        key: MetricFacts.model_validate(metric, from_attributes=True)
+        for key, metric in METRICS.items()
+    }
 
 
 class CaptureFacts(Config):
-    """One capture. measures: the accuracy, scored pixel by pixel against `references`, the precision, by repeats, or
-    both; effects: of a simulated capture, the rows of its capture.toml: what its echoes show, and what that cost."""
+    """One capture. measures: the accuracy, scored pixel by pixel against `references`, the
+    precision, by repeats, or both; effects: of a simulated capture, the rows of its capture.toml:
+    what its echoes show, and what that cost."""
 
     name: Name
     measures: tuple[Measure, ...] = MEASURES
@@ -67,7 +86,8 @@ class MethodFacts(Config):
 
 
 class Failure(Config):
-    """A stage that did not come about, and why. method: empty where it fails the capture for every method."""
+    """A stage that did not come about, and why. method: empty where it fails the capture for every
+    method."""
 
     capture: str
     method: str = ""
@@ -77,12 +97,16 @@ class Failure(Config):
     @property
     def line(self) -> str:
         """As it is said while a run goes on."""
-        return f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: {self.message}"
+        return (
+            f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
+            f"{self.message}"
+        )
 
 
 class About(Config):
-    """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table stands on; facts: what is
-    known of noise and ground truth; failures: what was left out, and why."""
+    """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table
+    stands on; facts: what is known of noise and ground truth; failures: what was left out, and
+    why."""
 
     schema_version: Literal[1] = 1
     name: str
@@ -98,10 +122,13 @@ class About(Config):
 
 
 def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
-    """Read and check result.json, or a file like it; another schema_version than the model's is a HandbenchError."""
+    """Read and check result.json, or a file like it; another schema_version than the model's is a
+    HandbenchError."""
     content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
     version = content.get("schema_version") if isinstance(content, dict) else None
     ours = model.model_fields["schema_version"].default
     if version != ours:
-        raise HandbenchError(f"{path}: schema_version is {version!r}, this handbench reads {ours}; {remedy}")
+        raise HandbenchError(
+            f"{path}: schema_version is {version!r}, this handbench reads {ours}; {remedy}"
+        )
     return parse(model, content, str(path))

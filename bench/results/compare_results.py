@@ -1,9 +1,10 @@
 """Two results side by side: B's figures less A's, by how much, and how sure that is.
 
-Where both have the same captures, each method's figures are compared capture by capture: what both suffer from cancels.
-Where they differ, A and B are two independent samples (Welch). Either way a capture counts as one value. Precisions are
-compared by the F test of their variances. Holm's correction spans all lines. Times are set beside each other and not
-tested, for the repeats of one run do not know how two runs differ.
+Where both have the same captures, each method's figures are compared capture by capture: what both
+suffer from cancels. Where they differ, A and B are two independent samples (Welch). Either way a
+capture counts as one value. Precisions are compared by the F test of their variances. Holm's
+correction spans all lines. Times are set beside each other and not tested, for the repeats of one
+run do not know how two runs differ.
 
 `handbench compare` writes
 
@@ -21,9 +22,26 @@ import pandas as pd
 
 from handbench.bench.evaluation.intervals import TOO_FEW, figure_interval, note, precision_interval
 from handbench.bench.evaluation.metrics import METRICS, deviation, precision
-from handbench.bench.evaluation.paired import Tested, amount_text, amounts_text, corrected, f_test, paired, unpaired
+from handbench.bench.evaluation.paired import (
+    Tested,
+    amount_text,
+    amounts_text,
+    corrected,
+    f_test,
+    paired,
+    unpaired,
+)
 from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
-from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, TIMES, by_method, conform, frame, records, write
+from handbench.bench.evaluation.tables import (
+    DIFFERENCES,
+    LEVEL,
+    TIMES,
+    by_method,
+    conform,
+    frame,
+    records,
+    write,
+)
 from handbench.bench.results.about import REFERENCES, MethodFacts
 from handbench.bench.results.derived import compared_metrics
 from handbench.bench.results.provenance import changes
@@ -32,15 +50,17 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 
 COMPARED_VERSION = 1
-SAME_SHARE = 0.9  # of the pixels that either reference has, both must have, to be one hand in one place
+SAME_SHARE = (
+    0.9  # of the pixels that either reference has, both must have, to be one hand in one place
+)
 SAME_M = 5e-4  # and in the median lie so near
 NONE = (None, None)
 
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's rate of float32 matrix
-    products."""
+    """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's
+    rate of float32 matrix products."""
 
     folder: str
     name: str
@@ -50,8 +70,8 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Two results side by side. basis: what the differences stand on, in sentences; differences, times, changes: as
-    `bench.evaluation.tables` declares them."""
+    """Two results side by side. basis: what the differences stand on, in sentences; differences,
+    times, changes: as `bench.evaluation.tables` declares them."""
 
     a: Side
     b: Side
@@ -81,15 +101,18 @@ class Basis:
 
 
 def compare_results(a: Result, b: Result) -> Compared:
-    """Every method that both have, by the protocol's compared metrics, the precision and the time. Results of different
-    protocols or definitions, or without a method and a reference in common, are a HandbenchError."""
+    """Every method that both have, by the protocol's compared metrics, the precision and the time.
+    Results of different protocols or definitions, or without a method and a reference in common,
+    are a HandbenchError."""
     require_alike(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
     bases = [basis for reference in REFERENCES if (basis := _basis(a, b, reference))]
     if not methods or not bases:
         lack = "method" if not methods else "reference"
-        raise HandbenchError(f"{a.folder} and {b.folder}: have no {lack} in common; expected at least one")
+        raise HandbenchError(
+            f"{a.folder} and {b.folder}: have no {lack} in common; expected at least one"
+        )
     metrics = compared_metrics(a.about.protocol)
     figures = [[by_method(result.scores, basis.reference) for result in (a, b)] for basis in bases]
     lines = []
@@ -108,36 +131,47 @@ def compare_results(a: Result, b: Result) -> Compared:
 
 def require_alike(a: Result, b: Result) -> None:
     """HandbenchError where two results were scored by different protocols or definitions."""
-    ours, theirs = (f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b))
+    ours, theirs = (
+        f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
+    )
     if ours != theirs:
         raise HandbenchError(
-            f"{a.folder} and {b.folder}: were scored by the protocols '{ours}' and '{theirs}', whose figures do not "
+            f"{a.folder} and {b.folder}: were scored by the protocols '{ours}' and '{theirs}', "
+            "whose figures do not "
             "compare; run one of them again"
         )
     shared = a.about.metrics.keys() & b.about.metrics.keys()
-    changed = sorted(m for m in shared if a.about.metrics[m].definition != b.about.metrics[m].definition)
+    changed = sorted(
+        m for m in shared if a.about.metrics[m].definition != b.about.metrics[m].definition
+    )
     if changed:
         raise HandbenchError(
-            f"{a.folder} and {b.folder}: define {', '.join(changed)} differently, so their figures do not compare; "
+            f"{a.folder} and {b.folder}: define {', '.join(changed)} differently, so their "
+            "figures do not compare; "
             "run the older one again"
         )
 
 
 def _basis(a: Result, b: Result, reference: str) -> Basis | None:
-    """The captures that both have, if any; else all of each. None where one has no such reference."""
+    """The captures that both have, if any; else all of each. None where one has no such
+    reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
     if not ours or not theirs:
         return None
     shared = tuple(name for name in ours if name in theirs and _same(a, b, name, reference))
     if not shared:
         text = (
-            f"against {reference}: different captures ({', '.join(ours)}; {', '.join(theirs)}), as two independent "
+            f"against {reference}: different captures ({', '.join(ours)}; {', '.join(theirs)}), "
+            "as two independent "
             f"samples; A: {note(len(ours))}; B: {note(len(theirs))}"
         )
         return Basis(reference, ours, theirs, False, text)
     left = len(ours) + len(theirs) - 2 * len(shared)
     without = f", without the {left} that only one has" if left else ""
-    text = f"against {reference}: the same captures ({', '.join(shared)}{without}), pair by pair; {note(len(shared))}"
+    text = (
+        f"against {reference}: the same captures ({', '.join(shared)}{without}), pair by "
+        f"pair; {note(len(shared))}"
+    )
     return Basis(reference, shared, shared, True, text)
 
 
@@ -156,21 +190,30 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
     return float(np.median(np.abs(ours.z_m - theirs.z_m)[both])) <= SAME_M
 
 
-def _accuracy(method: MethodFacts, basis: Basis, a: pd.DataFrame, b: pd.DataFrame) -> list[dict[str, Any]]:
-    """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a metric."""
+def _accuracy(
+    method: MethodFacts, basis: Basis, a: pd.DataFrame, b: pd.DataFrame
+) -> list[dict[str, Any]]:
+    """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a
+    metric."""
     lines = []
     for metric in map(str, a):
-        samples, test = [a[metric].to_numpy(), b[metric].to_numpy()], paired if basis.paired else unpaired
+        samples, test = (
+            [a[metric].to_numpy(), b[metric].to_numpy()],
+            paired if basis.paired else unpaired,
+        )
         values = [a[metric].mean(), b[metric].mean()]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
         line = _line(method, metric, samples, values, ends, test(*samples))
         spreads = _spreads(samples, basis.paired)
-        lines.append({**line, "reference": basis.reference, "paired": basis.paired, "spreads": spreads})
+        lines.append(
+            {**line, "reference": basis.reference, "paired": basis.paired, "spreads": spreads}
+        )
     return lines
 
 
 def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
-    """Standard deviation of the captures' differences, or of each side's figures; none with fewer than LEAST."""
+    """Standard deviation of the captures' differences, or of each side's figures; none with fewer
+    than LEAST."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
@@ -179,7 +222,9 @@ def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
     """The line of the precision; none where one of them has none."""
     repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
-    hands = [[depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats]
+    hands = [
+        [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
+    ]
     intervals = [precision_interval(z) for z in hands]
     if None in intervals:
         return []
@@ -196,26 +241,38 @@ def _line(
     intervals: Sequence[Any],
     tested: Tested,
 ) -> dict[str, Any]:
-    """A line with the figures of A and of B, their ends, how many captures each stands on, and the test between them;
-    against no reference, and not paired."""
+    """A line with the figures of A and of B, their ends, how many captures each stands on, and the
+    test between them; against no reference, and not paired."""
     facts = METRICS[metric]
-    line: dict[str, Any] = {"method": method.name, "title": method.title, "metric": metric, "metric_title": facts.title}
+    line: dict[str, Any] = {
+        "method": method.name,
+        "title": method.title,
+        "metric": metric,
+        "metric_title": facts.title,
+    }
     for side, sample, value, (low, high) in zip("ab", samples, values, intervals, strict=True):
         line |= {side: value, f"{side}_low": low, f"{side}_high": high, f"n_{side}": len(sample)}
     return {**line, "unit": facts.unit, "reference": "", "paired": False, **tested._asdict()}
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and a sentence."""
+    """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and
+    a sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["p_corrected"] = corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
-    fell = (lines.difference < 0) == lines.metric.map(lambda metric: METRICS[metric].better == "lower")
+    fell = (lines.difference < 0) == lines.metric.map(
+        lambda metric: METRICS[metric].better == "lower"
+    )
     lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
-    alpha = ALPHA / max(1, int(lines.p_corrected.notna().sum()))  # the hardest step of the correction
+    alpha = ALPHA / max(
+        1, int(lines.p_corrected.notna().sum())
+    )  # the hardest step of the correction
     lines["needed"] = [
         _needed(difference, line.get("spreads"), alpha) if not better else np.nan
-        for line, difference, better in zip(found, lines.difference.tolist(), lines.better, strict=True)
+        for line, difference, better in zip(
+            found, lines.difference.tolist(), lines.better, strict=True
+        )
     ]
     lines["sentence"] = [_sentence(line) for line in lines.itertuples()]
     return conform(lines, DIFFERENCES)
@@ -231,7 +288,9 @@ def _sentence(line: Any) -> str:
     if np.isnan(line.difference):
         return f"{line.title}: no figures to compare in {what}"
     each = "" if line.paired else " of each"
-    hands = f"; needs {line.needed:.0f} hands{each} to show this difference" if line.needed > 0 else ""
+    hands = (
+        f"; needs {line.needed:.0f} hands{each} to show this difference" if line.needed > 0 else ""
+    )
     none = f"{line.title}: no difference shown between A and B in {what}: "
     if np.isnan(line.p_corrected):
         return f"{none}{TOO_FEW} (B − A: {amount_text(line.difference, line.unit)}){hands}"
@@ -257,7 +316,9 @@ def _gemm(result: Result) -> float | None:
 def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
     """A line of `TIMES`."""
     rows = [result.time(method.name) for result in (a, b)]
-    figures = [end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))]
+    figures = [
+        end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))
+    ]
     if not all(row and row.value for row in rows):
         sentence = f"{method.title}: no times to set beside each other"
         return method.name, method.title, *figures, None, sentence

@@ -11,7 +11,12 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.alike import SMOOTHING
-from handbench.bench.evaluation.error_causes import Averages, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.error_causes import (
+    Averages,
+    cause_lines,
+    reliability_lines,
+    surface_causes,
+)
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, pool
 from handbench.bench.evaluation.paired import compare
@@ -39,7 +44,10 @@ if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
 ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
-COMPARED = (HEADLINE, "observed_percent")  # where a result of an earlier version does not say by what
+COMPARED = (
+    HEADLINE,
+    "observed_percent",
+)  # where a result of an earlier version does not say by what
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
 STRONGEST = "strongest_z_m"
 
@@ -54,19 +62,28 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     """The metrics by which a protocol, as a result tells it, compares methods as they are."""
     named = protocol.get("compared", COMPARED)
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
-    return [metric for metric in known if metric in named] if isinstance(named, list | tuple) else []
+    return (
+        [metric for metric in known if metric in named] if isinstance(named, list | tuple) else []
+    )
 
 
-def equally_treated(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> tuple[str, dict[str, ByMethod]]:
-    """The reference with the most surface that all captures have; and, against it, treatment → `by_method`, of the
-    methods that every capture was treated by: none where these are fewer than two."""
-    having = (name for name in MOST_SURFACE if captures and all(name in c.references for c in captures))
+def equally_treated(
+    scores: pd.DataFrame, captures: Sequence[CaptureFacts]
+) -> tuple[str, dict[str, ByMethod]]:
+    """The reference with the most surface that all captures have; and, against it, treatment →
+    `by_method`, of the methods that every capture was treated by: none where these are fewer than
+    two."""
+    having = (
+        name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
+    )
     reference = next(having, "")
     alike = scores[(scores.reference == reference) & (scores.treatment != "")]
     treated = alike[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
     everywhere = treated.index[treated == len(captures) * len(SMOOTHING)]
     alike = alike[alike.method.isin(everywhere)]
-    return reference, {t: by_method(alike, reference, t) for t in SMOOTHING} if len(everywhere) > 1 else {}
+    return reference, {t: by_method(alike, reference, t) for t in SMOOTHING} if len(
+        everywhere
+    ) > 1 else {}
 
 
 def equal(result: Result) -> pd.DataFrame:
@@ -78,20 +95,26 @@ def equal(result: Result) -> pd.DataFrame:
             for metric in (metric for metric in figures if metric in METRICS):
                 low, high = figure_interval(metric, figures[metric].to_numpy()) or (None, None)
                 unit = METRICS[metric].unit
-                rows.append((metric, treatment, method, figures[metric].mean(), low, high, unit, reference))
+                rows.append(
+                    (metric, treatment, method, figures[metric].mean(), low, high, unit, reference)
+                )
     return frame(EQUAL, rows)
 
 
 def comparisons(result: Result) -> pd.DataFrame:
-    """Every pair of methods, as `COMPARISONS`: as they are, by the protocol's compared metrics against each reference;
-    and under equal treatment."""
+    """Every pair of methods, as `COMPARISONS`: as they are, by the protocol's compared metrics
+    against each reference; and under equal treatment."""
     titles = {method.name: method.title for method in result.about.methods}
     reference, treated = equally_treated(result.scores, result.scored())
     found = [frame(COMPARISONS)]
     metrics = compared_metrics(result.about.protocol)
     own = {name: by_method(result.scores, name) for name in REFERENCES}
     wanted = [(name, "", metric, own[name]) for name, metric in product(REFERENCES, metrics)]
-    wanted += [(reference, t, metric, methods) for t, methods in treated.items() for metric in ALIKE_COMPARED]
+    wanted += [
+        (reference, t, metric, methods)
+        for t, methods in treated.items()
+        for metric in ALIKE_COMPARED
+    ]
     for name, treatment, metric, methods in wanted:
         figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
         found.append(compare(figures, name, metric, titles, treatment))
@@ -113,14 +136,19 @@ def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
     """CAUSES and RELIABILITY of every capture's maps."""
     causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
     for capture in track(result.scored(), "causes of errors"):
-        depths = {m.name: load_depthmap(depth_path(result.folder, capture.name, m.name)) for m in result.about.methods}
+        depths = {
+            m.name: load_depthmap(depth_path(result.folder, capture.name, m.name))
+            for m in result.about.methods
+        }
         for reference in capture.references:
             surfaces: dict[bytes, dict[str, np.ndarray]] = {}  # by grid
             for method, depth in depths.items():
                 errors = read_errors(result.folder, capture.name, method, reference)
                 if errors.error_m.shape != depth.z_m.shape:
                     file = depth_path(result.folder, capture.name, method)
-                    raise HandbenchError(f"{file}: is on another grid than its errors; run the benchmark again")
+                    raise HandbenchError(
+                        f"{file}: is on another grid than its errors; run the benchmark again"
+                    )
                 grid = errors.x_m.tobytes() + b"|" + errors.y_m.tobytes()
                 if grid not in surfaces:
                     surfaces[grid] = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
@@ -133,18 +161,25 @@ def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def scores(result: Result) -> pd.DataFrame:
-    """`SCORES` of a folder of version 0.2: the figures of each capture from its maps of errors, those under equal
-    treatment from captures.csv and the repeats from repeats.csv."""
+    """`SCORES` of a folder of version 0.2: the figures of each capture from its maps of errors,
+    those under equal treatment from captures.csv and the repeats from repeats.csv."""
     rows: list[tuple[Any, ...]] = []
     for capture, method in product(result.scored(), result.about.methods):
         for reference in capture.references:
             figures = pool([read_errors(result.folder, capture.name, method.name, reference)])
-            rows += [(capture.name, method.name, reference, "", 0, *figure) for figure in figures.items()]
-    captures, repeated = result.files.get("captures", frame(CAPTURES)), result.files.get("repeats", frame(REPEATS))
+            rows += [
+                (capture.name, method.name, reference, "", 0, *figure) for figure in figures.items()
+            ]
+    captures, repeated = (
+        result.files.get("captures", frame(CAPTURES)),
+        result.files.get("repeats", frame(REPEATS)),
+    )
     alike = captures[captures.treatment != ""].assign(frame=0)
     strongest = repeated.rename(columns={"repeat": "frame", "z_m": "value"})
     strongest = strongest.assign(reference="", treatment="", metric=STRONGEST)
-    found = pd.concat([frame(SCORES, rows), alike[SCORES.names], strongest[SCORES.names]], ignore_index=True)
+    found = pd.concat(
+        [frame(SCORES, rows), alike[SCORES.names], strongest[SCORES.names]], ignore_index=True
+    )
     return found.drop_duplicates(SCORES.names[:-1], ignore_index=True)
 
 

@@ -1,4 +1,5 @@
-"""Maps and photographs of a result folder: depths, signed errors, small pictures, and where each lies."""
+"""Maps and photographs of a result folder: depths, signed errors, small pictures, and where each
+lies."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,8 +18,9 @@ ORIENTATION = 0x0112  # EXIF's tag
 
 @dataclass(frozen=True)
 class Surface:
-    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none. sigma_m [ny, nx]: a
-    reference's standard deviation along z, by mesh and registration together (None: not told; NaN: unknown)."""
+    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none.
+    sigma_m [ny, nx]: a reference's standard deviation along z, by mesh and registration together
+    (None: not told; NaN: unknown)."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -64,7 +66,10 @@ def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
     """Read one map of signed errors."""
-    path, known = errors_path(folder, capture, method, reference), ("sigma_m", "to_reference_m", "to_map_m")
+    path, known = (
+        errors_path(folder, capture, method, reference),
+        ("sigma_m", "to_reference_m", "to_map_m"),
+    )
     return ErrorMap(**read_map(path, "error_m", "reference_z_m", optional=known))
 
 
@@ -73,7 +78,10 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     from PIL import Image, ImageOps
 
     with opened_picture(Path(source)) as image:
-        told, small = image.getexif().get(ORIENTATION), Image.fromarray(np.asarray(image.convert("RGB")))
+        told, small = (
+            image.getexif().get(ORIENTATION),
+            Image.fromarray(np.asarray(image.convert("RGB"))),
+        )
     if told in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
         small.getexif()[ORIENTATION] = int(told)
         small = ImageOps.exif_transpose(small)
@@ -83,18 +91,21 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m [nx], y_m [ny]; anything else
-    is a HandbenchError."""
+    """Arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m [nx], y_m
+    [ny]; anything else is a HandbenchError."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():
         expected = {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape)
         if array.shape != expected or array.dtype.kind != "f" or min(shape) < 2:
             raise HandbenchError(
-                f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers {expected} on a grid of "
+                f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
+                f"{expected} on a grid of "
                 "at least 2 × 2; run the benchmark again"
             )
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
-            raise HandbenchError(f"{path}: '{name}' has places that are not finite or alike; run the benchmark again")
+            raise HandbenchError(
+                f"{path}: '{name}' has places that are not finite or alike; run the benchmark again"
+            )
     return arrays

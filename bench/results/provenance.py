@@ -1,4 +1,5 @@
-"""Differences in what two results stand on: configuration, settings of the methods, versions, machines, inputs."""
+"""Differences in what two results stand on: configuration, settings of the methods, versions,
+machines, inputs."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -13,7 +14,8 @@ HASH_CHARACTERS = 12  # tell two hashes apart
 
 
 def changes(a: Result, b: Result) -> pd.DataFrame:
-    """Every key whose value differs, or that only one of them has (the other's: empty), as `CHANGES`."""
+    """Every key whose value differs, or that only one of them has (the other's: empty), as
+    `CHANGES`."""
     kinds = (
         ("configuration", _configuration(a), _configuration(b)),
         ("settings", _settings(a, b), _settings(b, a)),
@@ -33,12 +35,16 @@ def changes(a: Result, b: Result) -> pd.DataFrame:
 def _configuration(result: Result) -> dict[str, Any]:
     try:
         return _flat(plain_toml(result.config))
-    except (ValueError, RecursionError):  # a record, not an input: that it cannot be read must not hide the figures
+    except (
+        ValueError,
+        RecursionError,
+    ):  # a record, not an input: that it cannot be read must not hide the figures
         return {"config.toml": "not readable as TOML"}
 
 
 def _settings(result: Result, other: Result) -> dict[str, str]:
-    """The resolved settings of the methods that both have; of captures that differ in one, every value."""
+    """The resolved settings of the methods that both have; of captures that differ in one, every
+    value."""
     shared = {method.name for method in other.about.methods}
     values: dict[str, list[str]] = {}
     for method in result.about.methods:
@@ -63,7 +69,9 @@ def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
             yield from _leaves(item, f"{key}.{name}" if key else str(name))
     elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
         for place, item in enumerate(value):
-            name = next((item[label] for label in ("id", "name", "scene", "path") if label in item), place)
+            name = next(
+                (item[label] for label in ("id", "name", "scene", "path") if label in item), place
+            )
             yield from _leaves(item, f"{key}.{name}")
     else:
         yield key, value

@@ -1,7 +1,7 @@
 """Methods of several results, ranked on the captures that all of the results have.
 
-The ranking follows the share of the surface that is right within 2 mm: it counts holes as wrong, and does not depend on
-the other methods of a run, as figures under equal treatment do.
+The ranking follows the share of the surface that is right within 2 mm: it counts holes as wrong,
+and does not depend on the other methods of a run, as figures under equal treatment do.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,10 @@ OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps avera
 
 
 def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
-    """`RANKING`, the best method first, and a sentence on the captures. A method's rank is one more than the number of
-    methods that are shown to be better on the same captures (95 %, Holm); 0: too few captures to test. HandbenchError
-    where the results have no capture and reference in common, or other protocols."""
+    """`RANKING`, the best method first, and a sentence on the captures. A method's rank is one more
+    than the number of methods that are shown to be better on the same captures (95 %, Holm); 0: too
+    few captures to test. HandbenchError where the results have no capture and reference in common,
+    or other protocols."""
     for result in results[1:]:
         require_alike(results[0], result)
     reference, captures = _common(results)
@@ -34,9 +35,13 @@ def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
         own, alike = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
         for method in result.about.methods:
             key = f"{number}/{method.name}"
-            right, mae_mm = (_figures(own, method.name, metric, captures) for metric in (BY, HEADLINE))
+            right, mae_mm = (
+                _figures(own, method.name, metric, captures) for metric in (BY, HEADLINE)
+            )
             values[key] = right
-            equal = result.equal[(result.equal.method == method.name) & (result.equal.treatment == EQUAL)]
+            equal = result.equal[
+                (result.equal.method == method.name) & (result.equal.treatment == EQUAL)
+            ]
             share = equal[equal.metric == "aurc_to_percent"].value
             time = result.time(method.name)
             low, high = mean_interval(right) or (np.nan, np.nan)
@@ -62,13 +67,16 @@ def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
 
 
 def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
-    """The reference with the most surface that all results have, and their captures that have it."""
+    """The reference with the most surface that all results have, and their captures that have
+    it."""
     for reference in ("completed", *REFERENCES):
         names = [_captures(result, reference) for result in results]
         if common := [name for name in names[0] if all(name in other for other in names)]:
             return reference, common
     folders = ", ".join(str(result.folder) for result in results)
-    raise HandbenchError(f"{folders}: have no capture in common; run the methods on the same captures")
+    raise HandbenchError(
+        f"{folders}: have no capture in common; run the methods on the same captures"
+    )
 
 
 def _captures(result: Result, reference: str) -> list[str]:
@@ -87,12 +95,14 @@ def _about(results: Sequence[Result], reference: str, captures: Sequence[str], t
     changed = [name for name, found in hashes.items() if len(found) > 1]
     few = ", ".join(changed[:3]) + (", …" if len(changed) > 3 else "")
     parts = [
-        f"{len(captures)} capture{'s' * (len(captures) > 1)} that all results have, against {reference}.",
+        f"{len(captures)} capture{'s' * (len(captures) > 1)} that all results have, against "
+        f"{reference}.",
         "Sorted by the share of the surface that is right within 2 mm, each method as it is.",
         "The rank is one more than the number of methods that are shown to be better (95 %, Holm)."
         if tested
         else "These are too few captures to test, so there are no ranks.",
-        "Errors over completeness, all maps averaged, are comparable only between methods of one result.",
+        "Errors over completeness, all maps averaged, are comparable only between methods of one "
+        "result.",
         *([f"Captures with different content hashes in the results: {few}."] if changed else []),
     ]
     return " ".join(parts)

@@ -13,7 +13,14 @@ from pydantic import TypeAdapter
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
-from handbench.bench.results.maps import Surface, depth_path, errors_path, photo_path, read_errors, read_map
+from handbench.bench.results.maps import (
+    Surface,
+    depth_path,
+    errors_path,
+    photo_path,
+    read_errors,
+    read_map,
+)
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
 from handbench.support.limits import MOST_CELLS, TOML_BYTES
@@ -22,7 +29,14 @@ from handbench.support.progress import say
 if TYPE_CHECKING:
     import pandas as pd
 
-OLDER = ("repeats", "comparisons", "equal", "captures", "causes", "reliability")  # files of version 0.2 alone
+OLDER = (
+    "repeats",
+    "comparisons",
+    "equal",
+    "captures",
+    "causes",
+    "reliability",
+)  # files of version 0.2 alone
 FURTHER = ("scores", "curves", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
@@ -30,7 +44,8 @@ UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """A table that `bench.results.derived` computes when it is first read, unless the folder has it as a file."""
+    """A table that `bench.results.derived` computes when it is first read, unless the folder has it
+    as a file."""
 
     def table(result: Result) -> pd.DataFrame:
         from handbench.bench.results import derived  # with pandas and scipy
@@ -42,11 +57,12 @@ def _derived(name: str) -> cached_property[pd.DataFrame]:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A result folder that has been checked to be complete; maps and photographs are read when asked for.
+    """A result folder that has been checked to be complete; maps and photographs are read when
+    asked for.
 
-    table, tasks and the properties scores, curves, repeats, comparisons, equal, causes, reliability: as
-    `bench.evaluation.tables` declares them. files: the further tables that the folder has as files: scores and curves;
-    of version 0.2 all but the scores.
+    table, tasks and the properties scores, curves, repeats, comparisons, equal, causes,
+    reliability: as `bench.evaluation.tables` declares them. files: the further tables that the
+    folder has as files: scores and curves; of version 0.2 all but the scores.
     """
 
     folder: Path
@@ -58,7 +74,9 @@ class Result:
 
     def __repr__(self) -> str:
         methods = ", ".join(method.name for method in self.about.methods)
-        return f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
+        return (
+            f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
+        )
 
     scores = _derived("scores")
     curves = _derived("curves")
@@ -74,7 +92,8 @@ class Result:
         return next(each(found[found.reference == reference]), None)
 
     def time(self, method: str) -> Any:
-        """The line of the method's time per frame, which is the same with every reference; None where none is known."""
+        """The line of the method's time per frame, which is the same with every reference; None
+        where none is known."""
         found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
         return next(each(found[found.value.notna()]), None)
 
@@ -84,8 +103,8 @@ class Result:
         return facts.title if facts else metric
 
     def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """The methods that nothing is shown to beat under one treatment ("": each as it is); () where nothing was
-        compared."""
+        """The methods that nothing is shown to beat under one treatment ("": each as it is); ()
+        where nothing was compared."""
         return best(self.compared(treatment), metric, reference)
 
     def compared(self, treatment: str = "") -> pd.DataFrame:
@@ -109,18 +128,27 @@ class Result:
         return Surface(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
-        """The methods whose frames were timed while other work took BUSY cores or more, on average, and how many."""
+        """The methods whose frames were timed while other work took BUSY cores or more, on average,
+        and how many."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
-        sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method", sort=False)
+        sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
+            "method", sort=False
+        )
         cores = sums.taken_s.sum() / sums.seconds.sum()
         return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
 
     def unsettled(self) -> dict[str, float]:
-        """The methods whose time per frame is not known to UNSETTLED, by how much of it the interval reaches up or
-        down."""
-        times = self.table[(self.table.metric == "seconds") & (self.table.value > 0)].drop_duplicates("method")
+        """The methods whose time per frame is not known to UNSETTLED, by how much of it the
+        interval reaches up or down."""
+        times = self.table[
+            (self.table.metric == "seconds") & (self.table.value > 0)
+        ].drop_duplicates("method")
         reach = (times.high - times.low) / (2 * times.value)
-        return {method: float(share) for method, share in zip(times.method, reach, strict=True) if share > UNSETTLED}
+        return {
+            method: float(share)
+            for method, share in zip(times.method, reach, strict=True)
+            if share > UNSETTLED
+        }
 
     def photo(self, capture: str) -> Path | None:
         """The capture's photograph, if it has one."""
@@ -134,19 +162,26 @@ def shown(comparisons: pd.DataFrame) -> pd.Series:
 
 
 def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
-    """The method with the best figure and all that are not shown to be worse, in order of appearance; () where nothing
-    was tested: no figure stands out then."""
+    """The method with the best figure and all that are not shown to be worse, in order of
+    appearance; () where nothing was tested: no figure stands out then."""
     lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
     lines = lines[lines.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
     worse = set(lines.worse[ahead & shown(lines)])
-    return tuple(name for name in dict.fromkeys(lines[["better", "worse"]].to_numpy().flat) if name not in worse)
+    return tuple(
+        name
+        for name in dict.fromkeys(lines[["better", "worse"]].to_numpy().flat)
+        if name not in worse
+    )
 
 
 def write_about(folder: Path, about: About) -> None:
-    """Write result.json. Write it last: a folder with it is meant to be complete. What is not finite becomes null."""
+    """Write result.json. Write it last: a folder with it is meant to be complete. What is not
+    finite becomes null."""
     with atomic_path(folder / "result.json") as temporary, temporary.open("wb") as file:
-        file.writelines((TypeAdapter(About).dump_json(about, indent=2), b"\n"))  # text would take thrice as much memory
+        file.writelines(
+            (TypeAdapter(About).dump_json(about, indent=2), b"\n")
+        )  # text would take thrice as much memory
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
@@ -165,14 +200,21 @@ def load(folder: str | Path) -> Result:
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
-    config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode("utf-8", "replace")
+    config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode(
+        "utf-8", "replace"
+    )
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     older = OLDER if not paths["scores"].exists() else ()
     if older and not any(paths[name].exists() for name in older):
         say(
-            f"{folder}: has neither scores.csv nor the tables of version 0.2; what is compared or repeated is not known"
+            f"{folder}: has neither scores.csv nor the tables of version 0.2; what is compared "
+            "or repeated is not known"
         )
-    tables = {name: read(path, TABLES[name]) for name, path in paths.items() if name not in FURTHER or path.exists()}
+    tables = {
+        name: read(path, TABLES[name])
+        for name, path in paths.items()
+        if name not in FURTHER or path.exists()
+    }
     tables = {name: frame(TABLES[name]) for name in older} | tables
     if "scores" in tables:
         _require_figures(paths["scores"], tables["scores"])
@@ -182,13 +224,17 @@ def load(folder: str | Path) -> Result:
 
 
 def _require_figures(path: Path, scores: pd.DataFrame) -> None:
-    """Refuse two values of one figure, and figures that would fill the memory as one table of captures by metrics."""
+    """Refuse two values of one figure, and figures that would fill the memory as one table of
+    captures by metrics."""
     if scores.duplicated(SCORES.names[:-1]).any():
         raise HandbenchError(f"{path}: has two lines of one figure; run the benchmark again")
-    captures, methods, metrics = (scores[column].nunique() for column in ("capture", "method", "metric"))
+    captures, methods, metrics = (
+        scores[column].nunique() for column in ("capture", "method", "metric")
+    )
     if captures * methods * metrics > MOST_CELLS:
         raise HandbenchError(
-            f"{path}: names {captures} captures, {methods} methods and {metrics} metrics; at most {MOST_CELLS} figures "
+            f"{path}: names {captures} captures, {methods} methods and {metrics} metrics; at "
+            f"most {MOST_CELLS} figures "
             "are read; run the benchmark again"
         )
 
@@ -196,10 +242,14 @@ def _require_figures(path: Path, scores: pd.DataFrame) -> None:
 def _require_complete(result: Result) -> None:
     paths = []
     for capture in result.scored():
-        paths += [depth_path(result.folder, capture.name, reference) for reference in capture.references]
+        paths += [
+            depth_path(result.folder, capture.name, reference) for reference in capture.references
+        ]
         for method in result.about.methods:
             paths.append(depth_path(result.folder, capture.name, method.name))
-            paths += [errors_path(result.folder, capture.name, method.name, r) for r in capture.references]
+            paths += [
+                errors_path(result.folder, capture.name, method.name, r) for r in capture.references
+            ]
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise HandbenchError(

@@ -1,7 +1,7 @@
 """A trade-off folder: what each setting of each stage costs in time, and what accuracy that buys.
 
-tradeoff.json   schema_version, name, sections (metric, unit, what time is counted, reference setting), claims,
-                captures, inputs, versions, machine, facts
+tradeoff.json   schema_version, name, sections (metric, unit, what time is counted, reference
+                setting), claims, captures, inputs, versions, machine, facts
 tradeoff.csv    one line a setting: see `Setting`
 config.toml     the benchmark with its sweep, resolved
 settings/       NAME.toml: each imaging setting as a benchmark that `handbench run` takes
@@ -23,7 +23,8 @@ from handbench.support.files import require_folder, write_json
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv, whose columns `bench.evaluation.tables.SETTINGS` defines; None: not known."""
+    """One line of tradeoff.csv, whose columns `bench.evaluation.tables.SETTINGS` defines; None: not
+    known."""
 
     section: str
     name: str
@@ -60,7 +61,8 @@ class Setting:
 
 
 class Section(Config):
-    """One stage's knobs: metric and its definition, what its seconds count, the setting that ratios are to."""
+    """One stage's knobs: metric and its definition, what its seconds count, the setting that ratios
+    are to."""
 
     name: Literal["imaging", "groundtruth", "simulation", "registration"]
     title: str
@@ -118,6 +120,8 @@ def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Settin
 def load_tradeoff(folder: str | Path) -> Tradeoff:
     """Read and check a trade-off folder; a missing or newer one is a HandbenchError."""
     folder = require_folder(folder, "a trade-off (tradeoff.json)")
-    facts = read_facts(TradeoffFacts, folder / "tradeoff.json", "a trade-off", "run `handbench tradeoff` again")
+    facts = read_facts(
+        TradeoffFacts, folder / "tradeoff.json", "a trade-off", "run `handbench tradeoff` again"
+    )
     lines = records(read(folder / "tradeoff.csv", SETTINGS))
     return Tradeoff(folder, facts, tuple(Setting(**line) for line in lines))

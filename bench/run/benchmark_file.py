@@ -33,12 +33,14 @@ def _each_once(items: tuple[Item, ...]) -> tuple[Item, ...]:
 
 Measures = Annotated[tuple[Measure, ...], Field(min_length=1), AfterValidator(_each_once)]
 Number = Annotated[int, Field(ge=1, le=MOST_PEOPLE)]
-Persons = Annotated[tuple[Number, ...], Field(min_length=1, max_length=1000), AfterValidator(_each_once)]
+Persons = Annotated[
+    tuple[Number, ...], Field(min_length=1, max_length=1000), AfterValidator(_each_once)
+]
 
 
 class Origin(Config):
-    """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false leaves out a scene's
-    photographs."""
+    """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false
+    leaves out a scene's photographs."""
 
     scene: str | None = None
     path: str | None = None
@@ -52,9 +54,10 @@ class Origin(Config):
 
 
 class Source(Origin):
-    """A capture of the benchmark. measures: the accuracy, by its first frame against a reference; the precision, by the
-    benchmark's `repeats` frames, which needs no reference and no photographs. persons: the hand's scene once with the
-    hand of each, by number, as that person stands (`SceneFile.of_person`)."""
+    """A capture of the benchmark. measures: the accuracy, by its first frame against a reference;
+    the precision, by the benchmark's `repeats` frames, which needs no reference and no photographs.
+    persons: the hand's scene once with the hand of each, by number, as that person stands
+    (`SceneFile.of_person`)."""
 
     measures: Measures = MEASURES
     persons: Persons | None = None
@@ -67,13 +70,15 @@ class Source(Origin):
 
     def each(self) -> "tuple[Source, ...]":
         """Its captures, one a person."""
-        return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (self,)
+        return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (
+            self,
+        )
 
 
 class DataSet(Config):
-    """All captures below a folder, relative to the benchmark file, or those of some objects (ROOT/OBJECT) and distances
-    (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered: MAROON's frames without their empty room;
-    measures: as each of a `Source`."""
+    """All captures below a folder, relative to the benchmark file, or those of some objects
+    (ROOT/OBJECT) and distances (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered:
+    MAROON's frames without their empty room; measures: as each of a `Source`."""
 
     path: str
     objects: tuple[str, ...] = ()
@@ -98,12 +103,14 @@ class GroundTruth(Config):
 
 
 class MethodEntry(Config):
-    """A method with what its configuration changes; precision = true measures its precision too; every_nth_antenna: of
-    transmitters and receivers, in the order of the file (see `radar.data.capture.thinned`).
+    """A method with what its configuration changes; precision = true measures its precision too;
+    every_nth_antenna: of transmitters and receivers, in the order of the file (see
+    `radar.data.capture.thinned`).
 
-    A method that handbench does not have (`bench.run.foreign`) has `maps`, the folder of its depth maps, CAPTURE.npz,
-    relative to the benchmark file; or `command`, a line that makes one, with the places {capture} and {depth}, and the
-    command's limits for each capture: seconds, and megabytes of addresses (0: none)."""
+    A method that handbench does not have (`bench.run.foreign`) has `maps`, the folder of its depth
+    maps, CAPTURE.npz, relative to the benchmark file; or `command`, a line that makes one, with the
+    places {capture} and {depth}, and the command's limits for each capture: seconds, and megabytes
+    of addresses (0: none)."""
 
     id: str
     config: dict[str, Any] = Field(default_factory=dict)
@@ -123,7 +130,10 @@ class MethodEntry(Config):
     @classmethod
     def _no_submission(cls, given: Any) -> Any:
         if isinstance(given, dict) and "submission" in given:
-            raise ValueError('submission is gone; give maps = "FOLDER", with a depth map CAPTURE.npz for each capture')
+            raise ValueError(
+                'submission is gone; give maps = "FOLDER", with a depth map CAPTURE.npz for each '
+                "capture"
+            )
         return given
 
     @model_validator(mode="after")
@@ -137,16 +147,24 @@ class MethodEntry(Config):
             return self
         checked_name(self.id)
         if self.config or self.precision or self.every_nth_antenna > 1:
-            raise ValueError(f"{where} is taken as it is; leave out config, precision and every_nth_antenna")
+            raise ValueError(
+                f"{where} is taken as it is; leave out config, precision and every_nth_antenna"
+            )
         if self.command is not None:
             if not self.command.isprintable():
-                raise ValueError(f"{where}: command has characters that cannot be printed; leave them out")
+                raise ValueError(
+                    f"{where}: command has characters that cannot be printed; leave them out"
+                )
             try:
                 words = shlex.split(self.command)
             except ValueError as error:
-                raise ValueError(f"{where}: command is not readable ({error}); quote it as for a shell") from None
+                raise ValueError(
+                    f"{where}: command is not readable ({error}); quote it as for a shell"
+                ) from None
             if missing := [place for place in PLACES if not any(place in word for word in words)]:
-                raise ValueError(f"{where}: command lacks {' and '.join(missing)}; expected '{EXAMPLE}'")
+                raise ValueError(
+                    f"{where}: command lacks {' and '.join(missing)}; expected '{EXAMPLE}'"
+                )
         return self
 
 
@@ -157,15 +175,23 @@ class BenchFile(Config):
     name: Name
     seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
-    frames: int = Field(default=1, ge=1, le=1000, description="frames for the accuracy; the figures are the first's")
-    phase_noise_rad: float | None = Field(default=None, ge=0, description="replaces the noise of every scene")
+    frames: int = Field(
+        default=1, ge=1, le=1000, description="frames for the accuracy; the figures are the first's"
+    )
+    phase_noise_rad: float | None = Field(
+        default=None, ge=0, description="replaces the noise of every scene"
+    )
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
-    reproduces: Literal["paper"] | None = Field(default=None, description="whose figures stand beside ours")
+    reproduces: Literal["paper"] | None = Field(
+        default=None, description="whose figures stand beside ours"
+    )
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Origin, ...] = Field(
         default=(), max_length=MOST_TABLES, description="captures of one target, combined"
     )
-    dataset: tuple[DataSet, ...] | None = Field(default=None, description="their captures join those of `capture`")
+    dataset: tuple[DataSet, ...] | None = Field(
+        default=None, description="their captures join those of `capture`"
+    )
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
     tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
@@ -183,11 +209,18 @@ class BenchFile(Config):
 
     @model_validator(mode="after")
     def _something_to_measure(self) -> "BenchFile":
-        measures = [source.measures for source in self.capture] + [found.measures for found in self.dataset or ()]
+        measures = [source.measures for source in self.capture] + [
+            found.measures for found in self.dataset or ()
+        ]
         if not any("accuracy" in measured for measured in measures):
-            raise ValueError("no capture measures the accuracy, without which there is no table; add one that does")
+            raise ValueError(
+                "no capture measures the accuracy, without which there is no table; add one that "
+                "does"
+            )
         if ("precision",) in measures and not any(entry.precision for entry in self.method):
-            raise ValueError("a capture measures the precision alone, but no method has precision = true")
+            raise ValueError(
+                "a capture measures the precision alone, but no method has precision = true"
+            )
         return self
 
     @model_validator(mode="after")
@@ -207,7 +240,11 @@ class BenchFile(Config):
 
 def embedded() -> dict[str, Path]:
     """The embedded benchmarks by name: those of the files that say which methods to run."""
-    return {path.stem: path for path in sorted(EMBEDDED.glob("*.toml")) if "\n[[method]]" in path.read_text("utf-8")}
+    return {
+        path.stem: path
+        for path in sorted(EMBEDDED.glob("*.toml"))
+        if "\n[[method]]" in path.read_text("utf-8")
+    }
 
 
 def find_benchmark(name: str) -> Path:
@@ -217,31 +254,43 @@ def find_benchmark(name: str) -> Path:
         return path
     known = embedded()
     if name not in known:
-        raise HandbenchError(f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}")
+        raise HandbenchError(
+            f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}"
+        )
     return known[name]
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """A benchmark file, checked down to every method's configuration, its data sets and persons taken apart into
-    captures; and the folder that its paths start from."""
+    """A benchmark file, checked down to every method's configuration, its data sets and persons
+    taken apart into captures; and the folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
-    bench = bench.model_copy(update={"method": tuple(checked(entry, path) for entry in bench.method)})
+    bench = bench.model_copy(
+        update={"method": tuple(checked(entry, path) for entry in bench.method)}
+    )
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
-    found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(path.parent))
+    found = tuple(
+        source for dataset in bench.dataset or () for source in dataset.sources(path.parent)
+    )
     sources = (*(one for source in bench.capture for one in source.each()), *found)
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
 
 
 def checked(entry: MethodEntry, path: Path) -> MethodEntry:
-    """The entry of a benchmark file; HandbenchError where its method, configuration or maps are not there."""
+    """The entry of a benchmark file; HandbenchError where its method, configuration or maps are not
+    there."""
     where = f"{path}: method '{entry.id}'"
     if not entry.foreign:
         method(entry.id).configure(entry.config, where)
     elif entry.id in {known.id for known in methods()}:
         given = "maps" if entry.command is None else "command"
-        raise HandbenchError(f"{where}: has {given}, but handbench has this method; give yours another id")
+        raise HandbenchError(
+            f"{where}: has {given}, but handbench has this method; give yours another id"
+        )
     elif entry.maps is not None:
-        require_folder(inside(path.parent, entry.maps, f"{where}: maps"), "a depth map for each capture, CAPTURE.npz")
+        require_folder(
+            inside(path.parent, entry.maps, f"{where}: maps"),
+            "a depth map for each capture, CAPTURE.npz",
+        )
     return entry

@@ -1,4 +1,5 @@
-"""The stage that registers the sensors: captures of one target, photographed and imaged → radar_from_photo."""
+"""The stage that registers the sensors: captures of one target, photographed and imaged →
+radar_from_photo."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,23 +20,31 @@ REGISTRATION = "radar_from_photo.json"
 
 def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
     """Captures of one target, each with the file of its photographs' cloud → REGISTRATION."""
-    made = register_captures([Path(capture) for capture in captures], [Cloud.load(Path(file)) for file in clouds])
+    made = register_captures(
+        [Path(capture) for capture in captures], [Cloud.load(Path(file)) for file in clouds]
+    )
     made.save(folder / REGISTRATION)
 
 
 def register_captures(
     captures: Sequence[Path], clouds: Sequence[Cloud], array: ArrayCalibration | None = None
 ) -> Transform:
-    """Captures of one target, each with its cloud in the photo frame → radar_from_photo; more than one are combined, if
-    the rig stood still between them. array: the antennas' calibration, in place of the captures' own. Raises
-    HandbenchError when the targets differ."""
+    """Captures of one target, each with its cloud in the photo frame → radar_from_photo; more than
+    one are combined, if the rig stood still between them. array: the antennas' calibration, in
+    place of the captures' own. Raises HandbenchError when the targets differ."""
     target = common_target(captures)
     measured, names = [], []
     for capture, cloud in zip(captures, clouds, strict=True):
         recorded = open_capture(capture)
         names.append(recorded.about.name)
-        echoes = recorded.echoes() if array is None else array.applied_to(recorded.echoes(calibrated=False))
-        measured.append(measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m))
+        echoes = (
+            recorded.echoes()
+            if array is None
+            else array.applied_to(recorded.echoes(calibrated=False))
+        )
+        measured.append(
+            measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m)
+        )
     pairs, common_m2 = zip(*measured, strict=True)
     return combine(pairs, False, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
 
@@ -45,5 +54,7 @@ def common_target(captures: Sequence[Path]) -> Target:
     targets = {capture: load_target(capture / TARGET) for capture in captures}
     for capture, target in targets.items():
         if target != targets[captures[0]]:
-            raise HandbenchError(f"{capture / TARGET}: differs from {captures[0]}'s; combine captures of one target")
+            raise HandbenchError(
+                f"{capture / TARGET}: differs from {captures[0]}'s; combine captures of one target"
+            )
     return targets[captures[0]]

@@ -25,20 +25,28 @@ BENCH = "bench.toml"
 
 
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
-    """Simulate all scenes of a benchmark, a file's or an embedded one's, into a folder, and return their number. The
-    captures of a call that was interrupted are kept."""
+    """Simulate all scenes of a benchmark, a file's or an embedded one's, into a folder, and return
+    their number. The captures of a call that was interrupted are kept."""
     bench, base = load_benchmark(name)
     sources: list[Origin] = [*bench.capture, *bench.calibration]
     scenes: dict[str, tuple[SceneFile, Path, int]] = {}
     for source in sources:
         if source.scene is None:
-            raise HandbenchError(f"{name}: has the capture {source.path}; expected scenes, which can be simulated")
+            raise HandbenchError(
+                f"{name}: has the capture {source.path}; expected scenes, which can be simulated"
+            )
         scene, file = scene_of(bench, base, source)
         if isinstance(source, Source) and "accuracy" not in source.measures:
             scene = scene.model_copy(update={"photos": None})  # nothing needs them
         if scene.name in scenes:
-            raise HandbenchError(f"{name}: two captures are named '{scene.name}'; give each its own name")
-        scenes[scene.name] = scene, file.parent, bench.frames_of(source) if isinstance(source, Source) else 1
+            raise HandbenchError(
+                f"{name}: two captures are named '{scene.name}'; give each its own name"
+            )
+        scenes[scene.name] = (
+            scene,
+            file.parent,
+            bench.frames_of(source) if isinstance(source, Source) else 1,
+        )
     _start(folder, _of_captures(bench, name, list(scenes)), overwrite)
     for scene, place, frames in track(list(scenes.values()), "captures"):
         at = folder / CAPTURES / scene.name
@@ -51,12 +59,18 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
 def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
     """The benchmark's file, with these captures in place of its scenes."""
     if any(entry.foreign for entry in bench.method):
-        raise HandbenchError(f"{name}: has a method with maps or a command; add it to the file that is written instead")
-    content: dict[str, Any] = bench.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+        raise HandbenchError(
+            f"{name}: has a method with maps or a command; add it to the file that is written "
+            "instead"
+        )
+    content: dict[str, Any] = bench.model_dump(
+        mode="json", exclude_none=True, exclude_defaults=True
+    )
     content.pop("phase_noise_rad", None)  # it is in the echoes
     paths = [f"{CAPTURES}/{capture}" for capture in captures]
     content["capture"] = [
-        {"path": path, "measures": list(source.measures)} for path, source in zip(paths, bench.capture, strict=False)
+        {"path": path, "measures": list(source.measures)}
+        for path, source in zip(paths, bench.capture, strict=False)
     ]
     if bench.calibration:
         content["calibration"] = [{"path": path} for path in paths[len(bench.capture) :]]
@@ -64,14 +78,18 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
 
 
 def _start(folder: Path, text: str, overwrite: bool) -> None:
-    """Write the benchmark's file, or find it there; HandbenchError where the folder holds anything else."""
+    """Write the benchmark's file, or find it there; HandbenchError where the folder holds anything
+    else."""
     file = folder / BENCH
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():
             raise HandbenchError(f"{folder}: holds files but no {BENCH}; choose another -o")
         done = (folder / CHECKSUMS).exists() or file.read_text("utf-8", "replace") != text
         if done and not overwrite:
-            raise HandbenchError(f"{folder}: holds a set of captures; choose another -o, or --overwrite to replace it")
+            raise HandbenchError(
+                f"{folder}: holds a set of captures; choose another -o, or --overwrite to "
+                "replace it"
+            )
         if overwrite:
             drop(folder, (CHECKSUMS, CAPTURES))
     write_text(file, text)

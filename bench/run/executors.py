@@ -1,7 +1,8 @@
-"""Executors carry out the jobs of a run: this process, several processes of this machine, or a Dask cluster's workers.
+"""Executors carry out the jobs of a run: this process, several processes of this machine, or a Dask
+cluster's workers.
 
-A job is a function of the store's folder and a stage. An error that the user can mend is a HandbenchError of the job's
-future; any other exception keeps its traceback and ends the run.
+A job is a function of the store's folder and a stage. An error that the user can mend is a
+HandbenchError of the job's future; any other exception keeps its traceback and ends the run.
 """
 
 from __future__ import annotations
@@ -12,7 +13,13 @@ import pickle
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -33,13 +40,23 @@ if TYPE_CHECKING:  # an extra
     from distributed import Client
 
 HASH = "hash"  # no stage that is kept: a capture's folder has to be read to know what it holds
-WORTH_S = 60.0  # processor time of a run, several times what the processes take to import the libraries
+WORTH_S = (
+    60.0  # processor time of a run, several times what the processes take to import the libraries
+)
 MOST = 4  # processes: rounds have about as many long stages
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
-IN_FLIGHT = 256  # jobs that an executor has at once: enough for as many workers, and little of anyone's memory
+# jobs that an executor has at once: enough for as many workers, and little of anyone's memory
+IN_FLIGHT = 256
 CONNECT_S = 20.0
-LOGS = "distributed", "distributed.client", "tornado.application", "asyncio"  # print tracebacks of lost connections
-_ALONE = threading.Lock()  # a cost is measured of the whole process, which therefore does one job at a time
+LOGS = (
+    "distributed",
+    "distributed.client",
+    "tornado.application",
+    "asyncio",
+)  # print tracebacks of lost connections
+_ALONE = (
+    threading.Lock()
+)  # a cost is measured of the whole process, which therefore does one job at a time
 
 
 class Here(Executor):
@@ -56,14 +73,16 @@ class Here(Executor):
 
 
 class Processes(ThreadPoolExecutor):
-    """Processes of this machine, each with its share of the cores. They start with their first job and end with the
-    block, or with this process. A process that the system ends, for want of memory, costs its own job only, which is
-    tried once more while the others wait."""
+    """Processes of this machine, each with its share of the cores. They start with their first job
+    and end with the block, or with this process. A process that the system ends, for want of
+    memory, costs its own job only, which is tried once more while the others wait."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
         cores = sorted(os.sched_getaffinity(0))[: workers()]
-        self._shares = [cores[n * len(cores) // count : (n + 1) * len(cores) // count] for n in range(count)]
+        self._shares = [
+            cores[n * len(cores) // count : (n + 1) * len(cores) // count] for n in range(count)
+        ]
         self._machine = cost.calibrated_machine()  # measured while nothing else runs
         self._pools = [self._pool(number) for number in range(count)]
         self._idle: SimpleQueue[int] = SimpleQueue()
@@ -73,7 +92,9 @@ class Processes(ThreadPoolExecutor):
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call the function in one of the processes."""
-        return super().submit(self._call, partial(elsewhere, self._machine, function, *args, **kwargs))
+        return super().submit(
+            self._call, partial(elsewhere, self._machine, function, *args, **kwargs)
+        )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes, and what they are at; nothing writes any more once this returns."""
@@ -86,7 +107,9 @@ class Processes(ThreadPoolExecutor):
         super().shutdown(wait=True)
 
     def _pool(self, number: int) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, get_context("spawn"), begin_process, (self._shares[number], os.getpid()))
+        return ProcessPoolExecutor(
+            1, get_context("spawn"), begin_process, (self._shares[number], os.getpid())
+        )
 
     def _call(self, job: Callable[[], Any]) -> Any:
         """In a thread: have a process that is idle do the job."""
@@ -119,11 +142,12 @@ class Processes(ThreadPoolExecutor):
 
 
 class Cluster(Executor):
-    """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the scheduler, which is
-    safe, for a stage's folder appears complete or not at all."""
+    """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the
+    scheduler, which is safe, for a stage's folder appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
-        self._client = client  # whose futures tell that the scheduler has gone; those of get_executor() then never end
+        # whose futures tell that the scheduler has gone; those of get_executor() then never end
+        self._client = client
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call the function on one of the workers."""
@@ -141,13 +165,18 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_result(ended.result())
     except KilledWorker as error:
         deaths = error.allowed_failures + 1
-        future.set_exception(HandbenchError(f"{deaths} workers died over it; give the workers more memory"))
+        future.set_exception(
+            HandbenchError(f"{deaths} workers died over it; give the workers more memory")
+        )
     except BaseException as error:
         future.set_exception(error)
 
 
-def elsewhere(machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage) -> Any:
-    """Do a job in another process, or on another machine. machine: its facts, where they were measured before."""
+def elsewhere(
+    machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage
+) -> Any:
+    """Do a job in another process, or on another machine. machine: its facts, where they were
+    measured before."""
     cost.CALIBRATED |= machine
     try:
         with _ALONE:
@@ -163,19 +192,27 @@ def elsewhere(machine: dict[str, Any], function: Callable[[Path, Stage], Any], r
 
 
 def _require_same(root: Path, stage: Stage) -> None:
-    """HandbenchError where this machine does not see the store, or has other code than the client."""
+    """HandbenchError where this machine does not see the store, or has other code than the
+    client."""
     if not root.is_dir():
-        raise HandbenchError(f"{root}: is not there on this machine; expected the result folder, shared by all workers")
+        raise HandbenchError(
+            f"{root}: is not there on this machine; expected the result folder, shared by all "
+            "workers"
+        )
     plugged = method_key(stage.method) if stage.method else ()
     if code_hash(stage.function, plugged) != stage.code:
         raise HandbenchError(
-            f"{stage.label}: this worker's handbench or libraries differ from the client's; install the same on both"
+            f"{stage.label}: this worker's handbench or libraries differ from the client's; "
+            "install the same on both"
         )
 
 
-def assigned(executor: Executor, root: Path, stages: Sequence[Stage]) -> list[tuple[Executor, list[int]]]:
-    """Executors with the numbers of the stages that each carries out, one executor after the other. Processes take two
-    or more stages that have to be made and whose time is no result; imaging is done here, with nothing else at work."""
+def assigned(
+    executor: Executor, root: Path, stages: Sequence[Stage]
+) -> list[tuple[Executor, list[int]]]:
+    """Executors with the numbers of the stages that each carries out, one executor after the other.
+    Processes take two or more stages that have to be made and whose time is no result; imaging is
+    done here, with nothing else at work."""
     numbers = list(range(len(stages)))
     if not isinstance(executor, Processes):
         return [(executor, numbers)]
@@ -187,8 +224,8 @@ def assigned(executor: Executor, root: Path, stages: Sequence[Stage]) -> list[tu
 
 
 def room(bytes_: float = 0.0) -> int:
-    """Processes that the cores and the memory that is free have room for; bytes_: what a stage takes, if more than most
-    do. One where this process may not start others."""
+    """Processes that the cores and the memory that is free have room for; bytes_: what a stage
+    takes, if more than most do. One where this process may not start others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
@@ -196,9 +233,11 @@ def room(bytes_: float = 0.0) -> int:
 
 
 @contextmanager
-def executor(scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0) -> Iterator[Executor]:
-    """This process, with others where so much processor time, core_s, is worth them; or the cluster of the Dask
-    scheduler at this address, tcp://host:port."""
+def executor(
+    scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0
+) -> Iterator[Executor]:
+    """This process, with others where so much processor time, core_s, is worth them; or the cluster
+    of the Dask scheduler at this address, tcp://host:port."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
         with Processes(count) if count > 1 else Here() as found:
@@ -208,7 +247,8 @@ def executor(scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 
         from distributed import Client
     except ImportError as error:
         raise HandbenchError(
-            f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the option out"
+            f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the "
+            "option out"
         ) from error
     for name in LOGS:  # what goes wrong here is told once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -216,13 +256,18 @@ def executor(scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise HandbenchError(
-            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); expected tcp://host:port of a "
+            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); expected "
+            "tcp://host:port of a "
             "running `dask scheduler`"
         ) from error
     try:
         with client:
             yield Cluster(client)
     except (CancelledError, OSError) as error:
-        if isinstance(error, OSError) and error.errno is not None:  # a file's; those of connections have none
+        if (
+            isinstance(error, OSError) and error.errno is not None
+        ):  # a file's; those of connections have none
             raise
-        raise HandbenchError("--scheduler: it has gone away; start it anew and run again, which resumes") from error
+        raise HandbenchError(
+            "--scheduler: it has gone away; start it anew and run again, which resumes"
+        ) from error

@@ -1,8 +1,9 @@
-"""Methods that handbench does not have: depth maps from a folder, or a program that makes them from the echoes.
+"""Methods that handbench does not have: depth maps from a folder, or a program that makes them from
+the echoes.
 
-A program sees a folder with capture.toml and the echoes of one frame, a few variables of our environment, and nothing
-else of the capture; its time and memory are limited, and it ends with handbench. This keeps honest programs apart; it
-does not stop a program that means harm.
+A program sees a folder with capture.toml and the echoes of one frame, a few variables of our
+environment, and nothing else of the capture; its time and memory are limited, and it ends with
+handbench. This keeps honest programs apart; it does not stop a program that means harm.
 """
 
 import os
@@ -40,7 +41,8 @@ VARIABLES = (
     *("PATH", "HOME", "LANG", "USER", "TMPDIR", "LD_LIBRARY_PATH"),
     *("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS"),
 )
-# The program's parent, in a process group with it: ends the group when handbench ends, however that happens.
+# The program's parent, in a process group with it: ends the group when handbench ends, however that
+# happens.
 SUPERVISOR = """
 import ctypes, os, resource, signal, subprocess, sys
 signal.signal(signal.SIGTERM, lambda *_: os.killpg(0, signal.SIGKILL))
@@ -58,7 +60,8 @@ sys.exit(code if code >= 0 else 128 - code)
 
 
 def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
-    """The pixels that foreign depth maps of a capture have: those of the first own method, or else the paper's."""
+    """The pixels that foreign depth maps of a capture have: those of the first own method, or else
+    the paper's."""
     own = next((entry for entry in methods if not entry.foreign), None)
     config = PixelsConfig() if own is None else configured(about, own.id, own.config)
     grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
@@ -66,18 +69,26 @@ def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
 
 
 def words(command: str, base: Path) -> list[str]:
-    """The words of a command line. Names of files in the benchmark's folder, `base`, become paths."""
+    """The words of a command line. Names of files in the benchmark's folder, `base`, become
+    paths."""
     split = shlex.split(command)
     return [str(base / word) if os.path.isfile(base / word) else word for word in split]
 
 
 def program_key(command: str, base: Path) -> list[str]:
-    """The values that a command's depth maps depend on: the line, and the content of the files in it."""
-    return [command, *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word))]
+    """The values that a command's depth maps depend on: the line, and the content of the files in
+    it."""
+    return [
+        command,
+        *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word)),
+    ]
 
 
-def take(folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any) -> None:
-    """Copy a depth map, checked, into the folder of a stage, with the seconds that it says it took."""
+def take(
+    folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
+) -> None:
+    """Copy a depth map, checked, into the folder of a stage, with the seconds that it says it
+    took."""
     depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
     _save(folder, depth, [] if seconds is None else [seconds])
 
@@ -92,28 +103,33 @@ def run(
     limits: tuple[float, int],
     config: Any,
 ) -> None:
-    """Have a program image the capture's first frame into the folder of a stage; its seconds are those of the whole
-    command. limits: seconds, and megabytes of addresses (0: none)."""
+    """Have a program image the capture's first frame into the folder of a stage; its seconds are
+    those of the whole command. limits: seconds, and megabytes of addresses (0: none)."""
     data = open_capture(capture)
     with tempfile.TemporaryDirectory(prefix="handbench-foreign-") as temporary:
         room = Path(temporary)
         echoes, file = room / "capture", room / "depth.npz"
         echoes.mkdir()
         save_capture(echoes / ECHOES, data.echoes(1))
-        save_capture_file(echoes, CaptureFile(name=data.about.name, kind="other", contains=(ECHOES,)))
+        save_capture_file(
+            echoes, CaptureFile(name=data.about.name, kind="other", contains=(ECHOES,))
+        )
         places = {"{capture}": str(echoes), "{depth}": str(file)}
         for name, place in places.items():
             command = [word.replace(name, place) for word in command]
         say(f"{data.about.name}: running {shlex.join(command)}")
         seconds = _run(command, room, *limits)
         if not file.is_file():
-            raise HandbenchError("the command ended well but wrote no {depth}; expected an .npz file there")
+            raise HandbenchError(
+                "the command ended well but wrote no {depth}; expected an .npz file there"
+            )
         depth, _ = read_map(file, method, PixelGrid(x_m, y_m))
     _save(folder, depth, [seconds])
 
 
 def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
-    """Write what a method of our own leaves. Pixels that the method itself has averaged stay averaged."""
+    """Write what a method of our own leaves. Pixels that the method itself has averaged stay
+    averaged."""
     write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
     depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": seconds})
@@ -124,7 +140,14 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
     environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
     if shutil.which(command[0], path=environment.get("PATH")) is None:
         raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
-    supervised = [sys.executable, "-ISc", SUPERVISOR, str(os.getpid()), str(limit_mb * 2**20), *command]
+    supervised = [
+        sys.executable,
+        "-ISc",
+        SUPERVISOR,
+        str(os.getpid()),
+        str(limit_mb * 2**20),
+        *command,
+    ]
     output = room / "output"
     start = time.perf_counter()
     with output.open("wb") as stream:
@@ -140,7 +163,9 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
         try:
             code = child.wait(limit_s)
         except subprocess.TimeoutExpired:
-            raise HandbenchError(f"the command took more than {limit_s:g} s; raise limit_s") from None
+            raise HandbenchError(
+                f"the command took more than {limit_s:g} s; raise limit_s"
+            ) from None
         finally:
             with suppress(ProcessLookupError):  # what it left running ends too
                 os.killpg(child.pid, signal.SIGKILL)
@@ -161,13 +186,15 @@ def _last_line(output: Path) -> str:
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
-    """A foreign method's depth map on the grid that was asked for, float32, and its `seconds`, where the file has
-    them. HandbenchError for what cannot be scored."""
+    """A foreign method's depth map on the grid that was asked for, float32, and its `seconds`,
+    where the file has them. HandbenchError for what cannot be scored."""
     content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
         if content[name].shape != expected.shape or not _same(content[name], expected):
             given = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
-            raise HandbenchError(f"{file}: {name} is another grid than the benchmark's, {given}; image on that")
+            raise HandbenchError(
+                f"{file}: {name} is another grid than the benchmark's, {given}; image on that"
+            )
     for name in ("z_m", "amplitude_db"):
         if content[name].shape != grid.shape or content[name].dtype.kind != "f":
             found = f"{content[name].dtype} {content[name].shape}"
@@ -178,19 +205,29 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
     if np.isinf(z_m).any():
         raise HandbenchError(f"{file}: z_m has infinite depths; write NaN off target")
     if not seen.any():
-        raise HandbenchError(f"{file}: z_m has no depth at all; a capture without any cannot be scored")
+        raise HandbenchError(
+            f"{file}: z_m has no depth at all; a capture without any cannot be scored"
+        )
     if not np.isfinite(amplitude_db[seen]).all():
-        raise HandbenchError(f"{file}: amplitude_db is not finite where z_m has a depth; give every depth one")
+        raise HandbenchError(
+            f"{file}: amplitude_db is not finite where z_m has a depth; give every depth one"
+        )
     if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
-        raise HandbenchError(f"{file}: z_m reaches {far_m:g} m; expected metres: are these millimetres?")
+        raise HandbenchError(
+            f"{file}: z_m reaches {far_m:g} m; expected metres: are these millimetres?"
+        )
     depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method)
     seconds = content.get("seconds")
     if seconds is None:
         return depth, None
     if seconds.shape != () or seconds.dtype.kind not in "fiu" or not 0 < seconds < np.inf:
-        raise HandbenchError(f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all")
+        raise HandbenchError(
+            f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all"
+        )
     return depth, float(seconds)
 
 
 def _same(found: np.ndarray, expected: np.ndarray) -> bool:
-    return found.dtype.kind == "f" and bool(np.abs(found - expected).max() <= SAME_M)  # NaN is not near
+    return found.dtype.kind == "f" and bool(
+        np.abs(found - expected).max() <= SAME_M
+    )  # NaN is not near

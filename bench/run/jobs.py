@@ -1,8 +1,10 @@
-"""The stages of a benchmark, as data: what each depends on, what it is given, and whose code it runs.
+"""The stages of a benchmark, as data: what each depends on, what it is given, and whose code it
+runs.
 
-They come in rounds: `opening`, then `inspection`, for every capture; of the captures that are open the photographs'
-`clouds`, which are two rounds, `sparse` and `dense`; then `calibration`, `meshing` and `imaging`, which do not wait for
-each other; last `scoring`, of the captures that have a reference.
+They come in rounds: `opening`, then `inspection`, for every capture; of the captures that are open
+the photographs' `clouds`, which are two rounds, `sparse` and `dense`; then `calibration`, `meshing`
+and `imaging`, which do not wait for each other; last `scoring`, of the captures that have a
+reference.
 """
 
 from pathlib import Path
@@ -13,7 +15,13 @@ from handbench.bench.datasets.checksums import require_unchanged
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
 from handbench.bench.results import REFERENCES
-from handbench.bench.run import calibrate_stage, foreign, reconstruct_stage, repeat_stage, simulate_stage
+from handbench.bench.run import (
+    calibrate_stage,
+    foreign,
+    reconstruct_stage,
+    repeat_stage,
+    simulate_stage,
+)
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from handbench.bench.run.executors import HASH
 from handbench.bench.run.outcome import Capture, Outcome
@@ -33,15 +41,16 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
 from handbench.support.store import Stage
 
-INSPECT = (
-    "handbench.bench.validation.doubts:make"  # by name: its room checks benchmark files too, so it imports this one
-)
+# by name: its room checks benchmark files too, so it imports this one
+INSPECT = "handbench.bench.validation.doubts:make"
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
-def opening(bench: BenchFile, base: Path, source: Origin, frames: int, photos: bool = True) -> Stage:
-    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from `base`. photos: whether
-    anything needs the scene's photographs."""
+def opening(
+    bench: BenchFile, base: Path, source: Origin, frames: int, photos: bool = True
+) -> Stage:
+    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from
+    `base`. photos: whether anything needs the scene's photographs."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
         given = {"folder": str(folder), "frames": frames}
@@ -98,15 +107,20 @@ def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage
 
 
 def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
-    """To make the capture's photographs a mesh, if it has none and if a transform carries it into the radar frame."""
+    """To make the capture's photographs a mesh, if it has none and if a transform carries it into
+    the radar frame."""
     data = open_capture(capture.folder)
     carried = bool(bench.calibration) or data.transform() is not None
-    return clouds(bench, capture, work) if carried and data.photos is not None and data.mesh() is None else None
+    return (
+        clouds(bench, capture, work)
+        if carried and data.photos is not None and data.mesh() is None
+        else None
+    )
 
 
 def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> list[Stage]:
-    """To image the capture by one method: for the accuracy the benchmark's frames, for the precision, where the method
-    has one, all repeats. Paths start from `base`."""
+    """To image the capture by one method: for the accuracy the benchmark's frames, for the
+    precision, where the method has one, all repeats. Paths start from `base`."""
     if entry.foreign:
         return [_foreign(bench, base, capture, entry)] if "accuracy" in capture.measures else []
     given = {
@@ -117,7 +131,11 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
         "every_nth_antenna": entry.every_nth_antenna,
     }
     inputs = [capture.key, given["config"], given["device"], entry.every_nth_antenna]
-    wanted = [("reconstruct", reconstruct_stage.reconstruct, bench.frames)] if "accuracy" in capture.measures else []
+    wanted = (
+        [("reconstruct", reconstruct_stage.reconstruct, bench.frames)]
+        if "accuracy" in capture.measures
+        else []
+    )
     if "precision" in capture.measures and entry.precision:
         wanted.append(("repeat", repeat_stage.repeat, bench.repeats))
     about = capture.name, entry.id, method_key(entry.id)
@@ -136,13 +154,18 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
         key = foreign.program_key(entry.command, base)
         given |= {"capture": str(capture.folder), "command": foreign.words(entry.command, base)}
         limit_mb = foreign.LIMIT_MB if entry.limit_mb is None else entry.limit_mb
-        given |= {"limits": (entry.limit_s or foreign.LIMIT_S, limit_mb), "config": {"command": entry.command}}
+        given |= {
+            "limits": (entry.limit_s or foreign.LIMIT_S, limit_mb),
+            "config": {"command": entry.command},
+        }
     else:
         folder = inside(base, entry.maps or "", "method.maps")
         file = inside(folder, f"{capture.name}.npz", "method.maps")
         if not file.is_file():
             there = suggest(capture.name, [found.stem for found in folder.glob("*.npz")]) or "none"
-            raise HandbenchError(f"{file}: expected the depth map of '{capture.name}', found nothing; {there}")
+            raise HandbenchError(
+                f"{file}: expected the depth map of '{capture.name}', found nothing; {there}"
+            )
         key = [content_hash(file)]
         given |= {"file": str(file), "config": {"maps": entry.maps}}
     inputs = [capture.key, function.__name__, key, grid.x_m, grid.y_m]
@@ -152,8 +175,8 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
 def references(
     capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
 ) -> dict[str, tuple[Path, Transform]]:
-    """Reference name → mesh file and the transform that carries it into the radar frame. made: the folder with the mesh
-    of the capture's photographs."""
+    """Reference name → mesh file and the transform that carries it into the radar frame. made: the
+    folder with the mesh of the capture's photographs."""
     available: dict[str, tuple[Path, Transform]] = {}
     data = open_capture(capture.folder)
     transform, mesh = data.transform() or registration, data.mesh()
@@ -172,18 +195,31 @@ def references(
             available["completed"] = available["photogrammetry"]
     if not available:
         raise HandbenchError(
-            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with a transform "
+            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with "
+            "a transform "
             "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
         )
     return {name: available[name] for name in REFERENCES if name in available}
 
 
 def scoring(
-    bench: BenchFile, capture: Capture, maps: dict[str, Path], references: dict[str, tuple[Path, Transform]]
+    bench: BenchFile,
+    capture: Capture,
+    maps: dict[str, Path],
+    references: dict[str, tuple[Path, Transform]],
 ) -> Stage:
     """To compare the capture's depth maps, files of kept stages by method, with its references."""
-    given = {"capture": str(capture.folder), "maps": maps, "references": references, "protocol": bench.protocol}
-    carried = {name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()}
-    imaged = {method: file.parent.name for method, file in maps.items()}  # a stage's folder is named by its key
+    given = {
+        "capture": str(capture.folder),
+        "maps": maps,
+        "references": references,
+        "protocol": bench.protocol,
+    }
+    carried = {
+        name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()
+    }
+    imaged = {
+        method: file.parent.name for method, file in maps.items()
+    }  # a stage's folder is named by its key
     inputs = [capture.key, imaged, carried, bench.protocol]
     return Stage("score", score, given, inputs, capture.name)

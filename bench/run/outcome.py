@@ -1,4 +1,5 @@
-"""The outcome of a run: what its stages have found, and the captures and methods that its table stands on."""
+"""The outcome of a run: what its stages have found, and the captures and methods that its table
+stands on."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +23,8 @@ Line = tuple[Any, ...]  # of a table, in the order of its columns
 
 @dataclass
 class Capture:
-    """A capture of the run: its folder, the hash that stands for its content, its description, what it measures."""
+    """A capture of the run: its folder, the hash that stands for its content, its description, what
+    it measures."""
 
     folder: Path
     key: str
@@ -37,9 +39,10 @@ class Capture:
 
 @dataclass
 class Outcome:
-    """All that the stages of a run have found. Keys are names of captures and ids of methods; tasks, repeats: lines of
-    `TASKS` and `REPEATS`; maps: files of depth maps; deviations, scores: folders of the stages `repeat` and `score`;
-    machines: facts of those that did the work, by name."""
+    """All that the stages of a run have found. Keys are names of captures and ids of methods;
+    tasks, repeats: lines of `TASKS` and `REPEATS`; maps: files of depth maps; deviations, scores:
+    folders of the stages `repeat` and `score`; machines: facts of those that did the work, by
+    name."""
 
     bench: BenchFile
     captures: list[Capture]
@@ -63,8 +66,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Basis:
-    """The captures and methods that a table stands on: every method on the same captures. repeated: those of the
-    precision."""
+    """The captures and methods that a table stands on: every method on the same captures. repeated:
+    those of the precision."""
 
     captures: tuple[Capture, ...]
     methods: tuple[MethodEntry, ...]
@@ -74,13 +77,16 @@ class Basis:
     @property
     def all_captures(self) -> tuple[Capture, ...]:
         """Those of the accuracy, then those of the precision alone."""
-        return (*self.captures, *(capture for capture in self.repeated if capture not in self.captures))
+        return (
+            *self.captures,
+            *(capture for capture in self.repeated if capture not in self.captures),
+        )
 
 
 @contextmanager
 def failing(failures: list[Failure], capture: str, stage: str, method: str = "") -> Iterator[None]:
-    """An error that the user can mend is said and kept as a failure of the capture (for one method, if one is named),
-    and does not end the run."""
+    """An error that the user can mend is said and kept as a failure of the capture (for one method,
+    if one is named), and does not end the run."""
     try:
         yield
     except HandbenchError as error:
@@ -89,12 +95,15 @@ def failing(failures: list[Failure], capture: str, stage: str, method: str = "")
 
 
 def basis(outcome: Outcome) -> Basis:
-    """The captures of the accuracy that all methods have finished, every stage of them. A method that finished fewer
-    than half as many as the best one is left out, for it would take the others' captures away; so is the weakest while
-    no capture is common to all. Nothing left is a HandbenchError. The precision stands on those of these captures that
-    measure it, and on the captures of the precision alone that all methods with a precision have finished; of these a
+    """The captures of the accuracy that all methods have finished, every stage of them. A method
+    that finished fewer than half as many as the best one is left out, for it would take the others'
+    captures away; so is the weakest while no capture is common to all. Nothing left is a
+    HandbenchError. The precision stands on those of these captures that measure it, and on the
+    captures of the precision alone that all methods with a precision have finished; of these a
     method may be left out in the same way, and then has no precision."""
-    scored = _finished(outcome, [c for c in outcome.captures if "accuracy" in c.measures], outcome.bench.method)
+    scored = _finished(
+        outcome, [c for c in outcome.captures if "accuracy" in c.measures], outcome.bench.method
+    )
     kept, common = _shared(scored)
     if not kept:
         raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
@@ -103,7 +112,9 @@ def basis(outcome: Outcome) -> Basis:
     precise = [entry for entry in outcome.bench.method if entry.id in kept and entry.precision]
     repeated = _finished(outcome, alone, precise)
     steady, also = _shared(repeated)
-    text = _stands_on(scored, kept, common, sum("accuracy" in source.measures for source in sources))
+    text = _stands_on(
+        scored, kept, common, sum("accuracy" in source.measures for source in sources)
+    )
     if precise and (total := sum(source.measures == ("precision",) for source in sources)):
         text += f"; the precision alone: {_stands_on(repeated, steady, also, total)}"
     return Basis(
@@ -114,10 +125,15 @@ def basis(outcome: Outcome) -> Basis:
     )
 
 
-def _finished(outcome: Outcome, captures: list[Capture], methods: Sequence[MethodEntry]) -> dict[str, set[str]]:
+def _finished(
+    outcome: Outcome, captures: list[Capture], methods: Sequence[MethodEntry]
+) -> dict[str, set[str]]:
     """Method → names of the captures of which it finished every stage."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}
-    return {entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}} for entry in methods}
+    return {
+        entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}}
+        for entry in methods
+    }
 
 
 def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
@@ -131,16 +147,26 @@ def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
 
 def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str], total: int) -> str:
     text = f"{len(common)} of {total} captures: those that every method of the table finished"
-    without = [f"{id} ({len(names)} of {total})" for id, names in finished.items() if id not in kept]
-    return text + (f"; methods left out, with the captures that they finished: {', '.join(without)}" if without else "")
+    without = [
+        f"{id} ({len(names)} of {total})" for id, names in finished.items() if id not in kept
+    ]
+    return text + (
+        f"; methods left out, with the captures that they finished: {', '.join(without)}"
+        if without
+        else ""
+    )
 
 
-def errors(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Iterator[ErrorMap]:
+def errors(
+    outcome: Outcome, captures: Sequence[str], method: str, reference: str
+) -> Iterator[ErrorMap]:
     """A method's error maps of some captures, one in memory at a time."""
     return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
-def surfaces(outcome: Outcome, captures: Sequence[str], method: str, reference: str) -> Iterator[Reference]:
+def surfaces(
+    outcome: Outcome, captures: Sequence[str], method: str, reference: str
+) -> Iterator[Reference]:
     """The references with which `errors` were found."""
     for name in captures:
         _, transform = outcome.references[name][reference]

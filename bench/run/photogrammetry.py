@@ -17,13 +17,15 @@ from handbench.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
-    """The folder of a capture's photographs, and how they are reconstructed: as by `handbench groundtruth`, within the
-    capture's box. HandbenchError where it has none."""
+    """The folder of a capture's photographs, and how they are reconstructed: as by `handbench
+    groundtruth`, within the capture's box. HandbenchError where it has none."""
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
     values = {"quality": quality, "box_m": recorded.about.box_m, "seed": seed}
-    options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")  # a table is the same on every machine
+    options = parse(
+        Options, {**values, "dense": "cpu"}, "groundtruth"
+    )  # a table is the same on every machine
     return recorded.photos, options
 
 
@@ -31,7 +33,9 @@ def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
     """The array's calibration from the first capture of a target, as recorded."""
     [capture, *_] = captures
     recorded = open_capture(capture)
-    return estimate_array(recorded.echoes(calibrated=False), load_target(capture / TARGET), source=recorded.about.name)
+    return estimate_array(
+        recorded.echoes(calibrated=False), load_target(capture / TARGET), source=recorded.about.name
+    )
 
 
 def calibrate_captures(

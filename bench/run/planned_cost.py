@@ -1,7 +1,8 @@
 """The cost of a run, predicted from the shapes of what is asked, before any of it is made.
 
-Processor time is counts times rates of whole stages, measured on two shared cores of an AMD EPYC: hands before 94 × 94
-antennas, 2 to 128 tones; a method's images for the figure, the time and the treatments. They tell minutes from days.
+Processor time is counts times rates of whole stages, measured on two shared cores of an AMD EPYC:
+hands before 94 × 94 antennas, 2 to 128 tones; a method's images for the figure, the time and the
+treatments. They tell minutes from days.
 """
 
 from collections.abc import Iterable
@@ -25,10 +26,21 @@ from handbench.support.pictures import opened_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
-PIXEL_S, VOXEL_S, SAMPLE_S = 7e-6, 3.6e-7, 3.5e-6  # a pixel's tone, a voxel of a volume, a sample of the method's tones
-FITTED_S, FOCUSED_S = 0.6, 2.2  # to inspect a capture: its map is held against its surface; without one, its focus
+PIXEL_S, VOXEL_S, SAMPLE_S = (
+    7e-6,
+    3.6e-7,
+    3.5e-6,
+)  # a pixel's tone, a voxel of a volume, a sample of the method's tones
+FITTED_S, FOCUSED_S = (
+    0.6,
+    2.2,
+)  # to inspect a capture: its map is held against its surface; without one, its focus
 FRAME = 0.15  # of a stage, for each frame behind the first
-BODY_S, HAND_S, PHOTO_S = 0.5, 20.0, 0.9  # echoes of a small body and of a hand; a simulated megapixel
+BODY_S, HAND_S, PHOTO_S = (
+    0.5,
+    20.0,
+    0.9,
+)  # echoes of a small body and of a hand; a simulated megapixel
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 
 
@@ -47,23 +59,39 @@ def one_after_another(parts: Iterable[Work]) -> Work:
 
 def of_run(bench: BenchFile, base: Path) -> Work:
     """All stages of a benchmark whose paths start from `base`."""
-    return one_after_another(_of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration))
+    return one_after_another(
+        _of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration)
+    )
 
 
 def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
-    """The captures of a trade-off, and its imaging settings in timed rounds, of exact volumes as of others: it sums a
-    plane of them."""
-    configs = [(method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2) for s in settings]
-    parts = [imaging(config, channels, rounds, exact=False) for config, channels in configs] * len(bench.capture)
+    """The captures of a trade-off, and its imaging settings in timed rounds, of exact volumes as of
+    others: it sums a plane of them."""
+    configs = [
+        (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
+        for s in settings
+    ]
+    parts = [imaging(config, channels, rounds, exact=False) for config, channels in configs] * len(
+        bench.capture
+    )
     return one_after_another([of_run(bench.model_copy(update={"method": ()}), base), *parts])
 
 
-def imaging(settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True) -> Work:
-    """To image and score so many frames of so many channels by a method's settings; exact: as they say."""
+def imaging(
+    settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True
+) -> Work:
+    """To image and score so many frames of so many channels by a method's settings; exact: as they
+    say."""
     asked = asked_hz(settings)
     tones = TONES if asked is None else len(asked)
-    shape, samples = settings.grid().shape if hasattr(settings, "grid") else (0, 0), tones * channels
-    points, of_point_s = prod(shape), VOXEL_S if "z" in type(settings).model_fields else PIXEL_S * tones
+    shape, samples = (
+        settings.grid().shape if hasattr(settings, "grid") else (0, 0),
+        tones * channels,
+    )
+    points, of_point_s = (
+        prod(shape),
+        VOXEL_S if "z" in type(settings).model_fields else PIXEL_S * tones,
+    )
     core_s = SAMPLE_S * samples + of_point_s * points + SCORED_S * prod(shape[-2:])
     if exact and getattr(settings, "tolerance", 0.0) is None:
         core_s += 2 * points * samples / TERMS_PER_S  # for the figure and for the time
@@ -72,7 +100,8 @@ def imaging(settings: Config, channels: float = CHANNELS, frames: int = 1, exact
 
 
 def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
-    """A capture's stages; of one that cannot be opened nothing counts, since that is told where it stands."""
+    """A capture's stages; of one that cannot be opened nothing counts, since that is told where it
+    stands."""
     measures = source.measures if isinstance(source, Source) else ()
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
@@ -81,26 +110,42 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
         parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
         about = open_capture(folder).about if folder and bench.method else None
         for entry in (e for e in bench.method if measures and not e.foreign):
-            values = entry.config if about is None else configured(about, entry.id, entry.config).model_dump()
+            values = (
+                entry.config
+                if about is None
+                else configured(about, entry.id, entry.config).model_dump()
+            )
             settings = method(entry.id).configure(values, entry.id)
-            wanted = {"accuracy": bench.frames} | ({"precision": bench.repeats} if entry.precision else {})
+            wanted = {"accuracy": bench.frames} | (
+                {"precision": bench.repeats} if entry.precision else {}
+            )
             channels = CHANNELS / entry.every_nth_antenna**2
-            parts += [imaging(settings, channels, wanted[measure]) for measure in measures if measure in wanted]
+            parts += [
+                imaging(settings, channels, wanted[measure])
+                for measure in measures
+                if measure in wanted
+            ]
         return one_after_another(parts)
     except (HandbenchError, OSError):
         return Work(0.0)
 
 
 def inspecting(folder: Path | None) -> float:
-    """Processor time to inspect the capture in a folder, or a simulated one, which has a surface."""
+    """Processor time to inspect the capture in a folder, or a simulated one, which has a
+    surface."""
     capture = open_capture(folder) if folder else None
     return FITTED_S if capture is None or capture.truth or capture.mesh() else FOCUSED_S
 
 
 def _recorded(folder: Path) -> tuple[float, int, float]:
-    """To simulate a recorded capture, nothing; number and megapixels of photographs without a mesh, like the first."""
+    """To simulate a recorded capture, nothing; number and megapixels of photographs without a mesh,
+    like the first."""
     capture = open_capture(folder)
-    pictures = sorted(capture.photos.glob("*.[jJpPtT]*")) if capture.photos and capture.mesh() is None else []
+    pictures = (
+        sorted(capture.photos.glob("*.[jJpPtT]*"))
+        if capture.photos and capture.mesh() is None
+        else []
+    )
     if not pictures:
         return 0.0, 0, 0.0
     with opened_picture(pictures[0]) as picture:
@@ -109,7 +154,21 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
 
 def _simulated(base: Path, source: Origin) -> tuple[float, int, float]:
     """Processor time to simulate a scene, and the number and megapixels of its photographs."""
-    scene = load(SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description")
-    photos = scene.photos if source.photos and "accuracy" in getattr(source, "measures", ("accuracy",)) else None
-    count, megapixels = (photos.cameras, 1e-6 * photos.cameras * photos.width * photos.height) if photos else (0, 0.0)
-    return (HAND_S if scene.target.kind == "hand" else BODY_S) + PHOTO_S * megapixels, count, megapixels
+    scene = load(
+        SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description"
+    )
+    photos = (
+        scene.photos
+        if source.photos and "accuracy" in getattr(source, "measures", ("accuracy",))
+        else None
+    )
+    count, megapixels = (
+        (photos.cameras, 1e-6 * photos.cameras * photos.width * photos.height)
+        if photos
+        else (0, 0.0)
+    )
+    return (
+        (HAND_S if scene.target.kind == "hand" else BODY_S) + PHOTO_S * megapixels,
+        count,
+        megapixels,
+    )

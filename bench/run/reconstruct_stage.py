@@ -22,14 +22,23 @@ from handbench.support.files import read_npz, write_json, write_npz
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-SETTLED, SETTLE_S = 0.05, 0.5  # of a median time: how near its interval shall be, and for how long that is tried
+SETTLED, SETTLE_S = (
+    0.05,
+    0.5,
+)  # of a median time: how near its interval shall be, and for how long that is tried
 
 
 def reconstruct(
-    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int, frames: int
+    folder: Path,
+    capture: str,
+    method: str,
+    config: dict[str, Any],
+    device: str,
+    every_nth_antenna: int,
+    frames: int,
 ) -> None:
-    """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames → FRAMES; what each took →
-    TIMING. All on the client's device."""
+    """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames →
+    FRAMES; what each took → TIMING. All on the client's device."""
     from handbench.radar.methods.projection import peaks_kept
 
     kept: dict[Any, Any] = {}
@@ -40,10 +49,14 @@ def reconstruct(
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            image: Callable[[Config], DepthMap] = lambda of: replace(imager.task, settings=of).image().depth  # noqa: E731
+            image: Callable[[Config], DepthMap] = lambda of: (
+                replace(imager.task, settings=of).image().depth
+            )  # noqa: E731
             with peaks_kept(kept, reuse=True):
                 write_treated(folder, image, imager.task.settings, depths[0])
-    imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)  # whose time is none of the method's
+    imager.task.with_uncertainty(depths[0]).save(
+        folder / DEPTH
+    )  # whose time is none of the method's
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
@@ -51,9 +64,9 @@ def reconstruct(
 
 
 class Images(NamedTuple):
-    """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan being made; the
-    plan's own, where they are known; the relative error that frame 0's images have at most, by their
-    certificate, where the engine has made them."""
+    """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan
+    being made; the plan's own, where they are known; the relative error that frame 0's images have
+    at most, by their certificate, where the engine has made them."""
 
     results: list[Reconstruction]
     seconds: list[float]
@@ -65,7 +78,12 @@ class Imager:
     """The first frames of a capture imaged by one method, and how long that takes."""
 
     def __init__(
-        self, capture: Path, method_id: str, config: dict[str, Any], frames: int = 1, every_nth_antenna: int = 1
+        self,
+        capture: Path,
+        method_id: str,
+        config: dict[str, Any],
+        frames: int = 1,
+        every_nth_antenna: int = 1,
     ) -> None:
         from handbench.radar.warmup import compile_kernels
 
@@ -76,9 +94,10 @@ class Imager:
         compile_kernels()
 
     def images(self) -> Images:
-        """Image every frame. The first image of a geometry plans the engine's skeletons, which a radar does once: the
-        other frames' times count, or where there is none and a plan may matter, that of the first frame imaged again;
-        what the first image took more is the plan's, and its certificate's."""
+        """Image every frame. The first image of a geometry plans the engine's skeletons, which a
+        radar does once: the other frames' times count, or where there is none and a plan may
+        matter, that of the first frame imaged again; what the first image took more is the plan's,
+        and its certificate's."""
         from handbench.radar.imaging.certificate import certified
 
         task, times, results = self.task, list[float](), list[Reconstruction]()
@@ -92,11 +111,13 @@ class Imager:
                 task.image()
         first_s, *seconds = times
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
-        return Images(results, seconds or [first_s], plan_s, certificate.bound if certificate.images else None)
+        return Images(
+            results, seconds or [first_s], plan_s, certificate.bound if certificate.images else None
+        )
 
     def until_settled(self, seconds: list[float]) -> list[float]:
-        """These times of the frames, and more of them, imaged again in turns until their median has settled or
-        SETTLE_S have gone by."""
+        """These times of the frames, and more of them, imaged again in turns until their median has
+        settled or SETTLE_S have gone by."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
             with timed(found):
@@ -113,7 +134,8 @@ def timed(seconds: list[float]) -> Iterator[None]:
 
 
 def settled(seconds: list[float]) -> bool:
-    """True where the median's 95 % interval, between two order statistics, lies within SETTLED of it."""
+    """True where the median's 95 % interval, between two order statistics, lies within SETTLED of
+    it."""
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
@@ -128,16 +150,22 @@ FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's
 THRESHOLD = "threshold_db"
 
 
-def write_treated(folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap) -> None:
-    """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a configuration of the method;
-    own: the one by its own `settings`."""
-    from handbench.radar.methods.fsk import masked_mean  # and numba, which whoever only reads the maps does without
+def write_treated(
+    folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
+) -> None:
+    """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a
+    configuration of the method; own: the one by its own `settings`."""
+    from handbench.radar.methods.fsk import (
+        masked_mean,
+    )  # and numba, which whoever only reads the maps does without
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
     known = type(settings).model_fields
     filters = [name for name in known if name.endswith(FILTERS)]
-    kept = dict.fromkeys((name for name in known if name.startswith(DROPS)), False)  # no pixel is left out in doubt
+    kept = dict.fromkeys(
+        (name for name in known if name.startswith(DROPS)), False
+    )  # no pixel is left out in doubt
     for treatment, size_px in SMOOTHING.items():
         for opened in (False, True):
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
@@ -158,5 +186,7 @@ def read_treated(folder: Path) -> dict[str, Alike] | None:
     """The maps by treatment; None where none were made."""
     if not (folder / ALIKE).exists():
         return None
-    kept = read_npz(folder / ALIKE, tuple(f"{t}_{field}" for t in SMOOTHING for field in Alike._fields))
+    kept = read_npz(
+        folder / ALIKE, tuple(f"{t}_{field}" for t in SMOOTHING for field in Alike._fields)
+    )
     return {t: Alike(*(kept[f"{t}_{field}"] for field in Alike._fields)) for t in SMOOTHING}

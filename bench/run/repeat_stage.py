@@ -17,16 +17,31 @@ REPEATS = "repeats.npz"
 
 
 def repeat(
-    folder: Path, capture: str, method: str, config: dict[str, Any], device: str, every_nth_antenna: int, frames: int
+    folder: Path,
+    capture: str,
+    method: str,
+    config: dict[str, Any],
+    device: str,
+    every_nth_antenna: int,
+    frames: int,
 ) -> None:
-    """Depth of the strongest scatterer in each frame, and every pixel's deviation over them → REPEATS, imaged on the
-    client's device; the frames' times → TIMING."""
+    """Depth of the strongest scatterer in each frame, and every pixel's deviation over them →
+    REPEATS, imaged on the client's device; the frames' times → TIMING."""
     with use_device(device), others() as busy:
         found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in found.results]
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
-    write_npz(folder / REPEATS, z_m=strongest_z_m(depths), x_m=spread.x_m, y_m=spread.y_m, deviation_m=spread.error_m)
-    write_json(folder / TIMING, {"seconds": found.seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]})
+    write_npz(
+        folder / REPEATS,
+        z_m=strongest_z_m(depths),
+        x_m=spread.x_m,
+        y_m=spread.y_m,
+        deviation_m=spread.error_m,
+    )
+    write_json(
+        folder / TIMING,
+        {"seconds": found.seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]},
+    )
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
@@ -36,7 +51,7 @@ def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
-    """Read the files that `repeat` wrote: the strongest scatterer's depths [n]; every pixel's deviation in place of
-    errors."""
+    """Read the files that `repeat` wrote: the strongest scatterer's depths [n]; every pixel's
+    deviation in place of errors."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
     return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

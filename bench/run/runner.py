@@ -1,7 +1,7 @@
 """The main job: every capture × method of a benchmark, from photographs and echoes to the table.
 
-Results do not depend on the executor: the table is made of the stages' folders. A stage that fails is reported and
-recorded, and the run goes on without it.
+Results do not depend on the executor: the table is made of the stages' folders. A stage that fails
+is reported and recorded, and the run goes on without it.
 """
 
 from concurrent.futures import Executor, Future
@@ -44,17 +44,26 @@ def run(
     scheduler: str | None = None,
     command: str | None = None,
 ) -> results.Result:
-    """Run a benchmark whose paths start from `base` into a result folder; stages done before are taken from there.
+    """Run a benchmark whose paths start from `base` into a result folder; stages done before are
+    taken from there.
 
-    scheduler: address of a Dask scheduler whose workers find both folders under the same paths; None: run here.
+    scheduler: address of a Dask scheduler whose workers find both folders under the same paths;
+    None: run here.
     command: what repeats the run, for the report.
     """
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
         ahead = planned_cost.of_run(bench, base)
-        require_time(ahead.core_s, f"{len(bench.capture)} captures × {len(bench.method)} methods", ahead.bytes_)
-    with claimed(folder) as work, executors.executor(scheduler, ahead.core_s, ahead.bytes_) as executor:
+        require_time(
+            ahead.core_s,
+            f"{len(bench.capture)} captures × {len(bench.method)} methods",
+            ahead.bytes_,
+        )
+    with (
+        claimed(folder) as work,
+        executors.executor(scheduler, ahead.core_s, ahead.bytes_) as executor,
+    ):
         _check_room(folder, config, overwrite)
         job = Run(bench, base.resolve(), work.resolve(), executor)
         job.open()
@@ -74,13 +83,14 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the results of another configuration; choose another -o, or --overwrite to replace them"
+            f"{folder}: holds the results of another configuration; choose another -o, or "
+            "--overwrite to replace them"
         )
 
 
 class Done(NamedTuple):
-    """The outcome of a stage. key: stands for what it made; failure: the error that the user can mend, if any; task:
-    its line of `TASKS`, and machine: what made it, where a folder was made."""
+    """The outcome of a stage. key: stands for what it made; failure: the error that the user can
+    mend, if any; task: its line of `TASKS`, and machine: what made it, where a folder was made."""
 
     key: str = ""
     failure: Failure | None = None
@@ -89,8 +99,9 @@ class Done(NamedTuple):
 
 
 class Run:
-    """A benchmark at work: its steps, in the order of `run`; paths start from `base`, the stages' folders lie under
-    `work`. found: what the steps have found; targets: the calibration's captures."""
+    """A benchmark at work: its steps, in the order of `run`; paths start from `base`, the stages'
+    folders lie under `work`. found: what the steps have found; targets: the calibration's
+    captures."""
 
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
@@ -100,24 +111,35 @@ class Run:
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
     def open(self) -> None:
-        """Open or simulate the captures: those of the benchmark that can be, and all of the calibration's."""
+        """Open or simulate the captures: those of the benchmark that can be, and all of the
+        calibration's."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with failing(self.found.failures, source.scene or source.path or "", "open"):
                 frames = self.bench.frames_of(source)
-                stage = plan.opening(self.bench, self.base, source, frames, photos="accuracy" in source.measures)
+                stage = plan.opening(
+                    self.bench, self.base, source, frames, photos="accuracy" in source.measures
+                )
                 opening.append((source, stage))
         names = [stage.capture for _, stage in opening]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise HandbenchError(f"capture: two captures are named '{twice[0]}'; give each its own name")
+            raise HandbenchError(
+                f"capture: two captures are named '{twice[0]}'; give each its own name"
+            )
         for target in self.bench.calibration:
             opening.append((target, plan.opening(self.bench, self.base, target, frames=1)))
-        for (origin, stage), done in zip(opening, self.perform([stage for _, stage in opening]), strict=True):
+        for (origin, stage), done in zip(
+            opening, self.perform([stage for _, stage in opening]), strict=True
+        ):
             if not isinstance(origin, Source):
                 _require_calibration(done)
             if done.failure is not None:
                 continue
-            folder = Path(stage.arguments["folder"]) if stage.name == HASH else stage.folder(self.work) / CAPTURE
+            folder = (
+                Path(stage.arguments["folder"])
+                if stage.name == HASH
+                else stage.folder(self.work) / CAPTURE
+            )
             about = open_capture(folder).about
             if isinstance(origin, Source):
                 self.found.captures.append(Capture(folder, done.key, about, origin.measures))
@@ -126,19 +148,31 @@ class Run:
                 self.targets.append(Capture(folder, done.key, about))
 
     def inspect(self) -> None:
-        """Look the captures over for mistakes; the doubts are said when they are found, and a fact of the result."""
+        """Look the captures over for mistakes; the doubts are said when they are found, and a fact
+        of the result."""
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
-        files = {stage.capture: stage.folder(self.work) / DOUBTS for stage, done in ended if done.failure is None}
+        files = {
+            stage.capture: stage.folder(self.work) / DOUBTS
+            for stage, done in ended
+            if done.failure is None
+        }
         doubts = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
         if told := {name: texts for name, texts in doubts.items() if texts}:
             self.found.facts["doubts"] = told
 
     def photographed(self) -> list[Stage]:
-        """The rounds of the photographs, sparse and dense; returned are the stages that then register the sensors,
-        without whose captures nothing goes on, and make the meshes."""
-        clouds, targets = [plan.clouds(self.bench, target, self.work) for target in self.targets], len(self.targets)
-        calibration = [plan.calibration(self.targets, [dense for _, dense, _ in clouds], self.work)] if targets else []
+        """The rounds of the photographs, sparse and dense; returned are the stages that then
+        register the sensors, without whose captures nothing goes on, and make the meshes."""
+        clouds, targets = (
+            [plan.clouds(self.bench, target, self.work) for target in self.targets],
+            len(self.targets),
+        )
+        calibration = (
+            [plan.calibration(self.targets, [dense for _, dense, _ in clouds], self.work)]
+            if targets
+            else []
+        )
         for capture in self._accurate():
             with failing(self.found.failures, capture.name, "photographs"):
                 if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
@@ -146,7 +180,9 @@ class Run:
         for round_ in range(2):
             ended = self.perform([stages[round_] for stages in clouds])
             _require_calibration(*ended[:targets])
-            clouds = [stages for stages, done in zip(clouds, ended, strict=True) if done.failure is None]
+            clouds = [
+                stages for stages, done in zip(clouds, ended, strict=True) if done.failure is None
+            ]
         return calibration + [mesh for _, _, mesh in clouds[targets:]]
 
     def imaging(self) -> list[Stage]:
@@ -182,14 +218,17 @@ class Run:
             self.found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
     def _register(self, transform: Transform) -> None:
-        """Take radar_from_photo from the benchmark's target captures; how far it is from the true one is a fact."""
+        """Take radar_from_photo from the benchmark's target captures; how far it is from the true
+        one is a fact."""
         self.registration = transform
         self.found.inputs |= {f"calibration {target.name}": target.key for target in self.targets}
         self.found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
         true = self.targets[0].folder / TRUE_TRANSFORM
         if true.exists():
             found_m = transform.points(load_transform(true).inverse().points(HAND_M))
-            self.found.facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(found_m - HAND_M))
+            self.found.facts["registration_error_at_hand_mm"] = 1e3 * float(
+                np.linalg.norm(found_m - HAND_M)
+            )
 
     def find_references(self) -> None:
         """Find what the captures' depth maps are compared with."""
@@ -197,15 +236,22 @@ class Run:
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
             with failing(self.found.failures, name, "references"):
                 made = self.meshes.get(name)
-                self.found.references[name] = plan.references(capture, self.registration, made, self.found)
+                self.found.references[name] = plan.references(
+                    capture, self.registration, made, self.found
+                )
 
     def score(self) -> None:
         """Compare the depth maps of the captures that have references with these."""
         stages = []
         for capture in (c for c in self.found.captures if c.name in self.found.references):
-            imaged = ((entry.id, self.found.maps.get((capture.name, entry.id))) for entry in self.bench.method)
+            imaged = (
+                (entry.id, self.found.maps.get((capture.name, entry.id)))
+                for entry in self.bench.method
+            )
             if maps := {method: file for method, file in imaged if file is not None}:
-                stages.append(plan.scoring(self.bench, capture, maps, self.found.references[capture.name]))
+                stages.append(
+                    plan.scoring(self.bench, capture, maps, self.found.references[capture.name])
+                )
         for stage, done in zip(stages, self.perform(stages), strict=True):
             if done.failure is None:
                 self.found.scores[stage.capture] = stage.folder(self.work)
@@ -214,8 +260,9 @@ class Run:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
     def perform(self, stages: list[Stage]) -> list[Done]:
-        """Have stages carried out that do not depend on each other; their outcomes are returned and recorded in the
-        order of the list. Executors have few jobs at a time, so that neither side holds the whole run."""
+        """Have stages carried out that do not depend on each other; their outcomes are returned and
+        recorded in the order of the list. Executors have few jobs at a time, so that neither side
+        holds the whole run."""
         ended: dict[int, Done] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
@@ -241,22 +288,30 @@ class Run:
         return done
 
     def _outcome(self, stage: Stage, future: Future[Any]) -> Done:
-        """The outcome of a stage that has ended, which is said; the facts of the machine that made it are kept."""
+        """The outcome of a stage that has ended, which is said; the facts of the machine that made
+        it are kept."""
         try:
             made = future.result()
         except HandbenchError as error:
-            failed = Failure(capture=stage.capture, method=stage.method, stage=stage.name, message=str(error))
+            failed = Failure(
+                capture=stage.capture, method=stage.method, stage=stage.name, message=str(error)
+            )
             say(failed.line)
             return Done(failure=failed)
         if stage.name == HASH:
             return Done(made)
         stamp, there = made
         say(f"{stage.label}: " + ("cached" if there else f"{stamp.seconds:.1f} s"))
-        return Done(stage.key, task=_task(stage, stamp, there, stage.folder(self.work)), machine=stamp.machine)
+        return Done(
+            stage.key,
+            task=_task(stage, stamp, there, stage.folder(self.work)),
+            machine=stamp.machine,
+        )
 
 
 def _require_calibration(*ended: Done) -> None:
-    """HandbenchError where a stage of the calibration failed: without it nothing has a reference."""
+    """HandbenchError where a stage of the calibration failed: without it nothing has a
+    reference."""
     for done in ended:
         if done.failure is not None:
             raise HandbenchError(f"calibration: {done.failure.message}")

@@ -1,7 +1,9 @@
-"""The stage that scores a capture: its depth maps against its references; and what it leaves, read when asked for.
+"""The stage that scores a capture: its depth maps against its references; and what it leaves, read
+when asked for.
 
 errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
-references/   REFERENCE-GRID.npz: a `Reference`, of its registration the covariance, on each of the methods' grids
+references/   REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with its
+              registration's covariance
 scores.csv    the capture's lines of `SCORES`
 curves.npz    methods [method]; REFERENCE__TREATMENT: `Treated.curve_mm` of each [method, share]
 """
@@ -45,11 +47,14 @@ def make(
     references: Mapping[str, tuple[Path, Transform]],
     protocol: str,
 ) -> None:
-    """Compare a capture's depth maps, by method, with its references, each a mesh file and the transform that carries
-    it into the radar frame, by a protocol. A reference that cannot be read is a HandbenchError."""
+    """Compare a capture's depth maps, by method, with its references, each a mesh file and the
+    transform that carries it into the radar frame, by a protocol. A reference that cannot be read
+    is a HandbenchError."""
     chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
     name, scores = data.about.name, list[Line]()
-    on_grid: dict[str, dict[str, Reference]] = {}  # methods that share a grid share the references' depths
+    on_grid: dict[
+        str, dict[str, Reference]
+    ] = {}  # methods that share a grid share the references' depths
     grids: dict[str, str] = {}
     for method, file in maps.items():
         depth = load_depthmap(file)
@@ -65,16 +70,28 @@ def make(
             scores += _lines((name, method, reference, ""), 0, found.figures)
             for number, z_m in enumerate(further_m, 1):
                 figures = pool([ErrorMap(depth.x_m, depth.y_m, z_m - known.z_m, known.z_m)])
-                scores += _lines((name, method, reference, ""), number, {key: figures[key] for key in OF_EACH_FRAME})
+                scores += _lines(
+                    (name, method, reference, ""),
+                    number,
+                    {key: figures[key] for key in OF_EACH_FRAME},
+                )
     first = next(iter(on_grid), "")
-    alike = {m: treated for m, file in maps.items() if grids[m] == first and (treated := read_treated(file.parent))}
+    alike = {
+        m: treated
+        for m, file in maps.items()
+        if grids[m] == first and (treated := read_treated(file.parent))
+    }
     curves: dict[str, np.ndarray] = {}
     for reference in references:
         for treatment in SMOOTHING:
-            found_alike = treat({m: of[treatment] for m, of in alike.items()}, on_grid[first][reference].z_m)
+            found_alike = treat(
+                {m: of[treatment] for m, of in alike.items()}, on_grid[first][reference].z_m
+            )
             for method, of in found_alike.items():
                 scores += _lines((name, method, reference, treatment), 0, of.figures)
-            curves[curve_name(reference, treatment)] = np.array([of.curve_mm for of in found_alike.values()])
+            curves[curve_name(reference, treatment)] = np.array(
+                [of.curve_mm for of in found_alike.values()]
+            )
     write(folder / SCORED, frame(SCORES, scores), SCORES)
     write_npz(folder / CURVES, methods=np.array(list(alike), dtype="U"), **curves)
 
@@ -89,7 +106,9 @@ def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Ite
     return ((*about, frame, metric, value) for metric, value in figures.items())
 
 
-def _on_grid(references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid) -> dict[str, Reference]:
+def _on_grid(
+    references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid
+) -> dict[str, Reference]:
     """Every reference's depth on a grid, in their order."""
     found = {
         name: reference_of_file(*files, grid, exact=name == "truth")
@@ -108,38 +127,52 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
     return reference._replace(
         z_m=np.where(own, reference.z_m, truth.z_m),
         mesh_sigma_m=np.where(own, reference.mesh_sigma_m, truth.mesh_sigma_m),
-        leverage=None if reference.leverage is None else np.where(own[..., None], reference.leverage, 0.0),
+        leverage=None
+        if reference.leverage is None
+        else np.where(own[..., None], reference.leverage, 0.0),
         met=met,
     )
 
 
-def _further_frames(depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture) -> Iterator[np.ndarray]:
-    """The depths [ny, nx] that the protocol scores of every frame but the first, whose map is `depth`."""
+def _further_frames(
+    depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
+) -> Iterator[np.ndarray]:
+    """The depths [ny, nx] that the protocol scores of every frame but the first, whose map is
+    `depth`."""
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
 
 
-def read_reference(folder: Path, capture: str, method: str, reference: str, transform: Transform) -> Reference:
-    """The reference with which `make` compared a method's depth map; transform: the one that carried it there."""
+def read_reference(
+    folder: Path, capture: str, method: str, reference: str, transform: Transform
+) -> Reference:
+    """The reference with which `make` compared a method's depth map; transform: the one that
+    carried it there."""
     grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
-    registered = (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)
+    registered = (
+        (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)
+    )
     return Reference(z_m, mesh_sigma_m, *registered, met)
 
 
 def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:
     """Keep a reference on the grid of this `grid_name`."""
     known = reference.registration
-    uncertain = (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
+    uncertain = (
+        (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
+    )
     values = (reference.z_m, reference.mesh_sigma_m, reference.met, *uncertain)
     write_npz(_reference_path(folder, name, grid), **dict(zip(KEPT, values, strict=True)))
 
 
 def grid_name(x_m: np.ndarray, y_m: np.ndarray) -> str:
     """A name of the pixel centres x_m [nx], y_m [ny]."""
-    return sha256(b"|".join(np.asarray(axis_m, np.float64).tobytes() for axis_m in (x_m, y_m))).hexdigest()[:16]
+    return sha256(
+        b"|".join(np.asarray(axis_m, np.float64).tobytes() for axis_m in (x_m, y_m))
+    ).hexdigest()[:16]
 
 
 def _reference_path(folder: Path, name: str, grid: str) -> Path:

@@ -1,6 +1,7 @@
 """The knobs that a trade-off sweeps: the [tradeoff] table of a benchmark file.
 
-An imaging entry names a method, what of its configuration is fixed (`config`) and what takes several values (`sweep`):
+An imaging entry names a method, what of its configuration is fixed (`config`) and what takes
+several values (`sweep`):
 
     [[tradeoff.imaging]]
     method = "broadband"
@@ -8,9 +9,9 @@ An imaging entry names a method, what of its configuration is fixed (`config`) a
     sweep = { "z.step_m" = [1e-3, 2e-3] }
     every_nth_antenna = [1, 2]
 
-Each key of `sweep` is a parameter, with dots into tables; the list beside it holds its values, one setting each, and
-several keys multiply. A value may itself be a list (tones_hz = [[…], […]]). Parameters that change together share a
-key, with commas: "x.step_m,y.step_m".
+Each key of `sweep` is a parameter, with dots into tables; the list beside it holds its values, one
+setting each, and several keys multiply. A value may itself be a list (tones_hz = [[…], […]]).
+Parameters that change together share a key, with commas: "x.step_m,y.step_m".
 """
 
 from collections.abc import Iterable
@@ -41,8 +42,8 @@ DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 @dataclass(frozen=True)
 class ImagingSetting:
-    """One setting: a method with what its configuration changes; varied: the knobs that it is named after, as
-    broadband-tolerance-1e-3."""
+    """One setting: a method with what its configuration changes; varied: the knobs that it is named
+    after, as broadband-tolerance-1e-3."""
 
     name: str
     title: str
@@ -53,7 +54,8 @@ class ImagingSetting:
 
 
 class ImagingEntry(Config):
-    """A method's settings; every_nth_antenna: alternatives, each sparing transmitters and receivers alike."""
+    """A method's settings; every_nth_antenna: alternatives, each sparing transmitters and receivers
+    alike."""
 
     method: str
     title: str = ""
@@ -78,8 +80,8 @@ class ImagingEntry(Config):
 
 
 class GroundTruthKnobs(Config):
-    """views: photographs, evenly out of all; long_px: their longer side, to which they are shrunk (never enlarged);
-    quality: of the depth maps, as `handbench groundtruth --quality`."""
+    """views: photographs, evenly out of all; long_px: their longer side, to which they are shrunk
+    (never enlarged); quality: of the depth maps, as `handbench groundtruth --quality`."""
 
     views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
     long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
@@ -87,12 +89,15 @@ class GroundTruthKnobs(Config):
 
 
 class SimulationKnobs(Config):
-    """scenes: of bench/scenes/finger_scenes.py, dipoles along the cylinders. Facets' and mirrors' edges that fit into
-    the shortest wavelength, at least, and how much farther apart than in every simulation the antennas are for which
-    two bounces are traced. without: lists of effects that are left out of all; [] leaves out none. tolerance_mm: of
-    `effects = "auto"`. The first of each is combined with the others' first, and facets with all of `without`."""
+    """scenes: of bench/scenes/finger_scenes.py, dipoles along the cylinders. Facets' and mirrors'
+    edges that fit into the shortest wavelength, at least, and how much farther apart than in every
+    simulation the antennas are for which two bounces are traced. without: lists of effects that are
+    left out of all; [] leaves out none. tolerance_mm: of `effects = "auto"`. The first of each is
+    combined with the others' first, and facets with all of `without`."""
 
-    scenes: tuple[str, ...] = Field(("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1)
+    scenes: tuple[str, ...] = Field(
+        ("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1
+    )
     facets_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0), min_length=1)
     mirrors_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0, 8.0), min_length=1)
     nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1)
@@ -117,16 +122,20 @@ class SimulationKnobs(Config):
 
 
 class RegistrationKnobs(Config):
-    """captures: how many are combined; trials: rigs, each with a target that is made anew within its tolerances."""
+    """captures: how many are combined; trials: rigs, each with a target that is made anew within
+    its tolerances."""
 
-    captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(default=(1, 2, 4), min_length=1)
+    captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
+        default=(1, 2, 4), min_length=1
+    )
     trials: int = Field(default=3, ge=1, le=MOST_RIGS)
 
 
 class Sweep(Config):
-    """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time for one tone of all
-    antennas, which an acquisition takes for each; reference: the imaging setting that ratios are to (none: the first);
-    exact_planes: planes of the volume that are summed exactly, to be scaled."""
+    """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time
+    for one tone of all antennas, which an acquisition takes for each; reference: the imaging
+    setting that ratios are to (none: the first); exact_planes: planes of the volume that are summed
+    exactly, to be scaled."""
 
     repeats: int = Field(default=3, ge=1, le=100)
     step_s: float = Field(default=1e-3, ge=0)
@@ -140,12 +149,15 @@ class Sweep(Config):
 
 
 def completed(sweep: Sweep | None) -> Sweep:
-    """The sweep with what it leaves out: without imaging entries those of the default one, and their reference."""
+    """The sweep with what it leaves out: without imaging entries those of the default one, and
+    their reference."""
     if sweep is None:
         return default()
     if sweep.imaging:
         return sweep
-    return sweep.model_copy(update={"imaging": default().imaging, "reference": sweep.reference or default().reference})
+    return sweep.model_copy(
+        update={"imaging": default().imaging, "reference": sweep.reference or default().reference}
+    )
 
 
 @cache
@@ -155,19 +167,32 @@ def default() -> Sweep:
 
 
 def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
-    """All settings of the imaging section, checked. known: method → what the benchmark's own entry of it changes, which
-    holds unless the sweep says otherwise. A setting that the method does not take is a HandbenchError."""
+    """All settings of the imaging section, checked. known: method → what the benchmark's own entry
+    of it changes, which holds unless the sweep says otherwise. A setting that the method does not
+    take is a HandbenchError."""
     settings: list[ImagingSetting] = []
-    for setting in (s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))):
-        namesakes = [s for s in settings if s.name == setting.name or s.name.startswith(f"{setting.name}-no-")]
+    for setting in (
+        s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))
+    ):
+        namesakes = [
+            s
+            for s in settings
+            if s.name == setting.name or s.name.startswith(f"{setting.name}-no-")
+        ]
         told = setting.method, setting.config, setting.every_nth_antenna
         if any(told == (s.method, s.config, s.every_nth_antenna) for s in namesakes):
-            raise HandbenchError(f"tradeoff.imaging: '{setting.name}' is listed twice; list it once")
-        number = f"-no-{len(namesakes) + 1}" if namesakes else ""  # tables are told apart by no name
+            raise HandbenchError(
+                f"tradeoff.imaging: '{setting.name}' is listed twice; list it once"
+            )
+        number = (
+            f"-no-{len(namesakes) + 1}" if namesakes else ""
+        )  # tables are told apart by no name
         settings.append(replace(setting, name=_checked(setting.name + number)))
     names = [setting.name for setting in settings]
     if sweep.reference is not None and sweep.reference not in names:
-        raise HandbenchError(f"tradeoff.reference: no setting '{sweep.reference}'; known: {', '.join(names)}")
+        raise HandbenchError(
+            f"tradeoff.reference: no setting '{sweep.reference}'; known: {', '.join(names)}"
+        )
     return settings
 
 
@@ -185,11 +210,18 @@ def _of_entry(entry: ImagingEntry, known: dict[str, Any]) -> list[ImagingSetting
         config = {**known, **entry.config}
         for keys, value in swept.items():
             for key in keys.split(","):
-                config = _with(config, key.strip(), value, chosen.configure(config, where).model_dump(mode="json"))
+                config = _with(
+                    config,
+                    key.strip(),
+                    value,
+                    chosen.configure(config, where).model_dump(mode="json"),
+                )
         chosen.configure(config, where)
         varied = {**fixed, **swept, **({"every_nth_antenna": every} if every > 1 else {})}
         name = "-".join([entry.method, *("-".join(_told(*knob)) for knob in varied.items())])
-        title = ", ".join([entry.title or TITLES.get(entry.method, entry.method), *map(_words, varied.items())])
+        title = ", ".join(
+            [entry.title or TITLES.get(entry.method, entry.method), *map(_words, varied.items())]
+        )
         settings.append(ImagingSetting(name, title, entry.method, config, every, varied))
     return settings
 
@@ -202,13 +234,16 @@ def _checked(name: str) -> str:
 
 
 def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]) -> dict[str, Any]:
-    """The configuration with one parameter changed; a table is completed from `resolved`, with all defaults."""
+    """The configuration with one parameter changed; a table is completed from `resolved`, with all
+    defaults."""
     first, *inner = key.split(".")
     if not inner:
         return {**config, key: value}
     table = resolved.get(first)
     if not isinstance(table, dict):
-        raise HandbenchError(f"tradeoff.imaging: '{key}' leads into '{first}', which is no table of the method")
+        raise HandbenchError(
+            f"tradeoff.imaging: '{key}' leads into '{first}', which is no table of the method"
+        )
     return {**config, first: _with(table, ".".join(inner), value, table)}
 
 
@@ -224,7 +259,11 @@ def _told(keys: str, value: Any) -> tuple[str, str]:
     names = [key.strip() for key in keys.split(",")]
     leaf = names[0].rpartition(".")[2]
     together = len(names) > 1 and all(name.endswith(f".{leaf}") for name in names)
-    knob = "".join(name.removesuffix(f".{leaf}") for name in names) + f".{leaf}" if together else "+".join(names)
+    knob = (
+        "".join(name.removesuffix(f".{leaf}") for name in names) + f".{leaf}"
+        if together
+        else "+".join(names)
+    )
     suffix, scale, unit = next((u for u in UNITS if knob.endswith(u[0])), ("", 1, ""))
     return knob.removesuffix(suffix), _short(value, scale) + unit
 

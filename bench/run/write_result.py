@@ -1,4 +1,5 @@
-"""The result folder of a run: the scores of its captures put together, the table that they make, all maps."""
+"""The result folder of a run: the scores of its captures put together, the table that they make,
+all maps."""
 
 import shutil
 from itertools import product
@@ -16,8 +17,24 @@ from handbench.bench.evaluation.metrics import TITLES, averaged, over_frames, po
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.sample_size import variance_facts
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.tables import CURVES, SCORES, TABLE, TASKS, ByMethod, by_method, frame, read
-from handbench.bench.results import REFERENCES, About, CaptureFacts, MethodFacts, Surface, metric_facts
+from handbench.bench.evaluation.tables import (
+    CURVES,
+    SCORES,
+    TABLE,
+    TASKS,
+    ByMethod,
+    by_method,
+    frame,
+    read,
+)
+from handbench.bench.results import (
+    REFERENCES,
+    About,
+    CaptureFacts,
+    MethodFacts,
+    Surface,
+    metric_facts,
+)
 from handbench.bench.results.derived import ALIKE_COMPARED, STRONGEST, equally_treated
 from handbench.bench.run import scoring
 from handbench.bench.run.outcome import Basis, Outcome, basis, errors, surfaces
@@ -29,13 +46,20 @@ from handbench.support.folder import drop
 from handbench.support.progress import say
 from handbench.support.store import versions
 
-FILES = ("result.json", "config.toml", "errors", "depth", "photos", *(f"{name}.csv" for name in results.TABLES))
+FILES = (
+    "result.json",
+    "config.toml",
+    "errors",
+    "depth",
+    "photos",
+    *(f"{name}.csv" for name in results.TABLES),
+)
 PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score everything, then write the result folder; earlier results give way only when the new ones stand, and
-    result.json, which says that the folder is complete, comes last."""
+    """Score everything, then write the result folder; earlier results give way only when the new
+    ones stand, and result.json, which says that the folder is complete, comes last."""
     on = basis(outcome)
     if outcome.failures:
         say(f"the table stands on {on.text}")
@@ -47,7 +71,10 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
         _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
         for reference in outcome.references[name]:
             about_map = name, entry.id, reference
-            _copy(results.errors_path(outcome.scores[name], *about_map), results.errors_path(folder, *about_map))
+            _copy(
+                results.errors_path(outcome.scores[name], *about_map),
+                results.errors_path(folder, *about_map),
+            )
             if entry is on.methods[0]:  # references are drawn on the first method's grid
                 on_grid = [name], entry.id, reference
                 (error,), (known,) = errors(outcome, *on_grid), surfaces(outcome, *on_grid)
@@ -58,7 +85,9 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
     facts = capture_facts(outcome, on)
-    reference, treated = equally_treated(found, [each for each in facts if "accuracy" in each.measures])
+    reference, treated = equally_treated(
+        found, [each for each in facts if "accuracy" in each.measures]
+    )
     curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, table=table, tasks=tasks, scores=found, curves=curves)
@@ -71,9 +100,13 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def scores(outcome: Outcome, on: Basis) -> pd.DataFrame:
-    """`SCORES` of the captures and methods that the table stands on: those of each capture's stage; of the precision
-    each repeat's depth and each capture's median deviation of a pixel; the time of each image."""
-    methods, repeated = [entry.id for entry in on.methods], [capture.name for capture in on.repeated]
+    """`SCORES` of the captures and methods that the table stands on: those of each capture's stage;
+    of the precision each repeat's depth and each capture's median deviation of a pixel; the time of
+    each image."""
+    methods, repeated = (
+        [entry.id for entry in on.methods],
+        [capture.name for capture in on.repeated],
+    )
     rows: list[tuple[Any, ...]] = [
         (capture, method, "", "", repeat, STRONGEST, z_m)
         for capture, method, repeat, z_m in outcome.repeats
@@ -85,8 +118,12 @@ def scores(outcome: Outcome, on: Basis) -> pd.DataFrame:
             rows.append((*about_map, "", "", 0, PER_PIXEL, figures["median_mm"]))
     for about_map in product((capture.name for capture in on.all_captures), methods):
         seconds = outcome.seconds.get(about_map, [])
-        rows += [(*about_map, "", "", number, "seconds", value) for number, value in enumerate(seconds)]
-    of_captures = [read(outcome.scores[capture.name] / scoring.SCORED, SCORES) for capture in on.captures]
+        rows += [
+            (*about_map, "", "", number, "seconds", value) for number, value in enumerate(seconds)
+        ]
+    of_captures = [
+        read(outcome.scores[capture.name] / scoring.SCORED, SCORES) for capture in on.captures
+    ]
     found = pd.concat([frame(SCORES), *of_captures, frame(SCORES, rows)], ignore_index=True)
     return found[found.method.isin(methods)].reset_index(drop=True)
 
@@ -95,7 +132,9 @@ def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
     """The result's `TABLE`, one block per reference."""
     rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
-    values: dict[Any, pd.DataFrame] = {(m, e): of for (m, e), of in scores.groupby(["method", "metric"], sort=False)}
+    values: dict[Any, pd.DataFrame] = {
+        (m, e): of for (m, e), of in scores.groupby(["method", "metric"], sort=False)
+    }
     nothing = scores[:0]
     for reference in REFERENCES:
         figures = by_method(scores, reference)
@@ -105,27 +144,46 @@ def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
             if floor_mm := averaged(captures)["floor_mm"]:
                 floor = floor_interval(errors(*on_grid), surfaces(*on_grid), seed, floor_mm)
             rows.append(accuracy_rows(method, reference, captures, chosen, floor))
-            rows.append(frame_rows(method, reference, _over_frames(values, method, reference), chosen))
+            rows.append(
+                frame_rows(method, reference, _over_frames(values, method, reference), chosen)
+            )
             if entry.precision and repeated and "precision_mm" in chosen.metrics:
-                strongest, spread = (values.get((method, metric), nothing) for metric in (STRONGEST, PER_PIXEL))
-                hands_m = [strongest.value[strongest.capture == name].to_numpy() for name in repeated]
+                strongest, spread = (
+                    values.get((method, metric), nothing) for metric in (STRONGEST, PER_PIXEL)
+                )
+                hands_m = [
+                    strongest.value[strongest.capture == name].to_numpy() for name in repeated
+                ]
                 rows.append(precision_rows(method, reference, hands_m, spread.value.tolist()))
-            rows.append(time_rows(method, reference, values.get((method, "seconds"), nothing).value.to_numpy(), seed))
+            rows.append(
+                time_rows(
+                    method,
+                    reference,
+                    values.get((method, "seconds"), nothing).value.to_numpy(),
+                    seed,
+                )
+            )
     table = pd.concat(rows)
     return table if outcome.bench.reproduces else table.assign(paper=np.nan)
 
 
-def _over_frames(values: dict[Any, pd.DataFrame], method: str, reference: str) -> list[dict[str, Any]]:
+def _over_frames(
+    values: dict[Any, pd.DataFrame], method: str, reference: str
+) -> list[dict[str, Any]]:
     """Each capture's `over_frames`; values: lines of `SCORES` by method and metric."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
-    mae_mm, max_mm = ([each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own)
+    mae_mm, max_mm = (
+        [each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own
+    )
     return [over_frames(*both) for both in zip(mae_mm, max_mm, strict=True)]
 
 
-def mean_curves(outcome: Outcome, on: Basis, reference: str, treated: dict[str, ByMethod]) -> list[tuple[Any, ...]]:
-    """Lines of `CURVES`: the means of the captures' curves, as far as all of them reach; treated: see
-    `equally_treated`."""
+def mean_curves(
+    outcome: Outcome, on: Basis, reference: str, treated: dict[str, ByMethod]
+) -> list[tuple[Any, ...]]:
+    """Lines of `CURVES`: the means of the captures' curves, as far as all of them reach; treated:
+    see `equally_treated`."""
     lines: list[tuple[Any, ...]] = []
     for treatment, methods in treated.items():
         key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
@@ -135,7 +193,9 @@ def mean_curves(outcome: Outcome, on: Basis, reference: str, treated: dict[str, 
                 sums_mm[method] = sums_mm.get(method, 0.0) + curve_mm
         for method in methods:
             points = zip(SHARES_PERCENT, sums_mm[method] / len(on.captures), strict=True)
-            lines += [(method, treatment, reference, *point) for point in points if np.isfinite(point[1])]
+            lines += [
+                (method, treatment, reference, *point) for point in points if np.isfinite(point[1])
+            ]
     return lines
 
 
@@ -154,11 +214,17 @@ def capture_facts(outcome: Outcome, on: Basis) -> tuple[CaptureFacts, ...]:
     )
 
 
-def about(outcome: Outcome, on: Basis, captures: tuple[CaptureFacts, ...], treated: dict[str, ByMethod]) -> About:
+def about(
+    outcome: Outcome, on: Basis, captures: tuple[CaptureFacts, ...], treated: dict[str, ByMethod]
+) -> About:
     """Content of result.json; treated: see `equally_treated`."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
-    budgets = dict(zip(measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True))
+    budgets = dict(
+        zip(
+            measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True
+        )
+    )
     return About(
         name=outcome.bench.name,
         protocol={
@@ -196,9 +262,12 @@ def about(outcome: Outcome, on: Basis, captures: tuple[CaptureFacts, ...], treat
 
 
 def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Variance components of the figures compared under equal treatment; nothing where there are too few captures."""
+    """Variance components of the figures compared under equal treatment; nothing where there are
+    too few captures."""
     found = {
-        f"{metric}, {treatment}": variance_facts({method: of[metric].to_numpy() for method, of in methods.items()})
+        f"{metric}, {treatment}": variance_facts(
+            {method: of[metric].to_numpy() for method, of in methods.items()}
+        )
         for treatment, methods in treated.items()
         for metric in ALIKE_COMPARED
     }

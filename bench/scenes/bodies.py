@@ -1,4 +1,5 @@
-"""Bodies in view of the cameras: target, printed plate and block with their reflectances, in the photo frame."""
+"""Bodies in view of the cameras: target, printed plate and block with their reflectances, in the
+photo frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,9 @@ from handbench.bench.scenes.textures import Skin, foam, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh
 
-Albedo = Callable[[np.ndarray], np.ndarray]  # points [n, 3] in the photo frame to reflectance [n, 3]
+Albedo = Callable[
+    [np.ndarray], np.ndarray
+]  # points [n, 3] in the photo frame to reflectance [n, 3]
 
 PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
 FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
@@ -22,8 +25,9 @@ GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 @dataclass(frozen=True)
 class Body:
-    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals [n, 3], reflectance;
-    whether it is skin, which shines, and whether it carries the board's markers."""
+    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals
+    [n, 3], reflectance; whether it is skin, which shines, and whether it carries the board's
+    markers."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -43,12 +47,18 @@ def bodies(scene: Scene) -> list[Body]:
         return texture(target_from_photo.points(points_m))
 
     plain = partial(styrodur, seed=texture_seed(scene) + 200)
-    pixel_m = float(np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras]))
+    pixel_m = float(
+        np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
+    )
     vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
     is_skin = not isinstance(scene.file.target, CalibrationTarget)
     result = [
         _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
-        _body(*cuboid(plate_box_m(), GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain), board=True),
+        _body(
+            *cuboid(plate_box_m(), GRID_M),
+            _plate_albedo(scene.file.seed, pixel_m, plain),
+            board=True,
+        ),
     ]
     if scene.block_m is not None:
         result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
@@ -63,10 +73,16 @@ def texture_seed(scene: Scene) -> int:
 def _target_texture(scene: Scene) -> Albedo:
     """Reflectance over the target's own frame."""
     assert scene.file.photos is not None  # bodies are for photographs
-    target, contrast, seed = scene.file.target, scene.file.photos.texture_contrast, texture_seed(scene)
+    target, contrast, seed = (
+        scene.file.target,
+        scene.file.photos.texture_contrast,
+        texture_seed(scene),
+    )
     if isinstance(target, HandTarget):
         return Skin(target.angles, contrast, seed, target.build)
-    return partial(foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed)
+    return partial(
+        foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed
+    )
 
 
 def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> Body:
@@ -90,7 +106,11 @@ def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
         for i in range(0, len(grey), rows):
             part = slice(i, i + rows)
             grey[part] = cv2.remap(
-                printed, column[part, None], row[part, None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                printed,
+                column[part, None],
+                row[part, None],
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
             )[:, 0]
         reflectance = np.repeat(grey[:, None], 3, axis=1)
         rim = np.abs(points_m[:, 2]) > FRONT_M

@@ -1,9 +1,10 @@
-"""The hand's bones: where they lie on the palm, how thick the flesh is, forward kinematics; and a letter as a person
-holds it, with joint angles at which the digits touch where the mean hand's do, and nowhere else.
+"""The hand's bones: where they lie on the palm, how thick the flesh is, forward kinematics; and a
+letter as a person holds it, with joint angles at which the digits touch where the mean hand's do,
+and nowhere else.
 
-Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the palm faces -z, so that
-the thumb lies on the -x side. The hand frame has the same origin; the pose's turn carries palm into hand coordinates
-(without a turn both are one). Metres.
+Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the
+palm faces -z, so that the thumb lies on the -x side. The hand frame has the same origin; the pose's
+turn carries palm into hand coordinates (without a turn both are one). Metres.
 """
 
 import itertools
@@ -18,8 +19,9 @@ from handbench.bench.scenes.people import LENGTHS_MM, MEAN, Person, person
 RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
 HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)
 
-# Knuckle centres on the palm's transverse arch (radial, distal, palmar), millimetres; the direction of each metacarpal
-# (towards the thumb) and the roll of each finger's bending plane (fingers converge when they bend), degrees.
+# Knuckle centres on the palm's transverse arch (radial, distal, palmar), millimetres; the direction
+# of each metacarpal (towards the thumb) and the roll of each finger's bending plane (fingers
+# converge when they bend), degrees.
 KNUCKLES_MM = {
     "index": (27.0, 43.0, 0.5),
     "middle": (6.0, 47.0, -2.0),
@@ -31,7 +33,8 @@ ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
 WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
-# Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the tip.
+# Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the
+# tip.
 RADII_MM = {
     "index": (9.6, 9.0, 7.9, 6.3),
     "middle": (9.8, 9.2, 8.1, 6.5),
@@ -40,12 +43,14 @@ RADII_MM = {
     "thumb": (11.0, 10.0, 7.8),
 }
 WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
-AS_NEAR_M = 1e-9  # far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
+# far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
+AS_NEAR_M = 1e-9
 
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone from its proximal joint along the unit vector `axis`; `palmar` is the unit direction that it bends to."""
+    """A bone from its proximal joint along the unit vector `axis`; `palmar` is the unit direction
+    that it bends to."""
 
     start_m: np.ndarray
     axis: np.ndarray
@@ -65,11 +70,15 @@ class Bone:
     def child(self, flexion_deg: float, length_m: float) -> "Bone":
         """The next bone outwards, bent towards the palm."""
         c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
-        return Bone(self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m)
+        return Bone(
+            self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m
+        )
 
     def turned(self, rotation: np.ndarray) -> "Bone":
         """The bone after a rotation [3, 3] about the origin."""
-        return Bone(rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m)
+        return Bone(
+            rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m
+        )
 
 
 def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
@@ -80,7 +89,10 @@ def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
 def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
     """Bones of every digit, metacarpal first, in the hand frame."""
     turn = hand_from_palm(pose)
-    return {name: tuple(bone.turned(turn) for bone in digit) for name, digit in skeleton_of_palm(pose, person).items()}
+    return {
+        name: tuple(bone.turned(turn) for bone in digit)
+        for name, digit in skeleton_of_palm(pose, person).items()
+    }
 
 
 def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
@@ -97,8 +109,9 @@ def hand_from_palm(pose: Pose) -> np.ndarray:
 
 
 def forearm_from_palm(wrist: WristPose) -> np.ndarray:
-    """The rotation [3, 3] that bends the forearm about the wrist, in (radial, distal, palmar) coordinates: it moves
-    against the hand, so that a flexed wrist brings the forearm to the palm's side."""
+    """The rotation [3, 3] that bends the forearm about the wrist, in (radial, distal, palmar)
+    coordinates: it moves against the hand, so that a flexed wrist brings the forearm to the palm's
+    side."""
     flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
     c, s = np.cos(deviation), np.sin(deviation)
     deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -113,9 +126,9 @@ def forearm_direction(pose: Pose) -> np.ndarray:
 
 
 def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
-    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the nearest bone, the
-    inner one of two that are as near. The palm's side of all metacarpals is the middle one's: the ball of the thumb
-    belongs to the palm."""
+    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the
+    nearest bone, the inner one of two that are as near. The palm's side of all metacarpals is the
+    middle one's: the ball of the thumb belongs to the palm."""
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
     bones = skeleton(pose, person)
@@ -123,7 +136,9 @@ def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarra
         for number, bone in enumerate(digit):
             relative = points_m - bone.start_m
             along_m = relative @ bone.axis
-            distance_m = np.linalg.norm(relative - np.clip(along_m, 0, bone.length_m)[:, None] * bone.axis, axis=1)
+            distance_m = np.linalg.norm(
+                relative - np.clip(along_m, 0, bone.length_m)[:, None] * bone.axis, axis=1
+            )
             nearer = distance_m < nearest_m - AS_NEAR_M
             side = bones["middle"][0].palmar if number == 0 else bone.palmar
             skin = relative[nearer] @ side > 0
@@ -138,21 +153,29 @@ def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
     roll = np.radians(ROLL_DEG[name])
     palmar = np.cos(roll) * PALMAR + np.sin(roll) * RADIAL
     along = _towards_thumb(METACARPAL_DEG[name])
-    metacarpal = Bone(knuckle_m - metacarpal_m * along, along, _orthogonal(palmar, along), metacarpal_m)
+    metacarpal = Bone(
+        knuckle_m - metacarpal_m * along, along, _orthogonal(palmar, along), metacarpal_m
+    )
     spread = _towards_thumb(pose.spread_deg)
     bones = [Bone(knuckle_m, spread, _orthogonal(palmar, spread), 0.0)]
-    for flexion_deg, length_m in zip((pose.mcp_deg, pose.pip_deg, pose.dip_deg), phalanges_m, strict=True):
+    for flexion_deg, length_m in zip(
+        (pose.mcp_deg, pose.pip_deg, pose.dip_deg), phalanges_m, strict=True
+    ):
         bones.append(bones[-1].child(flexion_deg, length_m))
     return (metacarpal, *bones[1:])
 
 
 def _thumb(pose: ThumbPose, person: Person) -> tuple[Bone, ...]:
-    metacarpal_m, proximal_m, distal_m = 1e-3 * (np.array(LENGTHS_MM["thumb"]) * person.bones["thumb"])
+    metacarpal_m, proximal_m, distal_m = 1e-3 * (
+        np.array(LENGTHS_MM["thumb"]) * person.bones["thumb"]
+    )
     out, turn = np.radians(pose.palmar_deg), np.radians(pose.opposition_deg)
     axis = np.cos(out) * _towards_thumb(pose.radial_deg) + np.sin(out) * PALMAR
     across = _orthogonal(-RADIAL, axis)
     palmar = np.cos(turn) * across + np.sin(turn) * np.cross(across, axis)
-    metacarpal = Bone(1e-3 * HAND_AXES @ (np.array(THUMB_BASE_MM) * person.palm), axis, palmar, metacarpal_m)
+    metacarpal = Bone(
+        1e-3 * HAND_AXES @ (np.array(THUMB_BASE_MM) * person.palm), axis, palmar, metacarpal_m
+    )
     proximal = metacarpal.child(pose.mcp_deg, proximal_m)
     return metacarpal, proximal, proximal.child(pose.ip_deg, distal_m)
 
@@ -166,10 +189,16 @@ def _orthogonal(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return rest / np.linalg.norm(rest)
 
 
-TOUCHING_M = 2e-3  # parts that are nearer than this touch, and keep their distance; others stay as far apart at least
-CONTACT_M, ANGLE_DEG = 2e-4, 5.0  # deviations from contact and from the letter's angles that weigh alike
+# parts that are nearer than this touch, and keep their distance; others stay as far apart at least
+TOUCHING_M = 2e-3
+CONTACT_M, ANGLE_DEG = (
+    2e-4,
+    5.0,
+)  # deviations from contact and from the letter's angles that weigh alike
 BALLS = 6  # of each bone
-ANGLES: dict[str, tuple[str, ...]] = {name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS}
+ANGLES: dict[str, tuple[str, ...]] = {
+    name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS
+}
 ANGLES["thumb"] = ("radial_deg", "palmar_deg", "opposition_deg", "mcp_deg", "ip_deg")
 Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
@@ -183,22 +212,35 @@ def held(pose: Pose, number: int) -> Pose:
 
     known = _gaps_m(pose, MEAN)
     touch = known < TOUCHING_M
-    given = np.array([getattr(getattr(pose, digit), angle) for digit, names in ANGLES.items() for angle in names])
+    given = np.array(
+        [getattr(getattr(pose, digit), angle) for digit, names in ANGLES.items() for angle in names]
+    )
 
     def misfit(angles_deg: np.ndarray) -> np.ndarray:
-        off_m = _gaps_m(_posed(pose, angles_deg), person(number)) - np.where(touch, known, TOUCHING_M)
-        return np.r_[np.where(touch, off_m, np.minimum(off_m, 0)) / CONTACT_M, (angles_deg - given) / ANGLE_DEG]
+        off_m = _gaps_m(_posed(pose, angles_deg), person(number)) - np.where(
+            touch, known, TOUCHING_M
+        )
+        return np.r_[
+            np.where(touch, off_m, np.minimum(off_m, 0)) / CONTACT_M,
+            (angles_deg - given) / ANGLE_DEG,
+        ]
 
-    limits = np.array([_limits(pose, digit, angle) for digit, names in ANGLES.items() for angle in names]).T
+    limits = np.array(
+        [_limits(pose, digit, angle) for digit, names in ANGLES.items() for angle in names]
+    ).T
     inside = np.clip(given, limits[0] + 1e-6, limits[1] - 1e-6)
-    found = least_squares(misfit, inside, bounds=limits, diff_step=1e-4, x_scale=ANGLE_DEG, max_nfev=40)
+    found = least_squares(
+        misfit, inside, bounds=limits, diff_step=1e-4, x_scale=ANGLE_DEG, max_nfev=40
+    )
     return _posed(pose, np.round(found.x, 3))
 
 
 def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
     """The smallest and the largest that an angle can be."""
     bounds = type(getattr(pose, digit)).model_fields[angle].metadata
-    return next(b.ge for b in bounds if hasattr(b, "ge")), next(b.le for b in bounds if hasattr(b, "le"))
+    return next(b.ge for b in bounds if hasattr(b, "ge")), next(
+        b.le for b in bounds if hasattr(b, "le")
+    )
 
 
 def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
@@ -212,11 +254,13 @@ def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
 
 
 def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
-    """Distances between the flesh of thumb and fingers, neighbouring fingers beyond their webs, and palm; negative:
-    inside each other."""
+    """Distances between the flesh of thumb and fingers, neighbouring fingers beyond their webs, and
+    palm; negative: inside each other."""
     bones = skeleton_of_palm(pose, of)
     radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
-    flesh = {name: list(map(_balls, bones[name][1:], radii[name], radii[name][1:])) for name in bones}
+    flesh = {
+        name: list(map(_balls, bones[name][1:], radii[name], radii[name][1:])) for name in bones
+    }
     palm = _all([_balls(bones[name][0], radii[name][0], radii[name][0]) for name in FINGERS])
     thumb = _all(flesh["thumb"])
     gaps = [_gap_m(thumb, _all(flesh[name])) for name in FINGERS] + [_gap_m(thumb, palm)]
@@ -232,7 +276,9 @@ def _balls(bone: Bone, start_radius_m: float, end_radius_m: float) -> Balls:
 
 
 def _all(parts: list[Balls]) -> Balls:
-    return np.concatenate([centres for centres, _ in parts]), np.concatenate([radii for _, radii in parts])
+    return np.concatenate([centres for centres, _ in parts]), np.concatenate(
+        [radii for _, radii in parts]
+    )
 
 
 def _gap_m(a: Balls, b: Balls) -> float:

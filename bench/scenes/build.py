@@ -32,14 +32,17 @@ from handbench.support.rays import TriangleMesh
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
 FOREARM_IN_BLOCK_M = 0.012
-STANDS = -0.8  # a forearm whose direction has less of the photo frame's y than this is held from the side
+STANDS = (
+    -0.8
+)  # a forearm whose direction has less of the photo frame's y than this is held from the side
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its true geometry. `target` is None but for a calibration target; `cameras` is empty without
-    photographs; `box_m` [2, 3] is the crop box in the photo frame: the target without plate and block; `block_m`
-    [2, 3], likewise in the photo frame, is what the forearm stands on (None for other targets and raised forearms)."""
+    """A scene with its true geometry. `target` is None but for a calibration target; `cameras` is
+    empty without photographs; `box_m` [2, 3] is the crop box in the photo frame: the target without
+    plate and block; `block_m` [2, 3], likewise in the photo frame, is what the forearm stands on
+    (None for other targets and raised forearms)."""
 
     file: SceneFile
     target_mesh: TriangleMesh  # radar frame
@@ -54,7 +57,8 @@ class Scene:
 
     @property
     def balls_m(self) -> np.ndarray:
-        """Centres [n, 3] of the calibration target's balls in the radar frame; of other targets none."""
+        """Centres [n, 3] of the calibration target's balls in the radar frame; of other targets
+        none."""
         if self.target is None:
             return np.empty((0, 3))
         return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
@@ -70,14 +74,19 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     target = None
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
-        target = load_target(inside(Path(folder), described, "target.file")) if described else default_target()
+        target = (
+            load_target(inside(Path(folder), described, "target.file"))
+            if described
+            else default_target()
+        )
     surface = _surface(file.target, target, Path(folder))
     radar_from_target = file.target.radar_from_target()
     surface.transform(radar_from_target.matrix)
     nearest_m = float(np.asarray(surface.vertices)[:, 2].min())
     if nearest_m <= 0:
         raise HandbenchError(
-            f"scene '{file.name}': the target reaches {-1e3 * nearest_m:.0f} mm behind the array's plane; enlarge "
+            f"scene '{file.name}': the target reaches {-1e3 * nearest_m:.0f} mm behind the "
+            "array's plane; enlarge "
             "target.distance_m"
         )
     radar_from_photo = file.mount.radar_from_photo()
@@ -86,20 +95,38 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     box_m = np.stack([lower_m - CROP_MARGIN_M, upper_m + CROP_MARGIN_M])
     block_m = None
     if isinstance(file.target, HandTarget):
-        down = radar_from_photo.rotation[:, 1] @ radar_from_target.rotation @ forearm_direction(file.target.angles)
+        down = (
+            radar_from_photo.rotation[:, 1]
+            @ radar_from_target.rotation
+            @ forearm_direction(file.target.angles)
+        )
         if down < STANDS:
             block_m = _block(in_photo_m)
             box_m[0, 1] = block_m[1, 1] + BLOCK_GAP_M
     if box_m[0, 2] < 0:
         raise HandbenchError(
-            f"scene '{file.name}': the target reaches {-1e3 * lower_m[2]:.0f} mm behind the back plate or closer than "
+            f"scene '{file.name}': the target reaches {-1e3 * lower_m[2]:.0f} mm behind the back "
+            "plate or closer than "
             f"{1e3 * CROP_MARGIN_M:.0f} mm to it; move mount.offset_m away from the radar"
         )
     aim_m = np.array([0.0, 0.0, file.target.distance_m])
     photos = file.photos
-    cameras = rig(photos.cameras, photos.width, photos.height, aim_m, radar_from_photo, file.seed) if photos else ()
+    cameras = (
+        rig(photos.cameras, photos.width, photos.height, aim_m, radar_from_photo, file.seed)
+        if photos
+        else ()
+    )
     return Scene(
-        file, surface, radar_from_target, radar_from_photo, stand_board(), cameras, box_m, Path(folder), block_m, target
+        file,
+        surface,
+        radar_from_target,
+        radar_from_photo,
+        stand_board(),
+        cameras,
+        box_m,
+        Path(folder),
+        block_m,
+        target,
     )
 
 
@@ -111,14 +138,18 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
     paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
     for path in paths:
         if not path.exists():
-            raise HandbenchError(f"{path}: is missing, but scene '{file.name}' names it; check the path")
+            raise HandbenchError(
+                f"{path}: is missing, but scene '{file.name}' names it; check the path"
+            )
     return paths
 
 
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:
     match spec:
         case HandTarget():
-            from handbench.bench.scenes.hand import hand_mesh  # and numba, which whoever only reads scenes does without
+            from handbench.bench.scenes.hand import (
+                hand_mesh,
+            )  # and numba, which whoever only reads scenes does without
 
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():

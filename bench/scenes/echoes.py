@@ -1,4 +1,5 @@
-"""The radar half of a scene: bodies, balls and causes for `radar.effects`, and the echoes that come of them."""
+"""The radar half of a scene: bodies, balls and causes for `radar.effects`, and the echoes that come
+of them."""
 
 import numpy as np
 
@@ -20,17 +21,22 @@ ROOM_STEP_M = 5e-3
 
 
 def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
-    """The scene's echoes with the effects that its file asks for; frames differ in what is random in time alone."""
+    """The scene's echoes with the effects that its file asks for; frames differ in what is random
+    in time alone."""
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
     on = {row.effect for row in chosen if row.on}
-    core_s = echo_s(radar_scene) + sum(effect.cost_s(radar_scene) for effect in EFFECTS if effect.id in on)
+    core_s = echo_s(radar_scene) + sum(
+        effect.cost_s(radar_scene) for effect in EFFECTS if effect.id in on
+    )
     require_time(passes * core_s, f"{scene.file.name}: echoes")
     simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 
 
-def choices(scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False) -> tuple[Choice, ...]:
+def choices(
+    scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False
+) -> tuple[Choice, ...]:
     """The effects' rows: which are on, and why."""
     file = scene.file
     return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
@@ -59,7 +65,10 @@ def _target(scene: Scene) -> Body | None:
     target = scene.file.target
     if isinstance(target, CalibrationTarget):
         return None
-    vertices_m, faces = np.asarray(scene.target_mesh.vertices), np.asarray(scene.target_mesh.triangles)
+    vertices_m, faces = (
+        np.asarray(scene.target_mesh.vertices),
+        np.asarray(scene.target_mesh.triangles),
+    )
     palm = None
     if isinstance(target, HandTarget):
         in_hand_m = scene.radar_from_target.inverse().points(vertices_m[faces].mean(axis=1))
@@ -82,12 +91,17 @@ def _room(scene: Scene) -> tuple[Body, ...]:
         return ()
     boxes = [plate_box_m()] if scene.block_m is None else [plate_box_m(), scene.block_m]
     grids = (cuboid(box_m, ROOM_STEP_M) for box_m in boxes)
-    return tuple(Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db) for v, faces in grids)
+    return tuple(
+        Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db)
+        for v, faces in grids
+    )
 
 
 def antenna_array(scene: Scene) -> AntennaArray:
     """The scene's array: built in, or a folder beside the scene file with tx_m.csv and rx_m.csv."""
     if scene.file.sensor.array == BUILT_IN_ARRAY:
         return qar50()
-    folder = inside(scene.folder, scene.file.sensor.array, f"sensor.array (built in: {BUILT_IN_ARRAY})")
+    folder = inside(
+        scene.folder, scene.file.sensor.array, f"sensor.array (built in: {BUILT_IN_ARRAY})"
+    )
     return AntennaArray(load_positions(folder / "tx_m.csv"), load_positions(folder / "rx_m.csv"))

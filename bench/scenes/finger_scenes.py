@@ -1,5 +1,5 @@
-"""Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic. Maxwell's equations
-have exact solutions for them, which the tests hold simulations against."""
+"""Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic.
+Maxwell's equations have exact solutions for them, which the tests hold simulations against."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +40,8 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its own."""
+    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its
+    own."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -70,7 +71,10 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
-    **{f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),) for r_m in (10e-3, 5e-3, 2e-3)},
+    **{
+        f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),)
+        for r_m in (10e-3, 5e-3, 2e-3)
+    },
 }
 # The one scene that there is of each further material.
 FURTHER = {"palm": "sphere of 10 mm", "print": "one finger", "lossy print": "one finger"}
@@ -88,4 +92,9 @@ def body(shapes: Sequence[Shape], material: str) -> Body:
     for shape in shapes:
         made += shape.mesh()
     vertices_m, faces = np.asarray(made.vertices), np.asarray(made.triangles)
-    return Body(vertices_m, faces, MATERIALS[material], np.ones(len(faces), bool) if material == "palm" else None)
+    return Body(
+        vertices_m,
+        faces,
+        MATERIALS[material],
+        np.ones(len(faces), bool) if material == "palm" else None,
+    )

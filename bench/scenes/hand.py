@@ -1,4 +1,5 @@
-"""A parametric hand: skin as the zero set of round cones laid over a posed skeleton, melted together."""
+"""A parametric hand: skin as the zero set of round cones laid over a posed skeleton, melted
+together."""
 
 import itertools
 from functools import lru_cache, reduce
@@ -18,7 +19,13 @@ from handbench.bench.scenes.bones import (
     skeleton_of_palm,
 )
 from handbench.bench.scenes.hand_pose import Pose, WristPose
-from handbench.bench.scenes.implicit import Field, round_cone, smooth_minimum, smooth_union, zero_set
+from handbench.bench.scenes.implicit import (
+    Field,
+    round_cone,
+    smooth_minimum,
+    smooth_union,
+    zero_set,
+)
 from handbench.bench.scenes.people import MEAN, Person
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.support.rays import TriangleMesh
@@ -27,13 +34,19 @@ TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
 MARGIN_M = 0.032  # of the box around all joints
 WITHIN_FINGER_MM, WITHIN_PALM_MM = 3.5, 13.0
-CONTACT_MM, WEB_MM = 2.5, 11.0  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
-WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}  # the web fades, from the knuckle
+CONTACT_MM, WEB_MM = (
+    2.5,
+    11.0,
+)  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
+WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {
+    "thumb": (6.0, 22.0)
+}  # the web fades, from the knuckle
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
-    """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y towards the
-    fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges of about `edge_m`."""
+    """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y
+    towards the fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges
+    of about `edge_m`."""
     vertices_m, faces = _skin(pose, edge_m, person)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
@@ -50,25 +63,34 @@ def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corner [3] of a box around the hand in the palm frame."""
     digits = skeleton_of_palm(pose, person).values()
     joints_m = np.array([p for digit in digits for b in digit for p in (b.start_m, b.end_m)])
-    corners_mm = itertools.product((-40.0, 40.0), (FOREARM_END_MM - 4, FOREARM_END_MM + 58), (-30.0, 30.0))
-    arm_m = 1e-3 * np.array([_bent(pose.wrist, corner, person) for corner in corners_mm]) @ HAND_AXES.T
+    corners_mm = itertools.product(
+        (-40.0, 40.0), (FOREARM_END_MM - 4, FOREARM_END_MM + 58), (-30.0, 30.0)
+    )
+    arm_m = (
+        1e-3 * np.array([_bent(pose.wrist, corner, person) for corner in corners_mm]) @ HAND_AXES.T
+    )
     margin_m = MARGIN_M * max(1.0, *person.palm)
     lower_m, upper_m = joints_m.min(axis=0) - margin_m, joints_m.max(axis=0) + margin_m
     return np.minimum(lower_m, arm_m.min(axis=0)), np.maximum(upper_m, arm_m.max(axis=0))
 
 
 def palm_field(pose: Pose, person: Person) -> Field:
-    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the palm frame."""
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the palm
+    frame."""
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
     digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
-    arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL  # from the forearm to the wrist
+    arm = (
+        HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL
+    )  # from the forearm to the wrist
     end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0), person))
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = palm(points)
         for name, digit in digits.items():
-            blend_m = _web_blend_m(points, bones[name][1].start_m, *WEB_REACH_MM[name], person.palm[0])
+            blend_m = _web_blend_m(
+                points, bones[name][1].start_m, *WEB_REACH_MM[name], person.palm[0]
+            )
             result = smooth_minimum(result, digit(points), blend_m)
         return -smooth_minimum(-result, points @ arm - end_m, 3e-3)
 
@@ -76,14 +98,17 @@ def palm_field(pose: Pose, person: Person) -> Field:
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
-    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, on the person's own, moved
-    with the bent wrist."""
+    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, on the
+    person's own, moved with the bent wrist."""
     wrist_mm = WRIST_MM * np.array(person.palm)
     return forearm_from_palm(wrist) @ (np.asarray(point_mm) * person.palm - wrist_mm) + wrist_mm
 
 
-def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float) -> np.ndarray:
-    """Blend [n] of a digit with its neighbours: a web around its knuckle, mere contact further out."""
+def _web_blend_m(
+    points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float
+) -> np.ndarray:
+    """Blend [n] of a digit with its neighbours: a web around its knuckle, mere contact further
+    out."""
     distance_mm = 1e3 * np.linalg.norm(points - knuckle_m, axis=1) / scale
     t = np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0, 1)
     fade = 1 - t**3 * (t * (6 * t - 15) + 10)
@@ -92,12 +117,16 @@ def _web_blend_m(points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_
 
 def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
     """Neighbouring phalanges melt; others (a curled tip against its own base) only touch."""
-    parts = [_phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)]
+    parts = [
+        _phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)
+    ]
     parts.append(_fingertip(phalanges[-1], *radii_m[-2:]))
 
     def distance(points: np.ndarray) -> np.ndarray:
         values = [part(points) for part in parts]
-        pairs = [smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in itertools.pairwise(values)]
+        pairs = [
+            smooth_minimum(a, b, 1e-3 * WITHIN_FINGER_MM) for a, b in itertools.pairwise(values)
+        ]
         return reduce(lambda a, b: smooth_minimum(a, b, 1e-3 * CONTACT_MM), pairs)
 
     return distance
@@ -111,7 +140,9 @@ def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
         [
             round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
             round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
-            round_cone(bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist),
+            round_cone(
+                bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist
+            ),
         ],
         4e-3,
     )
@@ -123,27 +154,42 @@ def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
     return smooth_union(
         [
             round_cone(bone.at(0), bone.at(reach, 0.3e-3), joint_m, tip_m),
-            round_cone(bone.at(0.45 * reach, 1.9e-3), bone.at(0.85 * reach, 1.2e-3), 0.97 * joint_m, 1.03 * tip_m),
+            round_cone(
+                bone.at(0.45 * reach, 1.9e-3),
+                bone.at(0.85 * reach, 1.2e-3),
+                0.97 * joint_m,
+                1.03 * tip_m,
+            ),
         ],
         4e-3,
     )
 
 
 def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) -> Field:
-    """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and forearm."""
+    """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and
+    forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
     thick = person.palm[2]
 
-    def cone(start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float) -> Field:
+    def cone(
+        start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float
+    ) -> Field:
         """A round cone from (radial, distal, palmar) coordinates in millimetres."""
-        start_m, end_m = (1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm))
-        return round_cone(start_m, end_m, 1e-3 * (thick * start_radius_mm), 1e-3 * (thick * end_radius_mm))
+        start_m, end_m = (
+            1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm)
+        )
+        return round_cone(
+            start_m, end_m, 1e-3 * (thick * start_radius_mm), 1e-3 * (thick * end_radius_mm)
+        )
 
     def own(*point_mm: float) -> np.ndarray:
         return np.array(person.palm) * point_mm
 
     parts = [_metacarpal(bones[name][0], radii_m(name, person)[0], thick) for name in FINGERS]
-    parts += [cone(a + own(0, -6, 1.5), b + own(0, -6, 1.5), 9.0, 9.0) for a, b in itertools.pairwise(knuckles)]
+    parts += [
+        cone(a + own(0, -6, 1.5), b + own(0, -6, 1.5), 9.0, 9.0)
+        for a, b in itertools.pairwise(knuckles)
+    ]
     parts += _thenar(bones["thumb"][0], bones["index"][0], bones["middle"][0], thick)
     parts += [
         cone(own(-21, -42, 4), own(-32, 8, 4), 13.0, 10.0),  # ball of the little finger
@@ -154,7 +200,9 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
         cone(own(-16, -38, 1), _bent(wrist, (-14, -94, 0), person), 13.5, 16.5),
     ]
     if wrist != WristPose():
-        parts.append(cone(own(2, -16, 1), own(*WRIST_MM), 11.0, 13.0))  # the straight carpus ends where the wrist bends
+        parts.append(
+            cone(own(2, -16, 1), own(*WRIST_MM), 11.0, 13.0)
+        )  # the straight carpus ends where the wrist bends
     return smooth_union(parts, 1e-3 * WITHIN_PALM_MM * thick)
 
 
@@ -163,7 +211,12 @@ def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
     return smooth_union(
         [
             round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), thick * 11e-3, base_m),
-            round_cone(bone.at(0.98 * length, 2.5e-3), bone.at(1.12 * length, 2e-3), base_m, base_m - 0.6e-3),
+            round_cone(
+                bone.at(0.98 * length, 2.5e-3),
+                bone.at(1.12 * length, 2e-3),
+                base_m,
+                base_m - 0.6e-3,
+            ),
         ],
         6e-3,
     )
@@ -172,7 +225,9 @@ def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
 def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]:
     """The thumb's metacarpal, its muscles and the skin between thumb and index finger."""
     length = thumb.length_m
-    muscle, inner, web = (thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3)))
+    muscle, inner, web = (
+        thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3))
+    )
     from_middle = middle.at(0.15 * middle.length_m, thick * 6e-3)
     from_index = index.at(0.5 * index.length_m, thick * 2e-3)
     return [

@@ -1,5 +1,5 @@
-"""Hand poses as joint angles, and the 24 static letters of the American manual alphabet (all but J and Z), which
-letters.toml holds.
+"""Hand poses as joint angles, and the 24 static letters of the American manual alphabet (all but J
+and Z), which letters.toml holds.
 
 The bounds are those of a supple healthy hand: what no hand can do is refused.
 """
@@ -18,8 +18,9 @@ Turn = Annotated[float, Field(ge=-180, le=180)]
 class FingerPose(Config):
     """One finger, degrees; 0 is straight, in line with the palm.
 
-    `mcp_deg`, `pip_deg` and `dip_deg` bend the knuckle, the middle and the end joint towards the palm (negative: back);
-    `spread_deg` turns the finger at the knuckle within the palm's plane, towards the thumb (negative: away from it).
+    `mcp_deg`, `pip_deg` and `dip_deg` bend the knuckle, the middle and the end joint towards the
+    palm (negative: back); `spread_deg` turns the finger at the knuckle within the palm's plane,
+    towards the thumb (negative: away from it).
     """
 
     mcp_deg: float = Field(default=0.0, ge=-30, le=95)
@@ -31,10 +32,11 @@ class FingerPose(Config):
 class ThumbPose(Config):
     """The thumb, degrees.
 
-    Its metacarpal leaves the wrist `radial_deg` from the fingers' direction within the palm's plane (negative: across
-    the palm) and `palmar_deg` out of that plane, to the palm's side; `opposition_deg` turns it about its own axis (0:
-    it bends across the palm, positive: the pulp turns to face the palm); `mcp_deg` and `ip_deg` bend its two joints
-    (negative: back, as a hitch-hiker's thumb).
+    Its metacarpal leaves the wrist `radial_deg` from the fingers' direction within the palm's plane
+    (negative: across the palm) and `palmar_deg` out of that plane, to the palm's side;
+    `opposition_deg` turns it about its own axis (0: it bends across the palm, positive: the pulp
+    turns to face the palm); `mcp_deg` and `ip_deg` bend its two joints (negative: back, as a
+    hitch-hiker's thumb).
     """
 
     radial_deg: float = Field(default=40.0, ge=-20, le=80)
@@ -45,18 +47,20 @@ class ThumbPose(Config):
 
 
 class WristPose(Config):
-    """The wrist, degrees: `flexion_deg` bends the hand to the palm's side (negative: back), `deviation_deg` towards the
-    thumb (negative: towards the little finger), as seen from the forearm. The palm stays, the forearm moves."""
+    """The wrist, degrees: `flexion_deg` bends the hand to the palm's side (negative: back),
+    `deviation_deg` towards the thumb (negative: towards the little finger), as seen from the
+    forearm. The palm stays, the forearm moves."""
 
     flexion_deg: float = Field(default=0.0, ge=-70, le=80)
     deviation_deg: float = Field(default=0.0, ge=-40, le=25)
 
 
 class Pose(Config):
-    """All joint angles of a right hand; the defaults are an open, flat hand whose palm faces the radar.
+    """All joint angles of a right hand; the defaults are an open, flat hand whose palm faces the
+    radar.
 
-    `turn_deg` turns hand and forearm about the palm's centre, about the fixed x, y and z axes in this order: what
-    shoulder, elbow and the forearm's rotation do.
+    `turn_deg` turns hand and forearm about the palm's centre, about the fixed x, y and z axes in
+    this order: what shoulder, elbow and the forearm's rotation do.
     """
 
     thumb: ThumbPose = ThumbPose()
@@ -70,5 +74,7 @@ class Pose(Config):
 
 POSES = {
     name: Pose.model_validate(angles)
-    for name, angles in tomllib.loads(Path(__file__).with_name("letters.toml").read_text("utf-8")).items()
+    for name, angles in tomllib.loads(
+        Path(__file__).with_name("letters.toml").read_text("utf-8")
+    ).items()
 }

@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 from handbench.support.compiled import njit
 from handbench.support.parallel import for_each
 
-Field = Callable[[np.ndarray], np.ndarray]  # points [n, 3] to signed distances [n], metres, negative inside
+Field = Callable[
+    [np.ndarray], np.ndarray
+]  # points [n, 3] to signed distances [n], metres, negative inside
 
 CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
 NEWTON_STEPS = 20  # three suffice but at the groove between touching bodies
@@ -18,7 +20,9 @@ ON_SURFACE_M = 1e-7
 DIFFERENCE_M = 2e-6
 
 
-def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float) -> Field:
+def round_cone(
+    start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float
+) -> Field:
     """The convex hull of two spheres; exact distance."""
     start = np.asarray(start_m, np.float64)
     axis = np.asarray(end_m, np.float64) - start
@@ -26,7 +30,9 @@ def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_
     unit = axis / length
     sine = (start_radius_m - end_radius_m) / length
     if abs(sine) >= 1:
-        raise ValueError("round_cone: one end sphere holds the other; use a longer cone or more similar radii")
+        raise ValueError(
+            "round_cone: one end sphere holds the other; use a longer cone or more similar radii"
+        )
     slope = float(sine / np.sqrt(1 - sine**2))
 
     return lambda points: _to_cone(points, start, unit, length, slope, sine, start_radius_m)
@@ -34,7 +40,13 @@ def round_cone(start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_
 
 @njit(nogil=True, cache=True)
 def _to_cone(
-    points: np.ndarray, start: np.ndarray, unit: np.ndarray, length: float, slope: float, sine: float, radius_m: float
+    points: np.ndarray,
+    start: np.ndarray,
+    unit: np.ndarray,
+    length: float,
+    slope: float,
+    sine: float,
+    radius_m: float,
 ) -> np.ndarray:
     """Distance [n] of points [n, 3] to a round cone."""
     distance = np.empty(len(points))
@@ -42,7 +54,8 @@ def _to_cone(
         x, y, z = points[n, 0] - start[0], points[n, 1] - start[1], points[n, 2] - start[2]
         along = x * unit[0] + y * unit[1] + z * unit[2]
         across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-        # The nearest sphere of the hull is the one whose centre the cone's normal through the point meets.
+        # The nearest sphere of the hull is the one whose centre the cone's normal through the point
+        # meets.
         centre = min(max(along - across * slope, 0.0), length)
         off = along - centre
         distance[n] = np.sqrt(off * off + across * across) - (radius_m - sine * centre)
@@ -51,7 +64,8 @@ def _to_cone(
 
 @njit(nogil=True, cache=True)
 def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
-    """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous derivatives."""
+    """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous
+    derivatives."""
     h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
     return np.minimum(a, b) - h * h * h * blend_m / 6
 
@@ -87,20 +101,24 @@ def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:
 
 
 def project(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Points [n, 3] near the zero set, moved onto it along the field's gradient (Newton's method)."""
+    """Points [n, 3] near the zero set, moved onto it along the field's gradient (Newton's
+    method)."""
     points_m = points_m.copy()
     off = np.arange(len(points_m))
     for _ in range(NEWTON_STEPS):
         values = evaluate(field, points_m[off])
         off, values = off[np.abs(values) > ON_SURFACE_M], values[np.abs(values) > ON_SURFACE_M]
         slope = gradient(field, points_m[off])
-        steepness = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)  # a flat spot must throw no point far away
+        steepness = np.maximum(
+            np.einsum("ij,ij->i", slope, slope), 0.05
+        )  # a flat spot must throw no point far away
         points_m[off] -= (values / steepness)[:, None] * slope
     return points_m
 
 
 def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> np.ndarray:
-    """The field on a lattice, exact within about three steps of the zero set and interpolated elsewhere."""
+    """The field on a lattice, exact within about three steps of the zero set and interpolated
+    elsewhere."""
     from scipy.ndimage import zoom
 
     coarse = 3
@@ -113,11 +131,14 @@ def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: floa
     return values
 
 
-def zero_set(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`, outward-oriented.
+def zero_set(
+    field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`,
+    outward-oriented.
 
-    Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the triangles and
-    undoes the few folds that this makes in narrow grooves.
+    Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the
+    triangles and undoes the few folds that this makes in narrow grooves.
     """
     from skimage import measure
 
@@ -142,16 +163,24 @@ def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
 
 
 def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """For every vertex of a closed mesh the mean [n, 3] of the vertices that an edge joins it to."""
+    """For every vertex of a closed mesh the mean [n, 3] of the vertices that an edge joins it
+    to."""
     total, count = np.zeros_like(vertices_m), np.zeros(len(vertices_m))
-    for a, b in ((0, 1), (1, 2), (2, 0)):  # in a closed mesh these three run along each edge once per direction
+    for a, b in (
+        (0, 1),
+        (1, 2),
+        (2, 0),
+    ):  # in a closed mesh these three run along each edge once per direction
         np.add.at(total, faces[:, a], vertices_m[faces[:, b]])
         np.add.at(count, faces[:, a], 1)
     return total / count[:, None]
 
 
-def remesh(vertices_m: np.ndarray, faces: np.ndarray, edge_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """The largest component with triangles as equilateral as they can be, edges of about `edge_m`."""
+def remesh(
+    vertices_m: np.ndarray, faces: np.ndarray, edge_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The largest component with triangles as equilateral as they can be, edges of about
+    `edge_m`."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet(verbose=False)

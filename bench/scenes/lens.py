@@ -12,31 +12,35 @@ KERNEL_SAMPLES = 8  # per pixel and direction, at least
 
 @dataclass(frozen=True)
 class ThinLens:
-    """A thin lens: diameter of its aperture and distance of the plane in focus, metres; distance from lens to sensor,
-    pixels (the camera's focal length as calibrated)."""
+    """A thin lens: diameter of its aperture and distance of the plane in focus, metres; distance
+    from lens to sensor, pixels (the camera's focal length as calibrated)."""
 
     aperture_m: float
     focus_m: float
     image_px: float
 
     @classmethod
-    def of(cls, camera: Camera, f_number: float, sensor_width_m: float, focus_m: float) -> "ThinLens":
-        """The lens of a camera: its sensor is v behind the lens, 1/f = 1/v + 1/focus_m, and the aperture is f over
-        f_number (Hecht, Optics, 5.2)."""
+    def of(
+        cls, camera: Camera, f_number: float, sensor_width_m: float, focus_m: float
+    ) -> "ThinLens":
+        """The lens of a camera: its sensor is v behind the lens, 1/f = 1/v + 1/focus_m, and the
+        aperture is f over f_number (Hecht, Optics, 5.2)."""
         image_px = camera.params[0]
         image_m = image_px * sensor_width_m / camera.width
         focal_m = image_m * focus_m / (image_m + focus_m)
         return cls(focal_m / f_number, focus_m, image_px)
 
     def circle_px(self, depth_m: np.ndarray) -> np.ndarray:
-        """Diameter [...] of the circle of confusion of points at depth_m [...] along the optical axis, pixels:
-        A v |1/focus - 1/depth|."""
+        """Diameter [...] of the circle of confusion of points at depth_m [...] along the optical
+        axis, pixels: A v |1/focus - 1/depth|."""
         return self.aperture_m * self.image_px * np.abs(1 / self.focus_m - 1 / depth_m)
 
-    def rays(self, camera: Camera, directions: np.ndarray, u: float, v: float) -> tuple[np.ndarray, np.ndarray]:
-        """Starting point [3] and unit directions [n, 3] of rays through the point (u, v) of the aperture, in its radii,
-        that end on the pixels of the rays `directions` [n, 3] through its centre: both meet in the plane in focus
-        (Cook, Porter & Carpenter 1984)."""
+    def rays(
+        self, camera: Camera, directions: np.ndarray, u: float, v: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Starting point [3] and unit directions [n, 3] of rays through the point (u, v) of the
+        aperture, in its radii, that end on the pixels of the rays `directions` [n, 3] through its
+        centre: both meet in the plane in focus (Cook, Porter & Carpenter 1984)."""
         right, down, forward = camera.rotation
         shift_m = self.aperture_m / 2 * (u * right + v * down)
         rays = directions * (self.focus_m / (directions @ forward))[:, None] - shift_m
@@ -44,10 +48,11 @@ class ThinLens:
 
 
 def blur_by_discs(image: np.ndarray, diameter_px: np.ndarray) -> np.ndarray:
-    """Image [height, width, 3], each pixel of which becomes the mean over a disc of its own diameter [height, width].
+    """Image [height, width, 3], each pixel of which becomes the mean over a disc of its own
+    diameter [height, width].
 
-    Between the stack's diameters, two blurred pictures are mixed so that the variance of the blur is the disc's: it
-    grows with the diameter squared.
+    Between the stack's diameters, two blurred pictures are mixed so that the variance of the blur
+    is the disc's: it grows with the diameter squared.
     """
     import cv2
 
@@ -56,16 +61,21 @@ def blur_by_discs(image: np.ndarray, diameter_px: np.ndarray) -> np.ndarray:
     result = np.zeros_like(image)
     for level, chosen in zip(levels, np.eye(len(levels)), strict=True):
         weight = np.interp(diameter_px**2, levels**2, chosen).astype(np.float32)
-        result += weight[..., None] * (cv2.filter2D(image, -1, disc_kernel(level)) if level else image)
+        result += weight[..., None] * (
+            cv2.filter2D(image, -1, disc_kernel(level)) if level else image
+        )
     return result
 
 
 def near_edges(edge: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
-    """Pixels [height, width] whose disc may reach over an edge: those closer to one of `edge` [height, width] than the
-    largest radius [height, width] beside it, rounded up to a power of two; none where that is below half a pixel."""
+    """Pixels [height, width] whose disc may reach over an edge: those closer to one of `edge`
+    [height, width] than the largest radius [height, width] beside it, rounded up to a power of two;
+    none where that is below half a pixel."""
     import cv2
 
-    reach_px = np.where(edge, cv2.dilate(radius_px.astype(np.float32), np.ones((3, 3), np.uint8)), 0)
+    reach_px = np.where(
+        edge, cv2.dilate(radius_px.astype(np.float32), np.ones((3, 3), np.uint8)), 0
+    )
     result = np.zeros(edge.shape, dtype=bool)
     lower_px, upper_px = 0.5, 1.0
     while (reach_px > lower_px).any():
@@ -85,7 +95,8 @@ def disc_kernel(diameter_px: float) -> np.ndarray:
 
 
 def line_kernel(length_px: float, angle_rad: float) -> np.ndarray:
-    """Weights [n, n] of pixels along a line through the middle pixel, of sum 1; angle from the image's x to its y."""
+    """Weights [n, n] of pixels along a line through the middle pixel, of sum 1; angle from the
+    image's x to its y."""
     along = _along(length_px)
     return _kernel(along * np.cos(angle_rad), along * np.sin(angle_rad))
 
@@ -97,17 +108,25 @@ def _along(length_px: float) -> np.ndarray:
 
 
 def _kernel(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Points (pixels from the middle), each shared by the 16 pixels around it with cubic weights, which keep mean and
-    variance (Keys 1981)."""
+    """Points (pixels from the middle), each shared by the 16 pixels around it with cubic weights,
+    which keep mean and variance (Keys 1981)."""
     half = int(np.ceil(max(np.abs(x).max(), np.abs(y).max()))) + 2
     result = np.zeros((2 * half + 1, 2 * half + 1))
     column, row = np.floor(x).astype(int), np.floor(y).astype(int)
     for dc in range(-1, 3):
         for dr in range(-1, 3):
-            np.add.at(result, (row + dr + half, column + dc + half), _cubic(row + dr - y) * _cubic(column + dc - x))
+            np.add.at(
+                result,
+                (row + dr + half, column + dc + half),
+                _cubic(row + dr - y) * _cubic(column + dc - x),
+            )
     return (result / result.sum()).astype(np.float32)
 
 
 def _cubic(t: np.ndarray) -> np.ndarray:
     t = np.abs(t)
-    return np.where(t <= 1, 1.5 * t**3 - 2.5 * t**2 + 1, np.where(t < 2, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2, 0))
+    return np.where(
+        t <= 1,
+        1.5 * t**3 - 2.5 * t**2 + 1,
+        np.where(t < 2, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2, 0),
+    )

@@ -1,6 +1,7 @@
-"""The studio's light: three disc lamps and an ambient glow, baked into the bodies' vertices with their shadows;
-highlights, what a rough surface mirrors of a lamp (Cook & Torrance 1982; for skin, Weyrich et al. 2006); and a
-projector of speckle: random bright dots that stand still in space, so that every camera sees the same ones."""
+"""The studio's light: three disc lamps and an ambient glow, baked into the bodies' vertices with
+their shadows; highlights, what a rough surface mirrors of a lamp (Cook & Torrance 1982; for skin,
+Weyrich et al. 2006); and a projector of speckle: random bright dots that stand still in space, so
+that every camera sees the same ones."""
 
 from dataclasses import dataclass
 
@@ -16,8 +17,8 @@ from handbench.support.rays import RaycastingScene, load_open3d
 
 @dataclass(frozen=True)
 class Lamp:
-    """A disc that faces the board: centre (photo frame) and radius, metres; its irradiance at the board's centre, over
-    π, so that a white surface's radiance is 1 where the irradiance is 1."""
+    """A disc that faces the board: centre (photo frame) and radius, metres; its irradiance at the
+    board's centre, over π, so that a white surface's radiance is 1 where the irradiance is 1."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -44,14 +45,17 @@ LAMPS = (
     Lamp((0.05, -0.55, 0.95), 0.18, 0.16),
 )
 AMBIENT = 0.30
-FACING = AMBIENT + sum(lamp.irradiance * lamp.centre_m[2] / lamp.reach_m for lamp in LAMPS)  # on the board's centre
+FACING = AMBIENT + sum(
+    lamp.irradiance * lamp.centre_m[2] / lamp.reach_m for lamp in LAMPS
+)  # on the board's centre
 LAMP_SAMPLES, SKY_SAMPLES = 24, 128
 SHADOW_OFFSET_M = 2e-4
 
 
 @dataclass(frozen=True)
 class Light:
-    """Light at a body's vertices: irradiance [n] (over π) and the visible share [n, lamps] of each lamp, 0 to 1."""
+    """Light at a body's vertices: irradiance [n] (over π) and the visible share [n, lamps] of each
+    lamp, 0 to 1."""
 
     irradiance: np.ndarray
     open: np.ndarray
@@ -76,13 +80,17 @@ def bake(rays: RaycastingScene, body: Body) -> Light:
     for direction in _sphere(SKY_SAMPLES):
         cosine = np.maximum(body.normals @ direction, 0)
         whole_sky += cosine
-        open_sky += cosine * clear(rays, origins_m, np.broadcast_to(direction, origins_m.shape), cosine > 0)
+        open_sky += cosine * clear(
+            rays, origins_m, np.broadcast_to(direction, origins_m.shape), cosine > 0
+        )
     return Light(result + AMBIENT * open_sky / whole_sky, seen)
 
 
-def clear(rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """1 where nothing stands between an origin [n, 3] and origin + towards [n, 3], else 0; asked only where `wanted`
-    [n]."""
+def clear(
+    rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray
+) -> np.ndarray:
+    """1 where nothing stands between an origin [n, 3] and origin + towards [n, 3], else 0; asked
+    only where `wanted` [n]."""
     tensor = load_open3d().core.Tensor
     result = np.zeros(len(origins_m))
     query = np.concatenate([origins_m[wanted], towards[wanted]], axis=1).astype(np.float32)
@@ -107,23 +115,29 @@ def _sphere(count: int) -> np.ndarray:
 
 SHARPNESS = 10.0  # of the dots' borders
 NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line
-OBLIQUE = np.array([[2, -2, 1], [1, 2, 2]]) / 3  # cuts the noise across its lattice, which would show
+OBLIQUE = (
+    np.array([[2, -2, 1], [1, 2, 2]]) / 3
+)  # cuts the noise across its lattice, which would show
 NEAREST_M = 0.05  # from the target's origin
 
 
 class Projector:
     """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame).
 
-    contrast: of the dots there, (max - min) / (max + min); it is the projector's share of the light, and the lamps are
-    dimmed to the rest, so that the mean brightness stays. dot_m: size of dots at the target's origin.
+    contrast: of the dots there, (max - min) / (max + min); it is the projector's share of the
+    light, and the lamps are dimmed to the rest, so that the mean brightness stays. dot_m: size of
+    dots at the target's origin.
     """
 
-    def __init__(self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int) -> None:
+    def __init__(
+        self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int
+    ) -> None:
         self.position_m, self.contrast, self.dot_m, self.seed = position_m, contrast, dot_m, seed
         self.throw_m = float(np.linalg.norm(aim_m - position_m))
         if self.throw_m < NEAREST_M:
             raise HandbenchError(
-                f"photos.speckle_from_m: lies {1e3 * self.throw_m:.0f} mm from the target's origin; expected at least "
+                f"photos.speckle_from_m: lies {1e3 * self.throw_m:.0f} mm from the target's "
+                "origin; expected at least "
                 f"{1e3 * NEAREST_M:.0f} mm"
             )
         self.axis = (aim_m - position_m) / self.throw_m
@@ -132,12 +146,15 @@ class Projector:
         self.down = np.cross(self.axis, self.right)
 
     def pattern(self, points_m: np.ndarray) -> np.ndarray:
-        """Brightness [n] of the picture that is projected onto points [n, 3]: 0 to 1, 1/2 in the mean. It depends on
-        the direction from the projector alone; what lies behind the projector stays dark."""
+        """Brightness [n] of the picture that is projected onto points [n, 3]: 0 to 1, 1/2 in the
+        mean. It depends on the direction from the projector alone; what lies behind the projector
+        stays dark."""
         relative_m = points_m - self.position_m
         along = relative_m @ self.axis / self.throw_m
         before = along > 0
-        flat_m = relative_m[before] @ np.stack([self.right, self.down], axis=1) / along[before, None]
+        flat_m = (
+            relative_m[before] @ np.stack([self.right, self.down], axis=1) / along[before, None]
+        )
         noise = solid_noise(flat_m @ OBLIQUE, NOISE_PER_DOT * self.dot_m, self.seed)
         result = np.zeros(len(points_m), dtype=np.float32)
         result[before] = 0.5 + 0.5 * np.tanh(SHARPNESS * noise)
@@ -150,28 +167,43 @@ class Projector:
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
         return cosine * (self.throw_m / distance_m) ** 2
 
-    def beam(self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool) -> np.ndarray:
-        """Light [n] on its way to points [n, 3] with normals [n, 3], zero in shadows: the irradiance over π that it
-        would give a surface that faces it at the throw's distance; even: without dots."""
+    def beam(
+        self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool
+    ) -> np.ndarray:
+        """Light [n] on its way to points [n, 3] with normals [n, 3], zero in shadows: the
+        irradiance over π that it would give a surface that faces it at the throw's distance; even:
+        without dots."""
         picture = 0.5 if even else self.pattern(points_m)
         lit = self.incidence(points_m, normals) > 0
-        unshadowed = clear(rays, points_m + SHADOW_OFFSET_M * normals, self.position_m - points_m, lit)
+        unshadowed = clear(
+            rays, points_m + SHADOW_OFFSET_M * normals, self.position_m - points_m, lit
+        )
         return 2 * self.contrast * FACING * picture * unshadowed
 
 
-SKIN_REFLECTANCE = 0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
+SKIN_REFLECTANCE = (
+    0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
+)
 GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn a little beyond 90°
 BLOCK = 20_000  # points per task
 
 
 @njit()
-def ggx(to_half: float, to_light: float, to_eye: float, tilt: float, roughness: float, reflectance: float) -> float:
-    """Mirrored part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light and the eye (both
-    above 0), and of the half vector with the eye (tilt).
+def ggx(
+    to_half: float,
+    to_light: float,
+    to_eye: float,
+    tilt: float,
+    roughness: float,
+    reflectance: float,
+) -> float:
+    """Mirrored part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light
+    and the eye (both above 0), and of the half vector with the eye (tilt).
 
-    D F V with D = α² / (π ((n·h)² (α² - 1) + 1)²), the spread of facets whose normals lie near the half vector h (GGX,
-    Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, facets that hide one another, height-correlated,
-    over 4 (n·l) (n·v) (Heitz 2014). roughness: α; reflectance: R.
+    D F V with D = α² / (π ((n·h)² (α² - 1) + 1)²), the spread of facets whose normals lie near the
+    half vector h (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, facets
+    that hide one another, height-correlated, over 4 (n·l) (n·v) (Heitz 2014). roughness: α;
+    reflectance: R.
     """
     square = roughness**2
     spread = square / (np.pi * (to_half**2 * (square - 1) + 1) ** 2)
@@ -182,15 +214,23 @@ def ggx(to_half: float, to_light: float, to_eye: float, tilt: float, roughness: 
 
 
 def mirrored(
-    points_m: np.ndarray, normals: np.ndarray, eyes: np.ndarray, lamp_m: np.ndarray, reach_m: float, roughness: float
+    points_m: np.ndarray,
+    normals: np.ndarray,
+    eyes: np.ndarray,
+    lamp_m: np.ndarray,
+    reach_m: float,
+    roughness: float,
 ) -> np.ndarray:
-    """Radiance [n] that skin at points [n, 3] with unit normals [n, 3] sends along `eyes` [n, 3] (unit, away from it)
-    under an unshadowed lamp, samples [k, 3], whose irradiance over π is 1 at the distance `reach_m`."""
+    """Radiance [n] that skin at points [n, 3] with unit normals [n, 3] sends along `eyes` [n, 3]
+    (unit, away from it) under an unshadowed lamp, samples [k, 3], whose irradiance over π is 1 at
+    the distance `reach_m`."""
     result = np.empty(len(points_m), dtype=np.float32)
 
     def work(first: int) -> None:
         part = slice(first, first + BLOCK)
-        _mirrored(points_m[part], normals[part], eyes[part], lamp_m, reach_m, roughness, result[part])
+        _mirrored(
+            points_m[part], normals[part], eyes[part], lamp_m, reach_m, roughness, result[part]
+        )
 
     for_each(work, range(0, len(points_m), BLOCK))
     return result
@@ -220,7 +260,10 @@ def _mirrored(
             if to_light > 0:
                 hx, hy, hz = lx / distance_m + ex, ly / distance_m + ey, lz / distance_m + ez
                 length = np.sqrt(hx * hx + hy * hy + hz * hz)
-                to_half, tilt = (nx * hx + ny * hy + nz * hz) / length, min(length / 2, 1.0)  # |l + v| = 2 h·v
+                to_half, tilt = (
+                    (nx * hx + ny * hy + nz * hz) / length,
+                    min(length / 2, 1.0),
+                )  # |l + v| = 2 h·v
                 brdf = ggx(to_half, to_light, to_eye, tilt, roughness, SKIN_REFLECTANCE)
                 total += brdf * to_light * (reach_m / distance_m) ** 2
         result[i] = np.pi / len(lamp_m) * total

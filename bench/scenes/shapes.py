@@ -1,4 +1,5 @@
-"""Targets with a closed form: sphere, plate and dihedral, as closed meshes in the target's frame, metres."""
+"""Targets with a closed form: sphere, plate and dihedral, as closed meshes in the target's frame,
+metres."""
 
 import numpy as np
 
@@ -21,7 +22,9 @@ def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
 def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
     """A closed cylinder about the y axis, in so many steps around and along it."""
     made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
-    return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))  # its axis is z
+    return mesh(
+        np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles)
+    )  # its axis is z
 
 
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:
@@ -32,10 +35,13 @@ def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: floa
 
 
 def dihedral_mesh(side_m: float, edge_m: float) -> TriangleMesh:
-    """A block with a notch of 90° that opens towards -z; its fold is the y axis, its flanks are side_m × side_m."""
+    """A block with a notch of 90° that opens towards -z; its fold is the y axis, its flanks are
+    side_m × side_m."""
     _check_faces(4 * side_m**2, edge_m)
     reach, half = side_m / np.sqrt(2), side_m / 2
-    outline = np.array([(-reach, -reach), (0, 0), (reach, -reach), (reach, BACK_M), (0, BACK_M), (-reach, BACK_M)])
+    outline = np.array(
+        [(-reach, -reach), (0, 0), (reach, -reach), (reach, BACK_M), (0, BACK_M), (-reach, BACK_M)]
+    )
     parts = []
     for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         a, b = (np.array([x, -half, z]) for x, z in (start, end))
@@ -53,12 +59,15 @@ def _check_faces(area_m2: float, edge_m: float) -> None:
     count = 2 * area_m2 / edge_m**2
     if count > MOST_FACETS:
         raise HandbenchError(
-            f"target.edge_m: is {1e3 * edge_m:g} mm, which would make {count:.0e} triangles; expected at most "
+            f"target.edge_m: is {1e3 * edge_m:g} mm, which would make {count:.0e} triangles; "
+            "expected at most "
             f"{MOST_FACETS:.0e}: enlarge it"
         )
 
 
-def _quad(a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
+def _quad(
+    a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Grid of the rectangle a, b, b + side, a + side."""
     nu, nv = (int(np.ceil(np.linalg.norm(length) / step_m)) + 1 for length in (b - a, side))
     u, v = np.meshgrid(np.linspace(0, 1, nu), np.linspace(0, 1, nv), indexing="ij")

@@ -1,7 +1,8 @@
-"""The stand around the target in the photographs, a printed back plate with its ArUco board, and a block; and eight
-calibrated cameras on the radar's side, around the radar.
+"""The stand around the target in the photographs, a printed back plate with its ArUco board, and a
+block; and eight calibrated cameras on the radar's side, around the radar.
 
-Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the cameras. Metres.
+Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the
+cameras. Metres.
 """
 
 import numpy as np
@@ -25,17 +26,20 @@ INK, PAPER = 0.04, 0.82  # reflectances
 def stand_board() -> Board:
     """The markers on the plate."""
     half = MARKER_M / 2
-    corner = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
+    corner = np.array(
+        [(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)]
+    )
     return Board(
         marker=tuple(
-            Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist()) for i, (x, y) in enumerate(MARKER_CENTRES_M)
+            Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist())
+            for i, (x, y) in enumerate(MARKER_CENTRES_M)
         )
     )
 
 
 def plate_print(seed: int) -> np.ndarray:
-    """Reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at the top: a high-contrast
-    pattern of blots from 0.5 to 12 mm, left white around the markers."""
+    """Reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at the top:
+    a high-contrast pattern of blots from 0.5 to 12 mm, left white around the markers."""
     import cv2
 
     shape = round(PLATE_M[1] / TEXEL_M), round(PLATE_M[0] / TEXEL_M)
@@ -79,7 +83,8 @@ def plate_box_m() -> np.ndarray:
 
 
 def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and outward triangles of a box, lower and upper corner [2, 3], with a grid of `step_m` or finer."""
+    """Vertices and outward triangles of a box, lower and upper corner [2, 3], with a grid of
+    `step_m` or finer."""
     (lower_m, upper_m), vertices, faces, total = box_m, [], [], 0
     for axis in range(3):
         for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
@@ -87,9 +92,16 @@ def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
             counts = {k: int(np.ceil((upper_m[k] - lower_m[k]) / step_m)) + 1 for k in (u, v)}
             ticks = [np.linspace(lower_m[k], upper_m[k], count) for k, count in counts.items()]
             points = np.empty((len(ticks[0]), len(ticks[1]), 3))
-            points[..., axis], points[..., u], points[..., v] = bound, ticks[0][:, None], ticks[1][None, :]
+            points[..., axis], points[..., u], points[..., v] = (
+                bound,
+                ticks[0][:, None],
+                ticks[1][None, :],
+            )
             index = total + np.arange(points[..., 0].size).reshape(points.shape[:2])
-            a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+            a, b, c, d = (
+                part.ravel()
+                for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+            )
             quads = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
             faces.append(quads if side > 0 else quads[:, ::-1])
             vertices.append(points.reshape(-1, 3))
@@ -97,29 +109,45 @@ def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-OFF_AXIS_DEG = (24.0, 30.0)  # alternate, seen from the target; clear of the aperture and its housing
+OFF_AXIS_DEG = (
+    24.0,
+    30.0,
+)  # alternate, seen from the target; clear of the aperture and its housing
 DISTANCE_M = (0.46, 0.50)
-FOCAL_PER_WIDTH = 1.18  # focal length over image width: about 0.17 mm per pixel of 2400 at the target
+FOCAL_PER_WIDTH = (
+    1.18  # focal length over image width: about 0.17 mm per pixel of 2400 at the target
+)
 
 
 def rig(
     count: int, width: int, height: int, aim_m: np.ndarray, radar_from_photo: Transform, seed: int
 ) -> tuple[Camera, ...]:
-    """`count` cameras on a ring, all aimed at `aim_m` [3] (radar frame); their R and t are from the photo frame."""
+    """`count` cameras on a ring, all aimed at `aim_m` [3] (radar frame); their R and t are from the
+    photo frame."""
     random = np.random.default_rng([seed, 2])
 
     def camera(number: int) -> Camera:
         off_axis = np.radians(OFF_AXIS_DEG[number % 2] + random.uniform(-1, 1))
         around = 2 * np.pi * (number + 0.5) / count + random.uniform(-0.05, 0.05)
         distance_m = DISTANCE_M[number % 2] + random.uniform(-0.01, 0.01)
-        back = np.array([np.sin(off_axis) * np.cos(around), np.sin(off_axis) * np.sin(around), -np.cos(off_axis)])
+        back = np.array(
+            [
+                np.sin(off_axis) * np.cos(around),
+                np.sin(off_axis) * np.sin(around),
+                -np.cos(off_axis),
+            ]
+        )
         centre_m = aim_m + distance_m * back
         forward = aim_m + random.uniform(-0.006, 0.006, 3) - centre_m
         camera_from_radar = _look(forward, roll_rad=random.uniform(-0.1, 0.1))
         rotation = camera_from_radar @ radar_from_photo.rotation
         focal_px = FOCAL_PER_WIDTH * width * random.uniform(0.99, 1.01)
         principal_px = np.array([width, height]) / 2 + 0.005 * width * random.uniform(-1, 1, 2)
-        distortion = (random.uniform(-0.06, -0.04), random.uniform(0.02, 0.05), *random.uniform(-4e-4, 4e-4, 2))
+        distortion = (
+            random.uniform(-0.06, -0.04),
+            random.uniform(0.02, 0.05),
+            *random.uniform(-4e-4, 4e-4, 2),
+        )
         return Camera(
             name=f"cam{number:02d}.jpg",
             width=width,

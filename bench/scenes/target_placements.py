@@ -1,5 +1,5 @@
-"""Placements of the calibration target, made as well as its description says; and the cloud of points that eight
-cameras would reconstruct of it, with errors like theirs."""
+"""Placements of the calibration target, made as well as its description says; and the cloud of
+points that eight cameras would reconstruct of it, with errors like theirs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,9 +29,9 @@ class Placement:
 
 
 def placement(number: int, folder: Path, **more: Any) -> Placement:
-    """Placement `number`: distance 0.26 to 0.32 m, 20 mm aside, turned by ±30° about each axis; the board's frame and
-    the antennas' polarisation drawn too, and the target's making within its description's tolerances. more: further
-    tables of the scene file."""
+    """Placement `number`: distance 0.26 to 0.32 m, 20 mm aside, turned by ±30° about each axis; the
+    board's frame and the antennas' polarisation drawn too, and the target's making within its
+    description's tolerances. more: further tables of the scene file."""
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,9 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
         },
         **more,
     }
-    return Placement(number, build(parse(SceneFile, values, f"placement {number}"), folder), described)
+    return Placement(
+        number, build(parse(SceneFile, values, f"placement {number}"), folder), described
+    )
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
@@ -73,7 +75,9 @@ def made(target: Target, rng: np.random.Generator) -> Target:
     """The target as a workshop makes it, drawn from the tolerances of its description."""
     return target.model_copy(
         update={
-            "foam_permittivity": max(1.0, target.foam_permittivity + target.foam_permittivity_sigma * rng.normal()),
+            "foam_permittivity": max(
+                1.0, target.foam_permittivity + target.foam_permittivity_sigma * rng.normal()
+            ),
             "element": tuple(_made(element, target, rng) for element in target.element),
         }
     )
@@ -83,22 +87,30 @@ def _made(element: Element, target: Target, rng: np.random.Generator) -> Element
     offset_m = np.array(element.ball_offset_m) + target.ball_offset_sigma_m * rng.normal(size=3)
     return element.model_copy(
         update={
-            "sphere_radius_m": element.sphere_radius_m + target.sphere_radius_sigma_m * rng.normal(),
+            "sphere_radius_m": element.sphere_radius_m
+            + target.sphere_radius_sigma_m * rng.normal(),
             "ball_offset_m": tuple(offset_m.tolist()),
         }
     )
 
 
 DENSITY_M2 = 2e6  # points on a square metre of foam: 2 per mm²
-NOISE_M, PATCH_NOISE_M, PATCH_M = 3e-5, 1.5e-5, 3e-3  # of each point, and common to patches; measured on hands
+NOISE_M, PATCH_NOISE_M, PATCH_M = (
+    3e-5,
+    1.5e-5,
+    3e-3,
+)  # of each point, and common to patches; measured on hands
 NORMAL_NOISE = 0.07  # per axis: 4°
 STEEPEST = 0.35  # cosine at which a camera sees too little of a surface
 CAMERAS = 8
 
 
-def seen_cloud(placed: Placement, seen: Sequence[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see, behind no other
-    sphere, and the plate's. seen: indices of the elements that are not covered, all by default."""
+def seen_cloud(
+    placed: Placement, seen: Sequence[int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see,
+    behind no other sphere, and the plate's. seen: indices of the elements that are not covered, all
+    by default."""
     scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
     rng = np.random.default_rng([placed.number, 8])
@@ -116,7 +128,9 @@ def seen_cloud(placed: Placement, seen: Sequence[int] | None = None) -> tuple[np
         on_it = centre_m + radius_m * outward
         views = sum(_sees(eye_m, on_it, outward, centres_m, radii_m) for eye_m in eyes_m)
         outward, on_it = outward[views >= 2], on_it[views >= 2]
-        cells = np.unique(np.floor(on_it / PATCH_M), axis=0, return_inverse=True)[1].ravel()  # neighbours err alike
+        cells = np.unique(np.floor(on_it / PATCH_M), axis=0, return_inverse=True)[
+            1
+        ].ravel()  # neighbours err alike
         error_m = (
             NOISE_M * rng.standard_normal(len(on_it))
             + PATCH_NOISE_M * rng.standard_normal(cells.max(initial=0) + 1)[cells]
@@ -125,14 +139,22 @@ def seen_cloud(placed: Placement, seen: Sequence[int] | None = None) -> tuple[np
         normals.append(outward)
     plate_m = rng.uniform((-0.2, -0.15, 0), (0.2, 0.15, 0), (100_000, 3))
     plate_m += (0, 0, NOISE_M) * rng.standard_normal(plate_m.shape)
-    p, n = np.concatenate([*points, plate_m]), np.concatenate([*normals, np.tile([0.0, 0, 1], (len(plate_m), 1))])
+    p, n = (
+        np.concatenate([*points, plate_m]),
+        np.concatenate([*normals, np.tile([0.0, 0, 1], (len(plate_m), 1))]),
+    )
     return p, n + NORMAL_NOISE * rng.standard_normal(n.shape)
 
 
 def _sees(
-    eye_m: np.ndarray, points_m: np.ndarray, outward: np.ndarray, centres_m: np.ndarray, radii_m: np.ndarray
+    eye_m: np.ndarray,
+    points_m: np.ndarray,
+    outward: np.ndarray,
+    centres_m: np.ndarray,
+    radii_m: np.ndarray,
 ) -> np.ndarray:
-    """True where a camera sees each point [n] of a sphere: not too steeply, and past all spheres."""
+    """True where a camera sees each point [n] of a sphere: not too steeply, and past all
+    spheres."""
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

@@ -1,5 +1,6 @@
-"""Solid textures: reflectance as a function of a body's own coordinates, so that all photographs see the same one; and
-the marks that photographs show on a hand: flexion creases, the lines of the palm, nails."""
+"""Solid textures: reflectance as a function of a body's own coordinates, so that all photographs
+see the same one; and the marks that photographs show on a hand: flexion creases, the lines of the
+palm, nails."""
 
 import itertools
 from collections.abc import Callable
@@ -25,15 +26,20 @@ BLOCK = 50_000  # points per task
 
 
 def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Reflectance [n, 3] of skin at points [n, 3]: low-contrast octaves between 9 and 0.5 mm and fine creases."""
+    """Reflectance [n, 3] of skin at points [n, 3]: low-contrast octaves between 9 and 0.5 mm and
+    fine creases."""
     shade = np.zeros(len(points_m), dtype=np.float32)
     for octave, (wavelength_m, amplitude) in enumerate(SKIN_OCTAVES):
         shade += 2.2 * amplitude * solid_noise(points_m, wavelength_m, seed + octave)
     for octave, (wavelength_m, depth) in enumerate(CREASES):
-        shade -= depth * np.exp(-((solid_noise(points_m, wavelength_m, seed + 50 + octave) / 0.10) ** 2))
+        shade -= depth * np.exp(
+            -((solid_noise(points_m, wavelength_m, seed + 50 + octave) / 0.10) ** 2)
+        )
     redness = solid_noise(points_m, 14e-3, seed + 90)
     tint = 1 + 0.10 * redness[:, None] * np.array([0.3, -1.0, -0.8], dtype=np.float32)
-    return (np.array(SKIN_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None] * tint).astype(np.float32)
+    return (np.array(SKIN_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None] * tint).astype(
+        np.float32
+    )
 
 
 def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
@@ -41,27 +47,35 @@ def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
     seam, tone = cells(points_m, BEAD_M, seed)
     shade = 0.16 * tone - 0.35 * np.exp(-((seam / (0.12 * BEAD_M)) ** 2))
     shade += 0.06 * solid_noise(points_m, 0.6e-3, seed + 1)
-    return np.array(FOAM_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None].astype(np.float32)
+    return np.array(FOAM_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None].astype(
+        np.float32
+    )
 
 
 def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
     """Reflectance [n, 3] of extruded foam board: nearly plain."""
-    grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(points_m, 0.8e-3, seed + 1)
+    grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(
+        points_m, 0.8e-3, seed + 1
+    )
     return np.array(STYRODUR_RGB, dtype=np.float32) * np.exp(grain)[:, None].astype(np.float32)
 
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:
-    """Band-limited gradient noise [n] (about ±1) whose typical period is `wavelength_m`, at points [n, 3]."""
+    """Band-limited gradient noise [n] (about ±1) whose typical period is `wavelength_m`, at points
+    [n, 3]."""
     return _at_points(_gradient_noise, points_m / wavelength_m, seed, 1)[0]
 
 
 def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random cells of about `size_m`: distance to the nearest wall [n], metres, and the cell's tone [n] in ±1."""
+    """Random cells of about `size_m`: distance to the nearest wall [n], metres, and the cell's tone
+    [n] in ±1."""
     seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
     return size_m * seam, tone
 
 
-def _at_points(kernel: Callable[..., None], points: np.ndarray, seed: int, count: int) -> np.ndarray:
+def _at_points(
+    kernel: Callable[..., None], points: np.ndarray, seed: int, count: int
+) -> np.ndarray:
     """`count` values [count, n] of a kernel at points [n, 3] in lattice units, on all cores."""
     result = np.empty((count, len(points)), dtype=np.float32)
 
@@ -76,7 +90,12 @@ def _at_points(kernel: Callable[..., None], points: np.ndarray, seed: int, count
 @njit(inline="always")
 def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
     """A well-mixed 32-bit number of a lattice point."""
-    h = np.uint32(i * 73856093) ^ np.uint32(j * 19349663) ^ np.uint32(k * 83492791) ^ np.uint32(seed * 2654435761)
+    h = (
+        np.uint32(i * 73856093)
+        ^ np.uint32(j * 19349663)
+        ^ np.uint32(k * 83492791)
+        ^ np.uint32(seed * 2654435761)
+    )
     h = np.uint32(h ^ (h >> np.uint32(16))) * np.uint32(0x7FEB352D)
     h = np.uint32(np.uint32(h) ^ (np.uint32(h) >> np.uint32(15))) * np.uint32(0x846CA68B)
     return np.uint32(np.uint32(h) ^ (np.uint32(h) >> np.uint32(16)))
@@ -137,7 +156,8 @@ def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
 WOBBLE_M, WOBBLE_WAVELENGTH_M = 0.6e-3, 5e-3
 ROOT_CREASE = 0.5  # where a finger leaves the palm, in lengths of its first phalanx
-# Heart, head and life line as (radial, distal) points, millimetres, on the part of the palm between these heights.
+# Heart, head and life line as (radial, distal) points, millimetres, on the part of the palm between
+# these heights.
 PALM_LINES_MM = (
     ((-41, 21), (-28, 24), (-14, 27), (0, 32), (9, 37), (14, 44)),
     ((34, 22), (22, 21), (8, 17), (-6, 11), (-18, 3), (-27, -5)),
@@ -149,7 +169,8 @@ NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 @dataclass(frozen=True)
 class Crease:
-    """A fold of skin: the plane through `centre_m` across `axis`, on the `palmar` side, within `reach_m`."""
+    """A fold of skin: the plane through `centre_m` across `axis`, on the `palmar` side, within
+    `reach_m`."""
 
     centre_m: np.ndarray
     axis: np.ndarray
@@ -164,7 +185,9 @@ class Skin:
         self.contrast, self.seed, self.palm = contrast, seed, person.palm
         self.hand_from_palm = hand_from_palm(pose)
         bones = skeleton(pose, person)
-        self.creases = [crease for name, digit in bones.items() for crease in _creases(name, digit, person)]
+        self.creases = [
+            crease for name, digit in bones.items() for crease in _creases(name, digit, person)
+        ]
         self.nails = [(digit[-1], radii_m(name, person)[-1]) for name, digit in bones.items()]
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:
@@ -185,12 +208,16 @@ def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]
     creases = []
     if name in FINGERS:
         root = digit[1]
-        creases.append(Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * flesh_m[0]))
+        creases.append(
+            Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * flesh_m[0])
+        )
     for inner, outer, radius_m in zip(digit[1:], digit[2:], flesh_m[1:], strict=False):
         axis, palmar = inner.axis + outer.axis, inner.palmar + outer.palmar
         axis, palmar = axis / np.linalg.norm(axis), palmar / np.linalg.norm(palmar)
         shifts_m = (0.0,) if outer is digit[-1] else (-1.3e-3, 1.3e-3)
-        creases += [Crease(outer.start_m + s * axis, axis, palmar, 1.7 * radius_m) for s in shifts_m]
+        creases += [
+            Crease(outer.start_m + s * axis, axis, palmar, 1.7 * radius_m) for s in shifts_m
+        ]
     return creases
 
 
@@ -216,7 +243,9 @@ def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.
     distance_mm = np.full(len(flat_mm), np.inf)
     for line in PALM_LINES_MM:
         for start, end in itertools.pairwise(line):
-            distance_mm = np.minimum(distance_mm, _to_segment(flat_mm, np.array(start), np.array(end)))
+            distance_mm = np.minimum(
+                distance_mm, _to_segment(flat_mm, np.array(start), np.array(end))
+            )
     fold = np.zeros(len(radial_distal_palmar))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
     return fold
@@ -232,7 +261,10 @@ def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.nd
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:
     """Factor [n, 3] on the skin's reflectance: a paler plate with a dark border."""
     relative = points_m - bone.at(0.80 * bone.length_m)
-    along, across = relative @ bone.axis / (0.95 * radius_m), relative @ np.cross(bone.axis, bone.palmar)
+    along, across = (
+        relative @ bone.axis / (0.95 * radius_m),
+        relative @ np.cross(bone.axis, bone.palmar),
+    )
     outline = (along**4 + (across / (0.72 * radius_m)) ** 4) ** 0.25
     dorsal = relative @ bone.palmar < 0
     plate = np.where(dorsal, np.clip((1 - outline) / 0.08, 0, 1), 0.0)[:, None]

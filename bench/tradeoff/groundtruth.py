@@ -1,4 +1,5 @@
-"""Photographs × their size × quality of the depth maps: how near the measured surface comes to the true one."""
+"""Photographs × their size × quality of the depth maps: how near the measured surface comes to the
+true one."""
 
 import tempfile
 from collections.abc import Iterator
@@ -36,23 +37,36 @@ Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny,
 
 
 def measure_groundtruth(inputs: Inputs) -> Measured:
-    """Reconstruct the first capture that has photographs and a known true surface by every setting. A setting that is
-    refused has neither error nor time. Settings that differ in quality alone share the cameras' poses, whose time
-    counts for each. Raises HandbenchError where there is no such capture."""
+    """Reconstruct the first capture that has photographs and a known true surface by every setting.
+    A setting that is refused has neither error nor time. Settings that differ in quality alone
+    share the cameras' poses, whose time counts for each. Raises HandbenchError where there is no
+    such capture."""
     for recorded in (open_capture(each.folder) for each in inputs.captures):
-        pictures, surface, transform = recorded.photos, recorded.truth, recorded.folder / TRUE_TRANSFORM
+        pictures, surface, transform = (
+            recorded.photos,
+            recorded.truth,
+            recorded.folder / TRUE_TRANSFORM,
+        )
         if pictures and surface and transform.is_file():
             break
     else:
-        raise HandbenchError(f"no capture has photographs, truth.ply and {TRUE_TRANSFORM}; add one, or leave it out")
-    truth, radar_from_photo, photos = read_mesh(surface), load_transform(transform), find_photos(pictures)
+        raise HandbenchError(
+            f"no capture has photographs, truth.ply and {TRUE_TRANSFORM}; add one, or leave it out"
+        )
+    truth, radar_from_photo, photos = (
+        read_mesh(surface),
+        load_transform(transform),
+        find_photos(pictures),
+    )
     capture, box_m = recorded.about.name, recorded.about.box_m
     side = radar_side(truth, radar_from_photo, None if box_m is None else np.reshape(box_m, (2, 3)))
     target, knobs = raycasting_scene(truth), inputs.sweep.groundtruth
     largest_px = max(max(photo.width, photo.height) for photo in photos)
     views = dict.fromkeys(min(count, len(photos)) for count in knobs.views)
     sizes_px = dict.fromkeys(min(long_px, largest_px) for long_px in knobs.long_px)
-    every = (dict(zip(VARIED, values, strict=True)) for values in product(views, sizes_px, knobs.quality))
+    every = (
+        dict(zip(VARIED, values, strict=True)) for values in product(views, sizes_px, knobs.quality)
+    )
     choices = {NAME.format(**choice): choice for choice in every}
     compile_kernels()
     run_every_kernel()  # not counted: loads what was compiled
@@ -63,7 +77,9 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
             if not folder.exists():
                 shrink(spread(photos, choice["views"]), choice["long_px"], folder)
             with failing(failures, capture, "groundtruth", NAME.format(**choice)), added() as cost:
-                options = Options(quality=choice["quality"], box_m=box_m, seed=inputs.bench.seed, dense="cpu")
+                options = Options(
+                    quality=choice["quality"], box_m=box_m, seed=inputs.bench.seed, dense="cpu"
+                )
                 result = reconstruct(folder, options, folder.with_suffix(".work"))
             if not failures:
                 figures = pool([distances(result.surface.moved(radar_from_photo), target, side)])
@@ -80,33 +96,41 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
     lines = []
     for name, choice in choices.items():
         title = TITLE.format(**choice) + ("" if found[name] else " (refused)")
-        figures = {key: value for made in found[name] for key, value in made.items() if key != "round"}
+        figures = {
+            key: value for made in found[name] for key, value in made.items() if key != "round"
+        }
         seconds = [figures.pop("seconds")] if figures else []
         lines.append(line(about, name, title, choice, seconds=seconds, **figures))
     return Measured(about, lines)
 
 
-def radar_side(surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None) -> Grid:
-    """The places of the true surface that rays along +z meet first, in the radar frame, one per cell of a grid: x_m
-    [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop box [2, 3] of the photo frame."""
+def radar_side(
+    surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
+) -> Grid:
+    """The places of the true surface that rays along +z meet first, in the radar frame, one per
+    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop
+    box [2, 3] of the photo frame."""
     low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
     z_m = depth_on_grid(surface, x_m, y_m)
     if box_m is not None:
-        in_photo_m = radar_from_photo.inverse().points(np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3))
+        in_photo_m = radar_from_photo.inverse().points(
+            np.stack([*np.meshgrid(x_m, y_m), z_m], -1).reshape(-1, 3)
+        )
         inside = ((in_photo_m >= box_m[0]) & (in_photo_m <= box_m[1])).all(axis=1)
         z_m = np.where(inside.reshape(z_m.shape), z_m, np.nan)
     return x_m, y_m, z_m
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """`count` of the photographs, evenly through their order, which on a rig goes round the target."""
+    """`count` of the photographs, evenly through their order, which on a rig goes round the
+    target."""
     return tuple(photos[i * len(photos) // count] for i in range(count))
 
 
 def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
-    """Write the photographs, their longer side `long_px` pixels at most, with what lies beside them: their cameras,
-    whose intrinsics shrink alike, and the board."""
+    """Write the photographs, their longer side `long_px` pixels at most, with what lies beside
+    them: their cameras, whose intrinsics shrink alike, and the board."""
     from PIL import Image
 
     folder.mkdir(parents=True)
@@ -126,14 +150,17 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
             model, (width, height) = camera.colmap(), sizes[camera.name]
             model.rescale(width, height)
             params = tuple(map(float, model.params))
-            cameras.append(camera.model_copy(update={"width": width, "height": height, "params": params}))
+            cameras.append(
+                camera.model_copy(update={"width": width, "height": height, "params": params})
+            )
         save_cameras(folder / CAMERAS, tuple(cameras))
     if (beside / BOARD).is_file():
         (folder / BOARD).symlink_to((beside / BOARD).resolve())
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:
-    """Distances of a reconstruction's observed points (radar frame) to the true surface, in place of errors along z."""
+    """Distances of a reconstruction's observed points (radar frame) to the true surface, in place
+    of errors along z."""
     x_m, y_m, z_m = side
     found_m = reference_on_grid(surface, x_m, y_m).z_m
     points_m = np.stack([*np.meshgrid(x_m, y_m), found_m], axis=-1)

@@ -1,17 +1,20 @@
-"""Imaging: every setting's error and time, each frame after one that makes its plan; and the paper's claim that 3-FSK
-needs about a thousandth of broadband's operations, counted and measured.
+"""Imaging: every setting's error and time, each frame after one that makes its plan; and the
+paper's claim that 3-FSK needs about a thousandth of broadband's operations, counted and measured.
 
-Counted are complex multiplications, each with its addition, of the sums as the formulas have them. An image at a point
-sums samples times phases over tones and channels (C = transmitters × receivers):
+Counted are complex multiplications, each with its addition, of the sums as the formulas have them.
+An image at a point sums samples times phases over tones and channels (C = transmitters ×
+receivers):
 
     broadband, narrowband   tones × voxels × C
     2-FSK                   2 × pixels × C for each pass of z_e; the paper makes 2
-    3-FSK                   2-FSK, then 3 × points × C for each refinement; points: the pixels above the threshold
+    3-FSK                   2-FSK, then 3 × points × C for each refinement; points: the pixels
+                            above the threshold
 
-What follows the images (phases, filters, projection) is no sum over channels, thousands of times less, and not counted.
-What a frame has really summed, passes and points as the echoes brought them, `radar.imaging.api.watch` counts; the
-engine reaches the same images with fewer operations, of which it keeps no count. Measured is against two baselines: the
-exact sum, of both methods alike and as a few planes of the volume, scaled; and this engine.
+What follows the images (phases, filters, projection) is no sum over channels, thousands of times
+less, and not counted. What a frame has really summed, passes and points as the echoes brought them,
+`radar.imaging.api.watch` counts; the engine reaches the same images with fewer operations, of which
+it keeps no count. Measured is against two baselines: the exact sum, of both methods alike and as a
+few planes of the volume, scaled; and this engine.
 """
 
 import ctypes
@@ -35,7 +38,15 @@ from handbench.bench.results import Claim, Section, Setting
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.outcome import Capture, Outcome, basis, failing
 from handbench.bench.run.sweep import ImagingSetting, imaging_settings, known_configs
-from handbench.bench.tradeoff.settings import Inputs, Measured, added, in_rounds, line, section, timed
+from handbench.bench.tradeoff.settings import (
+    Inputs,
+    Measured,
+    added,
+    in_rounds,
+    line,
+    section,
+    timed,
+)
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
@@ -53,8 +64,8 @@ TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
 
 def measure_imaging(inputs: Inputs) -> Measured:
-    """Time and score all settings. What one of them cannot do is left out as in a run's table: captures are common to
-    all settings that stay. Raises HandbenchError where nothing stays."""
+    """Time and score all settings. What one of them cannot do is left out as in a run's table:
+    captures are common to all settings that stay. Raises HandbenchError where nothing stays."""
     sweep, scored = inputs.sweep, protocol(inputs.bench.protocol)
     settings = {s.name: s for s in imaging_settings(sweep, known_configs(inputs.bench.method))}
     failures = list(inputs.found.failures)
@@ -78,14 +89,21 @@ def measure_imaging(inputs: Inputs) -> Measured:
                     depth, times = _frame(capture, setting)
                     if key not in figures:  # it has them in the first round
                         on_grid = reference(capture.name, tuple(depth.x_m), tuple(depth.y_m))
-                        figures[key] = pool([pixel_errors(depth, on_grid, scored, open_capture(capture.folder))])
+                        figures[key] = pool(
+                            [pixel_errors(depth, on_grid, scored, open_capture(capture.folder))]
+                        )
                     yield {"capture": capture.name, **times, **figures[key]}
 
     compile_kernels()
     frames = in_rounds(settings, sweep.repeats, frames_of, "imaging")
-    bench = inputs.bench.model_copy(update={"method": tuple(MethodEntry(id=name) for name in settings)})
+    bench = inputs.bench.model_copy(
+        update={"method": tuple(MethodEntry(id=name) for name in settings)}
+    )
     on = basis(Outcome(bench, inputs.captures, [], failures))
-    standing, names = [settings[entry.id] for entry in on.methods], {capture.name for capture in on.captures}
+    standing, names = (
+        [settings[entry.id] for entry in on.methods],
+        {capture.name for capture in on.captures},
+    )
     first = next((s for s in standing if s.name == sweep.reference), standing[0])
     surface = "the true surface" if inputs.reference == "truth" else inputs.reference
     words = {"metric": METRICS[HEADLINE].definition, "surface": surface}
@@ -93,17 +111,24 @@ def measure_imaging(inputs: Inputs) -> Measured:
     lines = [_line(about, s, pd.DataFrame(frames[s.name]), names, sweep.step_s) for s in standing]
     facts: dict[str, Any] = {"basis": on.text}
     facts |= {"left_out": [failure.line for failure in failures]} if failures else {}
-    return Measured(about, lines, facts, _claims(standing, lines, on.captures[0], inputs), tuple(standing))
+    return Measured(
+        about, lines, facts, _claims(standing, lines, on.captures[0], inputs), tuple(standing)
+    )
 
 
 def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
-    """As the runner times a frame: imaged once for the plan, then again. The depth map; seconds and the imaging among
-    them, when its plan was there; plan_s: what the frame before it took longer; memory_mb: by how much that one raised
-    the resident memory at most; terms and tones that were imaged."""
+    """As the runner times a frame: imaged once for the plan, then again. The depth map; seconds and
+    the imaging among them, when its plan was there; plan_s: what the frame before it took longer;
+    memory_mb: by how much that one raised the resident memory at most; terms and tones that were
+    imaged."""
     config = configuration(capture.folder, setting.method, setting.config)
     echoes = open_capture(capture.folder).echoes(1)
-    task = prepare(echoes, method(setting.method), config, every_nth_antenna=setting.every_nth_antenna)
-    with suppress(OSError, AttributeError):  # glibc alone gives memory back that a frame would take without growing
+    task = prepare(
+        echoes, method(setting.method), config, every_nth_antenna=setting.every_nth_antenna
+    )
+    with suppress(
+        OSError, AttributeError
+    ):  # glibc alone gives memory back that a frame would take without growing
         ctypes.CDLL(None).malloc_trim(0)
     with added() as cost:
         _, first_s = timed(task.image)
@@ -119,16 +144,28 @@ def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[st
     }
 
 
-def _line(about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: set[str], step_s: float) -> Setting:
-    """One setting's line, of the median over the captures `names` in each round; the medians of the parts add up to the
-    median of the whole. Of a round's plans, which captures may share or need one each, the longest counts."""
+def _line(
+    about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: set[str], step_s: float
+) -> Setting:
+    """One setting's line, of the median over the captures `names` in each round; the medians of the
+    parts add up to the median of the whole. Of a round's plans, which captures may share or need
+    one each, the longest counts."""
     used = frames[frames.capture.isin(names)]
     rounds = used.groupby("round")
     part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
-    captures, seconds, tones = used.drop_duplicates("capture"), float(part.seconds.median()), int(part.tones.max())
+    captures, seconds, tones = (
+        used.drop_duplicates("capture"),
+        float(part.seconds.median()),
+        int(part.tones.max()),
+    )
     figures = averaged(captures[list(pool([]))].astype(float))
     imaging_s = min(float(part.imaging_s.median()), seconds)
-    knobs = {"method": setting.method, **setting.varied, "every_nth_antenna": setting.every_nth_antenna, "tones": tones}
+    knobs = {
+        "method": setting.method,
+        **setting.varied,
+        "every_nth_antenna": setting.every_nth_antenna,
+        "tones": tones,
+    }
     return line(
         about,
         setting.name,
@@ -152,12 +189,15 @@ def _line(about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: 
 def _claims(
     settings: Sequence[ImagingSetting], lines: Sequence[Setting], capture: Capture, inputs: Inputs
 ) -> tuple[Claim, ...]:
-    """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact volume; none where
-    the sweep lacks one of the two methods. Exact sums of one capture, in turns; of the volume its middle planes."""
+    """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact
+    volume; none where the sweep lacks one of the two methods. Exact sums of one capture, in turns;
+    of the volume its middle planes."""
     chosen = {id: s for id in (FSK, VOLUME) if (s := _most_accurate(settings, id)) is not None}
     if len(chosen) < 2:
         return ()
-    fast_s = {id: next(line.seconds for line in lines if line.name == s.name) for id, s in chosen.items()}
+    fast_s = {
+        id: next(line.seconds for line in lines if line.name == s.name) for id, s in chosen.items()
+    }
     fsk, volume = (configuration(capture.folder, id, chosen[id].config) for id in (FSK, VOLUME))
     echoes, grid = open_capture(capture.folder).echoes(1), volume.grid()
     samples, frequencies_hz = echoes.tones(volume.tones_hz(), 0)
@@ -169,35 +209,54 @@ def _claims(
         FSK: lambda: method(FSK).run(echoes, fsk.model_copy(update={"tolerance": None}), 0),
         VOLUME: lambda: image_volume(samples, frequencies_hz, echoes.aperture, part, None),
     }
-    sums = in_rounds(work, inputs.sweep.repeats, lambda one: [{"seconds": timed(one)[1]}], "exact sums")
+    sums = in_rounds(
+        work, inputs.sweep.repeats, lambda one: [{"seconds": timed(one)[1]}], "exact sums"
+    )
     exact_s = {id: median(line["seconds"] for line in lines) for id, lines in sums.items()}
     exact_s[VOLUME] *= depth / planes
     scaled = (
-        f"exact broadband: {exact_s[VOLUME]:.0f} s, from {planes} of {depth} planes of '{capture.name}', scaled; "
+        f"exact broadband: {exact_s[VOLUME]:.0f} s, from {planes} of {depth} planes of "
+        f"'{capture.name}', scaled; "
         f"exact 3-FSK: {exact_s[FSK]:.3g} s, measured whole"
     )
-    engine = "the engine's times: " + "; ".join(f"{chosen[id].title}, {fast_s[id]:.3g} s" for id in (VOLUME, FSK))
-    count = "counted: tones × voxels over images × pixels, every pixel on target; fewer are, so more is measured"
+    engine = "the engine's times: " + "; ".join(
+        f"{chosen[id].title}, {fast_s[id]:.3g} s" for id in (VOLUME, FSK)
+    )
+    count = (
+        "counted: tones × voxels over images × pixels, every pixel on target; fewer are, so "
+        "more is measured"
+    )
     counted = counted_factor(volume, fsk)
     ways = (
         ("both by exact sums", exact_s[VOLUME] / exact_s[FSK], scaled),
         ("both by the fast engine", fast_s[VOLUME] / fast_s[FSK], engine),
-        ("3-FSK by the engine against the exact volume", exact_s[VOLUME] / fast_s[FSK], f"{scaled}; {engine}"),
+        (
+            "3-FSK by the engine against the exact volume",
+            exact_s[VOLUME] / fast_s[FSK],
+            f"{scaled}; {engine}",
+        ),
     )
     return tuple(
-        Claim(text=f"{TEXT}, {way}", paper=PAPER, counted=counted, measured=factor, note=f"{count}; {note}")
+        Claim(
+            text=f"{TEXT}, {way}",
+            paper=PAPER,
+            counted=counted,
+            measured=factor,
+            note=f"{count}; {note}",
+        )
         for way, factor, note in ways
     )
 
 
 def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSetting | None:
-    """The method's setting with all antennas that changes least: the finest tolerance of those with fewest knobs."""
+    """The method's setting with all antennas that changes least: the finest tolerance of those with
+    fewest knobs."""
     own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
     return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)
 
 
 def counted_factor(volume: BroadbandConfig, fsk: ThreeToneConfig) -> float:
-    """The points that a volume's plain sum visits, tone by tone, over those of the paper's 3-FSK with every pixel above
-    the threshold, 2 tones a pass, then 3."""
+    """The points that a volume's plain sum visits, tone by tone, over those of the paper's 3-FSK
+    with every pixel above the threshold, 2 tones a pass, then 3."""
     images = 2 * PASSES + 3 * fsk.fine_refinements
     return len(volume.tones_hz()) * prod(volume.grid().shape) / (images * prod(fsk.grid().shape))

@@ -10,7 +10,14 @@ from typing import Any
 import tomlkit
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, open_capture
-from handbench.bench.results import Failure, Tradeoff, TradeoffFacts, load_tradeoff, write_config, write_tradeoff
+from handbench.bench.results import (
+    Failure,
+    Tradeoff,
+    TradeoffFacts,
+    load_tradeoff,
+    write_config,
+    write_tradeoff,
+)
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
 from handbench.bench.run.executors import Here
 from handbench.bench.run.outcome import Capture
@@ -37,21 +44,31 @@ MEASURE = {
     "registration": measure_registration,
 }
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
-STEP = "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` of [tradeoff] sets it"
+STEP = (
+    "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` "
+    "of [tradeoff] sets it"
+)
 SETTINGS, CAPTURES = "settings", "captures"
 FILES = ("tradeoff.json", "tradeoff.csv", "config.toml", SETTINGS)
 
 
 def run(
-    bench: BenchFile, base: Path, folder: Path, sections: tuple[str, ...] | None = None, overwrite: bool = False
+    bench: BenchFile,
+    base: Path,
+    folder: Path,
+    sections: tuple[str, ...] | None = None,
+    overwrite: bool = False,
 ) -> Tradeoff:
-    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds the same trade-off
-    of the same inputs and versions is read, not measured again, unless `overwrite` asks for it."""
+    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds
+    the same trade-off of the same inputs and versions is read, not measured again, unless
+    `overwrite` asks for it."""
     sweep = completed(bench.tradeoff)
     if sections is not None:
         sweep = parse(Sweep, {**sweep.model_dump(), "sections": sections}, "--sections")
     bench = bench.model_copy(update={"tradeoff": sweep})
-    settings = imaging_settings(sweep, known_configs(bench.method))  # what is wrong is said before anything is measured
+    settings = imaging_settings(
+        sweep, known_configs(bench.method)
+    )  # what is wrong is said before anything is measured
     if "imaging" in sweep.sections:
         work_ahead = of_sweep(bench, base, settings, sweep.repeats)
         what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
@@ -63,7 +80,10 @@ def run(
         if same and not overwrite and (folder / "tradeoff.json").exists():
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
-                say(f"{folder}: holds this trade-off already; its figures are read, --overwrite measures anew")
+                say(
+                    f"{folder}: holds this trade-off already; its figures are read, --overwrite "
+                    "measures anew"
+                )
                 return before
         measured, facts = _measured(inputs)
         _write(folder, config, inputs, measured, facts)
@@ -71,27 +91,33 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """True where the folder's configuration is this one; another's trade-off and a run's results are not mixed with."""
+    """True where the folder's configuration is this one; another's trade-off and a run's results
+    are not mixed with."""
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"
     same = before.exists() and before.read_text("utf-8", "replace") == config
     if before.exists() and not same and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the trade-off of another configuration; choose another -o, or --overwrite to replace it"
+            f"{folder}: holds the trade-off of another configuration; choose another -o, or "
+            "--overwrite to replace it"
         )
     return same
 
 
 def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
-    """Open or simulate the captures, as a run without methods does; photographs become meshes only where they have to
-    score, which is where a capture has no true surface. Of scenes alone, which tell theirs, one is photographed, if
-    ground truth is swept. Raises HandbenchError where nothing is left to score."""
+    """Open or simulate the captures, as a run without methods does; photographs become meshes only
+    where they have to score, which is where a capture has no true surface. Of scenes alone, which
+    tell theirs, one is photographed, if ground truth is swept. Raises HandbenchError where nothing
+    is left to score."""
     assert bench.tradeoff is not None
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
         count = int("groundtruth" in bench.tradeoff.sections)
-        sources = (*sources[:count], *(s.model_copy(update={"photos": False}) for s in sources[count:]))
+        sources = (
+            *sources[:count],
+            *(s.model_copy(update={"photos": False}) for s in sources[count:]),
+        )
     whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
     alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
     job, reference = Run(alone, base, work, Here()), "truth"
@@ -107,7 +133,9 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
     found = job.found
     message = f"has no {reference}, which scores the others"
     without = [name for name, files in found.references.items() if reference not in files]
-    found.failures += [Failure(capture=name, stage="references", message=message) for name in without]
+    found.failures += [
+        Failure(capture=name, stage="references", message=message) for name in without
+    ]
     inputs = Inputs(bench, base, work, found, reference, job.targets)
     if not inputs.captures:
         raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
@@ -115,7 +143,8 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
 
 
 def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
-    """The sections in order, ranked, and facts about them; one that fails is said and recorded, unless all do."""
+    """The sections in order, ranked, and facts about them; one that fails is said and recorded,
+    unless all do."""
     found: list[Measured] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
@@ -136,12 +165,18 @@ def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
         one.lines[:] = rank(one.lines, one.section.reference)
         if one.section.name == "imaging":
             papers = [s for s in one.lines if s.method in PAPER_METHODS]
-            named = {"all": one.lines, "paper_methods": papers, "with_acquisition": with_acquisition(one.lines)}
+            named = {
+                "all": one.lines,
+                "paper_methods": papers,
+                "with_acquisition": with_acquisition(one.lines),
+            }
             facts["fronts"] = {name: [s.name for s in front(some)] for name, some in named.items()}
     return found, facts
 
 
-def _write(folder: Path, config: str, inputs: Inputs, measured: list[Measured], facts: dict[str, Any]) -> None:
+def _write(
+    folder: Path, config: str, inputs: Inputs, measured: list[Measured], facts: dict[str, Any]
+) -> None:
     """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
     drop(folder, FILES)
     write_config(folder, config)
@@ -168,28 +203,45 @@ def setting_path(folder: Path, name: str) -> Path:
 
 
 def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
-    """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of its own, the captures
-    and the calibration's targets: the same files under another name (hard links), copies where the file system has
-    none."""
-    captures, targets = (_linked(some, folder / SETTINGS, inputs) for some in (inputs.captures, inputs.targets))
+    """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of
+    its own, the captures and the calibration's targets: the same files under another name (hard
+    links), copies where the file system has none."""
+    captures, targets = (
+        _linked(some, folder / SETTINGS, inputs) for some in (inputs.captures, inputs.targets)
+    )
     for setting in imaging.runnable:
-        entry = MethodEntry(id=setting.method, config=setting.config, every_nth_antenna=setting.every_nth_antenna)
-        given = {"name": setting.name, "capture": captures, "calibration": targets, "method": (entry,)}
+        entry = MethodEntry(
+            id=setting.method, config=setting.config, every_nth_antenna=setting.every_nth_antenna
+        )
+        given = {
+            "name": setting.name,
+            "capture": captures,
+            "calibration": targets,
+            "method": (entry,),
+        }
         others = {"phase_noise_rad": None, "dataset": None, "tradeoff": None}
-        alone = inputs.bench.model_copy(update={**given, **others}).model_dump(mode="json", exclude_none=True)
-        comment = f"# {setting.title}: a setting of a trade-off, with its captures. Run it with `handbench run`.\n"
+        alone = inputs.bench.model_copy(update={**given, **others}).model_dump(
+            mode="json", exclude_none=True
+        )
+        comment = (
+            f"# {setting.title}: a setting of a trade-off, with its captures. Run it with "
+            "`handbench run`.\n"
+        )
         write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(alone))
 
 
 def _linked(captures: Iterable[Capture], into: Path, inputs: Inputs) -> tuple[Source, ...]:
-    """The captures' places in the folder: under its own path, which some data sets take names from, one that was
-    recorded; under its name one that was simulated."""
+    """The captures' places in the folder: under its own path, which some data sets take names from,
+    one that was recorded; under its name one that was simulated."""
     sources = []
     for capture in captures:
         folder = capture.folder.resolve()
         recorded = folder.is_relative_to(inputs.base) and not folder.is_relative_to(inputs.work)
         place = folder.relative_to(inputs.base) if recorded else Path(CAPTURES) / capture.name
-        real, target = (path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED)) for path in (folder, into / place))
+        real, target = (
+            path.with_name(path.name.removesuffix(AT_EMPTY_FILTERED))
+            for path in (folder, into / place)
+        )
         shutil.copytree(real, target, copy_function=_link_or_copy, dirs_exist_ok=True)
         sources.append(Source(path=place.as_posix()))
     return tuple(sources)

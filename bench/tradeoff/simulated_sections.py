@@ -1,6 +1,6 @@
-"""The sections that simulate scenes of their own. Simulation: sampling × which effects are on, held to the finest
-sampling with all effects. Registration: how many captures of the calibration target are combined, and the transform's
-error where hands are."""
+"""The sections that simulate scenes of their own. Simulation: sampling × which effects are on, held
+to the finest sampling with all effects. Registration: how many captures of the calibration target
+are combined, and the transform's error where hands are."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -40,7 +40,8 @@ NEAR_M = 0.03  # depths are compared as far along the cylinders, where their end
 
 @dataclass(frozen=True)
 class Way:
-    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance, as auto chooses."""
+    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance,
+    as auto chooses."""
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
@@ -58,7 +59,9 @@ class Way:
         }
         said = [text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs]
         effects = f"without {', '.join(self.without)}" if self.without else "all effects"
-        return ", ".join([*said, effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm"])
+        return ", ".join(
+            [*said, effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm"]
+        )
 
     @property
     def name(self) -> str:
@@ -87,18 +90,31 @@ class Way:
         """The rows of the effects."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
-        left = [effect.id for effect in EFFECTS if not effect.missing(scene) and effect.id not in self.without]
-        return choose(scene, tuple(id for id in left if CONTAINED.get(id) not in left), tolerance_mm=0.0)
+        left = [
+            effect.id
+            for effect in EFFECTS
+            if not effect.missing(scene) and effect.id not in self.without
+        ]
+        return choose(
+            scene, tuple(id for id in left if CONTAINED.get(id) not in left), tolerance_mm=0.0
+        )
 
 
 def measure_simulation(inputs: Inputs) -> Measured:
-    """Simulate the scenes every way, in turns; the reference, the finest of all samplings with all effects, once."""
+    """Simulate the scenes every way, in turns; the reference, the finest of all samplings with all
+    effects, once."""
     knobs = inputs.sweep.simulation
-    bodies = [body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)]
+    bodies = [
+        body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)
+    ]
     listed = {way.name: way for way in ways(knobs)}
-    finest = Way(max(knobs.facets_per_wavelength), max(knobs.mirrors_per_wavelength), min(knobs.nodes_apart))
+    finest = Way(
+        max(knobs.facets_per_wavelength), max(knobs.mirrors_per_wavelength), min(knobs.nodes_apart)
+    )
     compile_kernels()
-    finest_m = [depths_m(finest.simulate(target)) for target in track(bodies, "simulation, the finest")]
+    finest_m = [
+        depths_m(finest.simulate(target)) for target in track(bodies, "simulation, the finest")
+    ]
 
     def simulated(way: Way) -> Iterator[dict[str, float]]:
         for target, reference_m in zip(bodies, finest_m, strict=True):
@@ -113,17 +129,27 @@ def measure_simulation(inputs: Inputs) -> Measured:
     for name, way in listed.items():
         rounds = pd.DataFrame(found[name]).groupby("round").mean()  # over the scenes
         figures = {key: float(rounds[key].iloc[0]) for key in ("error", "seen_percent")}
-        lines.append(line(about, name, way.words, way.knobs, seconds=rounds.seconds.to_list(), **figures))
+        lines.append(
+            line(about, name, way.words, way.knobs, seconds=rounds.seconds.to_list(), **figures)
+        )
     return Measured(about, lines)
 
 
 def ways(knobs: SimulationKnobs) -> list[Way]:
     """Each once."""
-    facets, mirrors, nodes = knobs.facets_per_wavelength, knobs.mirrors_per_wavelength, knobs.nodes_apart
+    facets, mirrors, nodes = (
+        knobs.facets_per_wavelength,
+        knobs.mirrors_per_wavelength,
+        knobs.nodes_apart,
+    )
     first = facets[0], mirrors[0], nodes[0]
-    listed = [Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)]
+    listed = [
+        Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)
+    ]
     usual = knobs.without[0] if knobs.without else ()
-    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [Way(*first[:2], n, usual) for n in nodes]
+    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [
+        Way(*first[:2], n, usual) for n in nodes
+    ]
     listed += [Way(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
     return list(dict.fromkeys(listed))
 
@@ -143,13 +169,17 @@ def compared(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]
     return float(off_mm.mean()) if len(off_mm) else np.inf, float(both.sum() / max(either.sum(), 1))
 
 
-VOLUME_M = np.array(list(product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))))
+VOLUME_M = np.array(
+    list(
+        product(np.linspace(-0.06, 0.06, 5), np.linspace(-0.1, 0.1, 5), np.linspace(0.25, 0.35, 5))
+    )
+)
 
 
 @dataclass(frozen=True)
 class Registered:
-    """The measurement of a rig's capture of the target (`calibration.registration.register.measure`), and in how many
-    seconds."""
+    """The measurement of a rig's capture of the target
+    (`calibration.registration.register.measure`), and in how many seconds."""
 
     placed: Placement
     pairs: Pairs
@@ -158,8 +188,8 @@ class Registered:
 
 
 def measure_registration(inputs: Inputs) -> Measured:
-    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as each setting says;
-    every capture takes part in one combination of each number at most."""
+    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as
+    each setting says; every capture takes part in one combination of each number at most."""
     knobs = inputs.sweep.registration
     compile_kernels()
     failures: list[Failure] = []
@@ -180,13 +210,19 @@ def measure_registration(inputs: Inputs) -> Measured:
                 square_m2, seconds = np.nan, sum(one.seconds for one in group)
                 with failing(failures, f"placement {group[0].placed.number}", "registration"):
                     found, own_s = timed(lambda group=group: combination(group))
-                    square_m2 = float((errors_m(found, group[0].placed.scene.radar_from_photo) ** 2).mean())
+                    square_m2 = float(
+                        (errors_m(found, group[0].placed.scene.radar_from_photo) ** 2).mean()
+                    )
                     seconds += own_s
                 yield {"rig": number, "square_m2": square_m2, "seconds": seconds}
 
-    tried = in_rounds({_name(count): count for count in knobs.captures}, 1, combined, "registration")
+    tried = in_rounds(
+        {_name(count): count for count in knobs.captures}, 1, combined, "registration"
+    )
     volume = " × ".join(f"{1e3 * size:.0f}" for size in np.ptp(VOLUME_M, axis=0))
-    about = section("registration", _name(min(knobs.captures)), {"volume": volume, "trials": knobs.trials})
+    about = section(
+        "registration", _name(min(knobs.captures)), {"volume": volume, "trials": knobs.trials}
+    )
     lines = []
     for count in dict.fromkeys(knobs.captures):
         name = _name(count)
@@ -202,7 +238,8 @@ def measure_registration(inputs: Inputs) -> Measured:
 
 
 def registered(placed: Placement) -> Registered:
-    """Simulate a placement's echoes and the cloud of its photographs, and measure the target in both."""
+    """Simulate a placement's echoes and the cloud of its photographs, and measure the target in
+    both."""
     cloud, heard = seen_cloud(placed), echoes(placed.scene).capture
     (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, heard, placed.described))
     return Registered(placed, pairs, common_m2, seconds)
@@ -212,16 +249,20 @@ def combination(group: Sequence[Registered]) -> Transform:
     """Several captures of one rig as one transform."""
     common_m2 = np.mean([one.common_m2 for one in group], axis=0)
     sigma_m = group[0].placed.described.ball_offset_sigma_m
-    return register.combine([one.pairs for one in group], common_m2=common_m2, ball_offset_sigma_m=sigma_m)
+    return register.combine(
+        [one.pairs for one in group], common_m2=common_m2, ball_offset_sigma_m=sigma_m
+    )
 
 
 def errors_m(found: Transform, true: Transform) -> np.ndarray:
-    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where hands are."""
+    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where
+    hands are."""
     return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
 
 
 def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
-    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None for too few."""
+    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None
+    for too few."""
     found = mean_interval(1e6 * square_m2)
     return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)
 

@@ -10,9 +10,20 @@ from pydantic import ValidationError
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
 from handbench.bench.datasets.native import TRANSFORM, CaptureFile
-from handbench.bench.run.benchmark_file import BenchFile, DataSet, MethodEntry, Origin, Source, checked
+from handbench.bench.run.benchmark_file import (
+    BenchFile,
+    DataSet,
+    MethodEntry,
+    Origin,
+    Source,
+    checked,
+)
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
-from handbench.bench.validation.capture_problems import CaptureFacts, capture_problems, method_problems
+from handbench.bench.validation.capture_problems import (
+    CaptureFacts,
+    capture_problems,
+    method_problems,
+)
 from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.mesh.mesh_files import read_triangles
@@ -36,20 +47,24 @@ def scene_problems(path: Path) -> Found[CaptureFacts]:
     for key, read in readers.items():
         name = getattr(scene.target, key, None)
         if name is not None:
-            file = yield from found.attempt(("target", key), partial(inside, path.parent, name, "target"))
+            file = yield from found.attempt(
+                ("target", key), partial(inside, path.parent, name, "target")
+            )
             if file is not None:
                 yield from found.attempt(("target", key), partial(read, file))
     if scene.sensor.array != BUILT_IN_ARRAY:
         at = ("sensor", "array")
-        array = yield from found.attempt(at, partial(inside, path.parent, scene.sensor.array, "array"))
+        array = yield from found.attempt(
+            at, partial(inside, path.parent, scene.sensor.array, "array")
+        )
         for file in () if array is None else (array / "tx_m.csv", array / "rx_m.csv"):
             yield from found.attempt(at, partial(load_positions, file))
     return CaptureFacts(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
 
 
 def benchmark_problems(found: Sheet) -> Iterator[Problem]:
-    """A benchmark's own keys; every method with its configuration; every capture and scene, and whether the methods can
-    image it and something can score it."""
+    """A benchmark's own keys; every method with its configuration; every capture and scene, and
+    whether the methods can image it and something can score it."""
     yield from found.complaints(BenchFile, found.values)
     methods = yield from _methods(found)
     calibrated = "calibration" in found.values
@@ -70,32 +85,49 @@ def benchmark_problems(found: Sheet) -> Iterator[Problem]:
         if facts is None or facts.about is None:
             continue
         about, here = facts.about, str(source.scene or source.path)
-        for name in [name_of_person(about.name, number) for number in source.persons or ()] or [about.name]:
+        for name in [name_of_person(about.name, number) for number in source.persons or ()] or [
+            about.name
+        ]:
             if name in places:
-                text = f"capture '{name}' in {here} is named as the one in {places[name]}; give one another name"
+                text = (
+                    f"capture '{name}' in {here} is named as the one in {places[name]}; give "
+                    "one another name"
+                )
                 yield found.problem(at, text)
             places.setdefault(name, here)
             scored |= {name: about} if accuracy else {}
         if accuracy and not facts.scored[calibrated]:
             text = f"capture '{about.name}': nothing carries its surface into the radar frame"
-            yield found.problem(at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark")
+            yield found.problem(
+                at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark"
+            )
         yield from _imaged(found, at, source, facts, methods)
     yield from _maps(found, scored, methods)
 
 
 def _tables(found: Sheet, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
-    """The tables of a key, each with its place, also where there is but one. What is wrong by itself is left out: the
-    complaints about the file as a whole name it."""
+    """The tables of a key, each with its place, also where there is but one. What is wrong by
+    itself is left out: the complaints about the file as a whole name it."""
     given = found.values.get(key, [])
-    tables = {(key, index): table for index, table in enumerate(given[:MOST_TABLES] if isinstance(given, list) else ())}
+    tables = {
+        (key, index): table
+        for index, table in enumerate(given[:MOST_TABLES] if isinstance(given, list) else ())
+    }
     for at, table in ({(key,): given} if isinstance(given, dict) else tables).items():
         try:
             yield at, model.model_validate(table)
-        except ValidationError as error:  # without the keys that the complaints about the whole file name
+        except (
+            ValidationError
+        ) as error:  # without the keys that the complaints about the whole file name
             wrong = {each["loc"][0] for each in error.errors() if each["loc"]}
             if isinstance(table, dict) and not wrong & {"maps", "command"}:
                 with suppress(ValidationError):
-                    yield at, model.model_validate({key: v for key, v in table.items() if key not in wrong})
+                    yield (
+                        at,
+                        model.model_validate(
+                            {key: v for key, v in table.items() if key not in wrong}
+                        ),
+                    )
 
 
 def _methods(found: Sheet) -> Found[list[MethodEntry]]:
@@ -104,12 +136,16 @@ def _methods(found: Sheet) -> Found[list[MethodEntry]]:
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
             yield from found.attempt(at, partial(checked, entry, found.file))
-        elif (yield from method_problems(found, entry.id, entry.config, (*at, "id"), (*at, "config"))) is not None:
+        elif (
+            yield from method_problems(found, entry.id, entry.config, (*at, "id"), (*at, "config"))
+        ) is not None:
             own.append(entry)
     return own
 
 
-def _source(found: Sheet, at: Location, source: Origin, scored: bool = True) -> Found[CaptureFacts | None]:
+def _source(
+    found: Sheet, at: Location, source: Origin, scored: bool = True
+) -> Found[CaptureFacts | None]:
     """The scene or the capture that a benchmark names."""
     key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
     path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
@@ -137,14 +173,23 @@ def _imaged(
     for entry in methods:
         repeated = "precision" in source.measures and entry.precision
         if repeated and isinstance(repeats, int) and frames < repeats:
-            text = f"capture '{name}' has {frames} frames, but the precision of '{entry.id}' takes repeats = {repeats}"
+            text = (
+                f"capture '{name}' has {frames} frames, but the precision of '{entry.id}' "
+                f"takes repeats = {repeats}"
+            )
             yield found.problem(at, f"{text}; record more, or ask for fewer")
-        refusal = facts.refusal(entry.id, entry.config) if repeated or "accuracy" in source.measures else None
+        refusal = (
+            facts.refusal(entry.id, entry.config)
+            if repeated or "accuracy" in source.measures
+            else None
+        )
         if refusal is not None:
             yield found.problem(at, f"capture '{name}' with method '{entry.id}': {refusal}")
 
 
-def _maps(found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]) -> Iterator[Problem]:
+def _maps(
+    found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
+) -> Iterator[Problem]:
     """Captures of which a folder of depth maps has none, and depth maps that a run would refuse."""
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.maps is None:
@@ -158,7 +203,9 @@ def _maps(found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[Method
         missing = [name for name in scored if not (folder / f"{name}.npz").is_file()]
         if missing:
             few = ", ".join(missing[:SHOWN]) + (", …" if len(missing) > SHOWN else "")
-            text = f"{entry.maps} has no depth map of {len(missing)} of {len(scored)} captures: {few}"
+            text = (
+                f"{entry.maps} has no depth map of {len(missing)} of {len(scored)} captures: {few}"
+            )
             yield found.problem((*at, "maps"), f"{text}; add NAME.npz for each")
         for name, about in scored.items():
             if name not in missing:

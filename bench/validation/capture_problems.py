@@ -23,8 +23,22 @@ from handbench.bench.datasets.native import (
     NativeCapture,
 )
 from handbench.bench.pipeline.image import configured
-from handbench.bench.validation.checks import echo_warnings, surface_warnings, transform_warnings, warnings_of
-from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, findings, parsed, warnings_at
+from handbench.bench.validation.checks import (
+    echo_warnings,
+    surface_warnings,
+    transform_warnings,
+    warnings_of,
+)
+from handbench.bench.validation.problems import (
+    Found,
+    Location,
+    Problem,
+    Sheet,
+    attempt,
+    findings,
+    parsed,
+    warnings_at,
+)
 from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.spheres.description import Target
 from handbench.groundtruth.board.board import Board
@@ -41,14 +55,17 @@ from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 
-LOOKED_AT, FEWEST_SEEN = 3, 4  # photographs in which a board is looked for, at most; corners that make it one
+LOOKED_AT, FEWEST_SEEN = (
+    3,
+    4,
+)  # photographs in which a board is looked for, at most; corners that make it one
 
 
 @dataclass(frozen=True)
 class CaptureFacts:
-    """Facts of a capture that a benchmark must know: its description (None: not readable), frequencies [f], number of
-    frames (None: as many as asked for), whether it can be scored, without and with a transform from elsewhere, and
-    what it lacks to calibrate with."""
+    """Facts of a capture that a benchmark must know: its description (None: not readable),
+    frequencies [f], number of frames (None: as many as asked for), whether it can be scored,
+    without and with a transform from elsewhere, and what it lacks to calibrate with."""
 
     about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
@@ -57,7 +74,8 @@ class CaptureFacts:
     lacks: tuple[str, ...] = ()
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
-        """The reason why a method, configured as its sensor and `asked` want it, cannot image the capture's tones."""
+        """The reason why a method, configured as its sensor and `asked` want it, cannot image the
+        capture's tones."""
         if self.about is None or self.frequencies_hz is None:
             return None
         try:
@@ -66,7 +84,9 @@ class CaptureFacts:
             return None  # a problem of its own
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
-            require_tones(RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config)
+            require_tones(
+                RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config
+            )
         except HandbenchError as error:
             return str(error)
         return None
@@ -79,14 +99,20 @@ def is_native(folder: Path) -> bool:
 
 def is_of_photographs(folder: Path) -> bool:
     """True if pictures lie in the folder itself, and no capture does."""
-    return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(folder)
+    return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(
+        folder
+    )
 
 
 def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureFacts]:
-    """All problems of a capture, of any form; what is missing is one only where something needs it. scored: whether a
-    reference is needed; None: its absence is a warning."""
+    """All problems of a capture, of any form; what is missing is one only where something needs it.
+    scored: whether a reference is needed; None: its absence is a warning."""
     native = is_native(folder)
-    capture = NativeCapture(folder) if native else (yield from attempt(folder, lambda: open_capture(folder)))
+    capture = (
+        NativeCapture(folder)
+        if native
+        else (yield from attempt(folder, lambda: open_capture(folder)))
+    )
     if capture is None:
         return CaptureFacts()
     about = yield from (_described(folder) if native else attempt(folder, lambda: capture.about))
@@ -97,7 +123,9 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
         surfaces[file] = yield from surface_problems(file)
     file = folder / TRANSFORM if (folder / TRANSFORM).exists() else folder
     transform = yield from attempt(file, capture.transform)
-    yield from warnings_at(file, transform_warnings(transform, surfaces.get(mesh)) if transform else ())
+    yield from warnings_at(
+        file, transform_warnings(transform, surfaces.get(mesh)) if transform else ()
+    )
     if (folder / TARGET).exists():
         yield from _target(folder / TARGET)
     if (folder / PHOTOS).is_dir():
@@ -110,9 +138,13 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
     true, measured = capture.truth is not None, mesh is not None or capture.photos is not None
     if scored is not False and kind != "target":
         yield from findings(folder, "reference", needed=bool(scored), known=true or measured)
-    frequencies_hz, frames = (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
+    frequencies_hz, frames = (
+        (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
+    )
     carried = transform is not None or file != folder
-    return CaptureFacts(about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks)
+    return CaptureFacts(
+        about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks
+    )
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
@@ -141,10 +173,14 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
     return about
 
 
-def method_problems(sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location) -> Found[Config | None]:
+def method_problems(
+    sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location
+) -> Found[Config | None]:
     """An id that no method has, and what is wrong with its configuration."""
     chosen = yield from sheet.attempt(at_id, lambda: method(id))
-    return None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
+    return (
+        None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
+    )
 
 
 def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
@@ -176,8 +212,8 @@ def _target(file: Path) -> Iterator[Problem]:
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
-    """All problems of a folder of photographs, its cameras.json and its board.toml; scaled: one of these must give the
-    scale."""
+    """All problems of a folder of photographs, its cameras.json and its board.toml; scaled: one of
+    these must give the scale."""
     photos = yield from attempt(folder, lambda: find_photos(folder))
     described, cameras = folder / "board.toml", folder / "cameras.json"
     board, known = None, None
@@ -186,29 +222,45 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
     posed = 0
     if cameras.exists():
         _, read = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
-        posed = sum(camera.R is not None and camera.t is not None for camera in read.cameras) if read else 0
+        posed = (
+            sum(camera.R is not None and camera.t is not None for camera in read.cameras)
+            if read
+            else 0
+        )
         if read is not None and photos is not None:
             known = yield from attempt(cameras, partial(cameras_of, photos, cameras))
     yield from findings(folder, "photographs", needed=scaled, board=described.exists(), posed=posed)
-    yield from warnings_at(described, board_warnings(photos or (), board, known or ()) if board else ())
+    yield from warnings_at(
+        described, board_warnings(photos or (), board, known or ()) if board else ()
+    )
 
 
-def board_warnings(photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()) -> list[str]:
-    """A warning about the board's unit: its corners lie out of reach, or the first photograph that shows it, with a
-    camera's focal length or the photograph's own, was taken from further or nearer than cameras stand about a hand."""
+def board_warnings(
+    photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
+) -> list[str]:
+    """A warning about the board's unit: its corners lie out of reach, or the first photograph that
+    shows it, with a camera's focal length or the photograph's own, was taken from further or nearer
+    than cameras stand about a hand."""
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px
 
-    corners_m = {(id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)}
+    corners_m = {
+        (id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)
+    }
     if far := list(warnings_of("board", {"far_m": float(np.abs(list(corners_m.values())).max())})):
         return far
     for photo, camera in zip_longest(photos[:LOOKED_AT], cameras[:LOOKED_AT]):
         seen = detect_corners(photo, board)
         if len(seen) < FEWEST_SEEN:
             continue
-        focal_px = camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
+        focal_px = (
+            camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
+        )
         board_m, seen_px = (
-            np.linalg.norm(np.std(of, axis=0)) for of in ([corners_m[at] for at in seen], [*seen.values()])
+            np.linalg.norm(np.std(of, axis=0))
+            for of in ([corners_m[at] for at in seen], [*seen.values()])
         )
         distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / seen_px)
-        return list(warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m}))
+        return list(
+            warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m})
+        )
     return []

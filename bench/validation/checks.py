@@ -1,9 +1,10 @@
-"""Every check of a thing that can be read, in one list: its subject, its name, when it applies, its advice.
+"""Every check of a thing that can be read, in one list: its subject, its name, when it applies, its
+advice.
 
-The facts of a thing (an array, a depth map, a photograph of a board, …) are a dictionary of plain values; a check's
-`found` and its advice, a format string, take them by name. Files that cannot be read need no check: their readers say
-why. doubts.py and mistakes.py form the facts that take images; benchmark_problems.py checks that captures, methods and
-depth maps go together.
+The facts of a thing (an array, a depth map, a photograph of a board, …) are a dictionary of plain
+values; a check's `found` and its advice, a format string, take them by name. Files that cannot be
+read need no check: their readers say why. doubts.py and mistakes.py form the facts that take
+images; benchmark_problems.py checks that captures, methods and depth maps go together.
 """
 
 from __future__ import annotations
@@ -25,24 +26,35 @@ if TYPE_CHECKING:
 
 LOWEST_HZ = 3e8  # of radars whose arrays have a size in metres
 HIGH_HZ = 1e12  # more is likelier a wrong unit
-MOST_WAVELENGTHS, LEAST_WAVELENGTHS = 1000.0, 0.25  # of an array's extent; beyond, it is most likely in another unit
+MOST_WAVELENGTHS, LEAST_WAVELENGTHS = (
+    1000.0,
+    0.25,
+)  # of an array's extent; beyond, it is most likely in another unit
 FEWEST_PLACES = 4  # antennas that may span less than LEAST_WAVELENGTHS
 FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
 SMALL_M = 5e-3  # a surface that small is likelier in another unit
 OPEN_PERCENT = 10  # of a surface's edges at its rim
-CROWDED_PERCENT, WIDE_M = 50, 0.1  # of an image that nothing near a hand fills, if it is that wide and high
+CROWDED_PERCENT, WIDE_M = (
+    50,
+    0.1,
+)  # of an image that nothing near a hand fills, if it is that wide and high
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
-NEAREST_M, FARTHEST_M = 0.05, 2.0  # that photographs of a hand are taken from, from the board beside it
+NEAREST_M, FARTHEST_M = (
+    0.05,
+    2.0,
+)  # that photographs of a hand are taken from, from the board beside it
 SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board"
-SHARPER_DB = 3.0  # of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
+# of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
+SHARPER_DB = 3.0
 CURE = "is the surface in metres, and in the radar's frame? `handbench inspect` both"
 
 Facts = Mapping[str, Any]
 
 
 class Check(NamedTuple):
-    """A check of one kind of thing: found(facts) is true where the advice applies; fails: a run would fail, too."""
+    """A check of one kind of thing: found(facts) is true where the advice applies; fails: a run
+    would fail, too."""
 
     of: str
     name: str
@@ -68,33 +80,38 @@ CHECKS = (
         "array",
         "positions in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply them by 1e-3",
+        "an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply "
+        "them by 1e-3",
     ),
     Check(
         "array",
         "frequencies a thousand times too high",
         lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] > HIGH_HZ,
-        "its highest frequency is {highest_hz:g} Hz: is that a thousand times too much? multiply them by 1e-3",
+        "its highest frequency is {highest_hz:g} Hz: is that a thousand times too much? multiply "
+        "them by 1e-3",
     ),
     Check(
         "array",
         "positions in centimetres",
         lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] <= HIGH_HZ,
-        f"the antennas span {{extent_m:g}} m, over {MOST_WAVELENGTHS:g} wavelengths: are their positions centimetres? "
+        f"the antennas span {{extent_m:g}} m, over {MOST_WAVELENGTHS:g} wavelengths: are their "
+        "positions centimetres? "
         "multiply them by 1e-2; or inches? by 0.0254",
     ),
     Check(
         "array",
         "frequencies in kHz, positions in kilometres",
         lambda f: 0 < f["waves"] < LEAST_WAVELENGTHS and f["places"] > FEWEST_PLACES,
-        "the antennas span {extent_m:g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz: are the {too_small}? multiply "
+        "the antennas span {extent_m:g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz: are the "
+        "{too_small}? multiply "
         "them by 1e3",
     ),
     Check(
         "array",
         "plane along z",
         lambda f: f["looks_along"],
-        "the array lies in the plane of {beside} and z, so that it looks along {looks_along}: z is to point away from "
+        "the array lies in the plane of {beside} and z, so that it looks along {looks_along}: z "
+        "is to point away from "
         "it; exchange the axes",
     ),
     Check(
@@ -113,7 +130,8 @@ CHECKS = (
         "surface",
         "size",
         lambda f: not SMALL_M <= f["longest_m"] <= FAR_M,
-        "is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it over",
+        "is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it "
+        "over",
     ),
     Check(
         "mesh",
@@ -125,7 +143,8 @@ CHECKS = (
         "mesh",
         "holes",
         lambda f: f["rim_percent"] > OPEN_PERCENT,
-        "{rim_percent:.0f} % of its edges belong to one triangle alone: fill its holes, or merge equal vertices",
+        "{rim_percent:.0f} % of its edges belong to one triangle alone: fill its holes, or merge "
+        "equal vertices",
     ),
     Check(
         "transform",
@@ -140,13 +159,17 @@ CHECKS = (
         "its scale is {scale:g}; are both frames in metres?",
     ),
     Check(
-        "transform", "inverse", lambda f: f["behind"], "it carries all of mesh.ply behind the radar; is it the inverse?"
+        "transform",
+        "inverse",
+        lambda f: f["behind"],
+        "it carries all of mesh.ply behind the radar; is it the inverse?",
     ),
     Check(
         "depth map",
         "nothing focuses",
         lambda f: f["on_target_percent"] > CROWDED_PERCENT and f["wide_m"] >= WIDE_M,
-        "{on_target_percent:.0f} % of the image is on target: does nothing focus? `handbench inspect` the capture",
+        "{on_target_percent:.0f} % of the image is on target: does nothing focus? `handbench "
+        "inspect` the capture",
     ),
     Check(
         "depth map",
@@ -158,7 +181,8 @@ CHECKS = (
         "depth map",
         "pixels likelier wrong than right",
         lambda f: f["flagged_percent"] > CROWDED_PERCENT,
-        f"{{flagged_percent:.0f}} % of the pixels on target are likelier wrong than right (p_gross > {FLAGGED:g})",
+        f"{{flagged_percent:.0f}} % of the pixels on target are likelier wrong than right "
+        f"(p_gross > {FLAGGED:g})",
     ),
     Check(
         "figures",
@@ -175,13 +199,20 @@ CHECKS = (
     Check(
         "figures",
         "mean error beyond the box",
-        lambda f: f["mean_mm"] is not None and 0 <= f["accuracy"] <= 100 and f["mean_mm"] > f["box_mm"],
-        f"the mean error, {{mean_mm:.3g}} mm, is longer than the depth box, {{box_mm:.3g}} mm: {CURE}",
+        lambda f: (
+            f["mean_mm"] is not None and 0 <= f["accuracy"] <= 100 and f["mean_mm"] > f["box_mm"]
+        ),
+        f"the mean error, {{mean_mm:.3g}} mm, is longer than the depth box, {{box_mm:.3g}} mm: "
+        f"{CURE}",
     ),
     Check(
         "figures",
         "mean error beside the distance",
-        lambda f: f["mean_mm"] is not None and 0 <= f["accuracy"] < 100 - FAR_PERCENT and f["mean_mm"] <= f["box_mm"],
+        lambda f: (
+            f["mean_mm"] is not None
+            and 0 <= f["accuracy"] < 100 - FAR_PERCENT
+            and f["mean_mm"] <= f["box_mm"]
+        ),
         f"the mean error, {{mean_mm:.3g}} mm, is more than {FAR_PERCENT} % of the distance: {CURE}",
     ),
     Check(
@@ -193,7 +224,12 @@ CHECKS = (
         ),
         "{method}: {title} is {value:.4g} {unit}: `handbench inspect` the captures",
     ),
-    Check("length", "in millimetres", lambda f: f["far_m"] > f["most_m"], "{name} {far_m:g} m; is that millimetres?"),
+    Check(
+        "length",
+        "in millimetres",
+        lambda f: f["far_m"] > f["most_m"],
+        "{name} {far_m:g} m; is that millimetres?",
+    ),
     Check(
         "board",
         "in millimetres",
@@ -203,7 +239,9 @@ CHECKS = (
     Check(
         "box",
         "ends exchanged",
-        lambda f: any(low >= high for low, high in zip(f["box_m"][:3], f["box_m"][3:], strict=True)),
+        lambda f: any(
+            low >= high for low, high in zip(f["box_m"][:3], f["box_m"][3:], strict=True)
+        ),
         "box_m is {box_m}; expected xmin, ymin, zmin, then the larger xmax, ymax, zmax",
         fails=True,
     ),
@@ -244,7 +282,8 @@ CHECKS = (
         "echoes",
         "conjugated",
         lambda f: f["sharper_db"] >= SHARPER_DB,
-        "the echoes focus better, {sharper_db:.0f} dB sharper, conjugated: if the target stands within {within_m:.2g} "
+        "the echoes focus better, {sharper_db:.0f} dB sharper, conjugated: if the target stands "
+        "within {within_m:.2g} "
         'm, conjugate the samples (sign = "+" in a mapping.toml, time = "-jwt" in echoes.h5)',
     ),
 )
@@ -252,7 +291,9 @@ CHECKS = (
 
 def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
     """The advice of every check of this kind of thing that finds something in the facts."""
-    return (check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts))
+    return (
+        check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts)
+    )
 
 
 def echo_warnings(capture: RadarCapture) -> Iterator[str]:
@@ -300,7 +341,8 @@ def surface_warnings(surface: Surface) -> Iterator[str]:
 
 
 def mesh_warnings(surface: Surface) -> Iterator[str]:
-    """Warnings about a surface by itself: inside out, if it is closed; full of holes, if it is not."""
+    """Warnings about a surface by itself: inside out, if it is closed; full of holes, if it is
+    not."""
     edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
     facts = {
@@ -333,8 +375,16 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
     """Warnings about the figures of a map against a surface."""
-    mean_mm, accuracy, z = values["mae_mm"], values["relative_accuracy_percent"], depth.config.get("z")
-    box = z if isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys() else {"start_m": 0.0, "stop_m": np.inf}
+    mean_mm, accuracy, z = (
+        values["mae_mm"],
+        values["relative_accuracy_percent"],
+        depth.config.get("z"),
+    )
+    box = (
+        z
+        if isinstance(z, dict) and {"start_m", "stop_m"} <= z.keys()
+        else {"start_m": 0.0, "stop_m": np.inf}
+    )
     facts = {
         "mean_mm": None if accuracy is None else mean_mm,
         "accuracy": accuracy,
@@ -351,14 +401,25 @@ def result_warnings(result: Result) -> Iterator[str]:
     lines: Iterator[Any] = iter(result.table.itertuples(index=False, name="Line"))
     for row in lines:
         title, unit = result.title(row.metric), row.unit
-        facts = {"metric": row.metric, "method": row.method, "title": title, "value": row.value, "unit": unit}
+        facts = {
+            "metric": row.metric,
+            "method": row.method,
+            "title": title,
+            "value": row.value,
+            "unit": unit,
+        }
         yield from warnings_of("result", facts)
 
 
 def flagged(depth: DepthMap) -> float | None:
-    """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or without pixels."""
+    """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or
+    without pixels."""
     seen = np.isfinite(depth.z_m)
-    return None if depth.p_gross is None or not seen.any() else float((depth.p_gross[seen] > FLAGGED).mean())
+    return (
+        None
+        if depth.p_gross is None or not seen.any()
+        else float((depth.p_gross[seen] > FLAGGED).mean())
+    )
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:

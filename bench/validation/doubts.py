@@ -1,5 +1,5 @@
-"""Doubts about data that every reader takes: sentences with what seems wrong and its cure. None is sure; all are cheap
-beside the hours that wrong data cost."""
+"""Doubts about data that every reader takes: sentences with what seems wrong and its cure. None is
+sure; all are cheap beside the hours that wrong data cost."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,15 +25,23 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
 
-EXPLAINED = 0.9  # share of pixels on the surface with which a mistake explains an image; and of the best other share
+# share of pixels on the surface with which a mistake explains an image; and of the best other share
+EXPLAINED = 0.9
 FIRST = "first_depth_m"  # where some methods begin to look
-FURTHER_M = 1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
-PROBES = ("3fsk", "2fsk", "broadband", "narrowband")  # the first whose tones were measured is held against a surface
+FURTHER_M = (
+    1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
+)
+PROBES = (
+    "3fsk",
+    "2fsk",
+    "broadband",
+    "narrowband",
+)  # the first whose tones were measured is held against a surface
 
 
 def make(folder: Path, capture: str) -> None:
-    """The stage of a run that inspects a capture: doubts → DOUBTS, each said once. What cannot be looked into is told
-    by the stages that need it."""
+    """The stage of a run that inspects a capture: doubts → DOUBTS, each said once. What cannot be
+    looked into is told by the stages that need it."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
             doubts = list(of_capture(open_capture(capture)))
@@ -45,7 +53,8 @@ def make(folder: Path, capture: str) -> None:
 
 
 def of_capture(recorded: NativeCapture) -> Iterator[str]:
-    """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface, its frames."""
+    """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface,
+    its frames."""
     capture = recorded.echoes(1)
     plain = list(array_warnings(capture))
     yield from plain
@@ -68,27 +77,44 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     near, _ = _imaged(recorded, capture, start_m) or imaged
     found = mistakes.fit(near, surface)
     if found.covers and found.explains(as_is):
-        begun = f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface {start_m:.2g} m away"
+        begun = (
+            f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface "
+            f"{start_m:.2g} m away"
+        )
         yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
         return
-    further, _ = _imaged(recorded, capture, FURTHER_M) or imaged  # for where the surface lies may be the mistake
+    further, _ = (
+        _imaged(recorded, capture, FURTHER_M) or imaged
+    )  # for where the surface lies may be the mistake
     yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
 
 
 def _explained(
-    recorded: NativeCapture, capture: RadarCapture, surface: Surface, depths: tuple[DepthMap, ...], start_m: float
+    recorded: NativeCapture,
+    capture: RadarCapture,
+    surface: Surface,
+    depths: tuple[DepthMap, ...],
+    start_m: float,
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface, which begins start_m away, best; two where one in
-    the order of the data explains it as well as one of frames, as exchanged antennas of an array that is its own mirror
-    image. Others than that of the antennas are looked for only where no frame or unit explains the images."""
+    """The mistake, if any, without which an image fits its surface, which begins start_m away,
+    best; two where one in the order of the data explains it as well as one of frames, as exchanged
+    antennas of an array that is its own mirror image. Others than that of the antennas are looked
+    for only where no frame or unit explains the images."""
     as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
-    share, moved = max((mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0])
+    share, moved = max(
+        (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
+    )
     found: dict[str, float] = {}
     for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
         image = _imaged(recorded, undone, scale * start_m)
-        fitted = mistakes.fit(image[0], mistakes.moved(surface, scale * np.eye(3))) if image else as_is
+        fitted = (
+            mistakes.fit(image[0], mistakes.moved(surface, scale * np.eye(3))) if image else as_is
+        )
         if fitted.explains(as_is):
-            text = f"with {name} the median error falls from {as_is.median_mm:.2f} to {fitted.median_mm / scale:.2f} mm"
+            text = (
+                f"with {name} the median error falls from {as_is.median_mm:.2f} to "
+                f"{fitted.median_mm / scale:.2f} mm"
+            )
             found[f"{text}: {cure}"] = fitted.share
     text = max(found, key=lambda text: found[text], default="")
     if not text or found[text] < EXPLAINED * share:
@@ -97,25 +123,46 @@ def _explained(
 
 
 def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:
-    """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the capture without it,
-    and by how much larger all that it shows then is: a phase cannot tell half the path from half the scene. every:
-    those in the tones and the phases too."""
+    """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the
+    capture without it, and by how much larger all that it shows then is: a phase cannot tell half
+    the path from half the scene. every: those in the tones and the phases too."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
-        yield "tx and rx exchanged", "exchange tx_m and rx_m, or those axes of the samples", exchanged, 1.0
+        yield (
+            "tx and rx exchanged",
+            "exchange tx_m and rx_m, or those axes of the samples",
+            exchanged,
+            1.0,
+        )
     if not every:
         return
     in_order = replace(capture, samples=capture.samples[:, ::-1])
-    yield "the tones in reverse order", "reverse frequencies_hz, or the samples along it", in_order, 1.0
-    for scale, once, change in ((0.5, "one way only", "halve"), (2.0, "there and back twice", "double")):
-        places = {name: scale * values for name, values in vars(array).items() if name.endswith("_m")}
+    yield (
+        "the tones in reverse order",
+        "reverse frequencies_hz, or the samples along it",
+        in_order,
+        1.0,
+    )
+    for scale, once, change in (
+        (0.5, "one way only", "halve"),
+        (2.0, "there and back twice", "double"),
+    ):
+        places = {
+            name: scale * values for name, values in vars(array).items() if name.endswith("_m")
+        }
         scaled = replace(capture, aperture=replace(array, **places))
-        yield f"a path counted {once}", f"it is there and back, once each; or {change} frequencies_hz", scaled, scale
+        yield (
+            f"a path counted {once}",
+            f"it is there and back, once each; or {change} frequencies_hz",
+            scaled,
+            scale,
+        )
 
 
 def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Doubts about a depth map and, where there are some, about the echoes that it was imaged from."""
+    """Doubts about a depth map and, where there are some, about the echoes that it was imaged
+    from."""
     about = list(map_warnings(depth))
     yield from about
     try:
@@ -125,7 +172,8 @@ def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:
-    """The capture's surface in the radar's frame: the true one, or the measured one where a transform carries it."""
+    """The capture's surface in the radar's frame: the true one, or the measured one where a
+    transform carries it."""
     if recorded.truth is not None:
         return read_surface(recorded.truth)
     mesh, transform = recorded.mesh(), recorded.transform()
@@ -137,8 +185,8 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
 def _imaged(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
-    """The depth map of the first of PROBES that the capture's tones serve, and its configuration; first_depth_m: where
-    those that begin with a depth do (None: at their own)."""
+    """The depth map of the first of PROBES that the capture's tones serve, and its configuration;
+    first_depth_m: where those that begin with a depth do (None: at their own)."""
     for name in PROBES:
         begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
         begun = begun and FIRST in method(name).config.model_fields

@@ -41,10 +41,11 @@ DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "ch
 
 
 def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
-    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many there are.
+    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many
+    there are.
 
-    mesh, transform: the surface of a depth map, and what carries it into the radar frame. Raises HandbenchError if
-    there is a problem that is more than a warning.
+    mesh, transform: the surface of a depth map, and what carries it into the radar frame. Raises
+    HandbenchError if there is a problem that is more than a warning.
     """
     problems = warnings = 0
     for name in inputs:
@@ -63,8 +64,11 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
         print(f"{counted}; fine, if meant so")
 
 
-def inspect(name: str, mesh: Path | None = None, transform: Path | None = None) -> Iterator[Problem]:
-    """Everything that is wrong with an input; where no run would fail, what its captures' images show, as warnings."""
+def inspect(
+    name: str, mesh: Path | None = None, transform: Path | None = None
+) -> Iterator[Problem]:
+    """Everything that is wrong with an input; where no run would fail, what its captures' images
+    show, as warnings."""
     found = list(problems_of(name, None, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
@@ -72,7 +76,9 @@ def inspect(name: str, mesh: Path | None = None, transform: Path | None = None) 
     texts = {problem.text for problem in found}
     for folder in (yield from _captures(Path(name))):
         doubts = yield from attempt(folder, partial(_doubts, folder))
-        yield from (problem for problem in warnings_at(folder, doubts or ()) if problem.text not in texts)
+        yield from (
+            problem for problem in warnings_at(folder, doubts or ()) if problem.text not in texts
+        )
 
 
 def _doubts(folder: Path) -> list[str]:
@@ -82,7 +88,8 @@ def _doubts(folder: Path) -> list[str]:
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
-    """The capture folders of an input: a folder of them, or a benchmark's, which is loaded as a run does."""
+    """The capture folders of an input: a folder of them, or a benchmark's, which is loaded as a run
+    does."""
     if path.is_dir():
         return () if is_of_photographs(path) or _is_result(path) else captures(path)
     file = find_benchmark(str(path))
@@ -102,9 +109,10 @@ def _is_result(folder: Path) -> bool:
 def problems_of(
     name: str, scored: bool | None = True, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """The problems of one input: a capture folder or a folder of them, a folder of photographs, a result or trade-off;
-    a benchmark, by file or name; the file of a scene, a target, a board, a depth map, a mesh, echoes, cameras, an
-    array's calibration or a transform. scored: see `capture_problems`; mesh, transform: see `show`."""
+    """The problems of one input: a capture folder or a folder of them, a folder of photographs, a
+    result or trade-off; a benchmark, by file or name; the file of a scene, a target, a board, a
+    depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored: see
+    `capture_problems`; mesh, transform: see `show`."""
     path = Path(name)
     if path.is_dir():
         yield from _folder(path, scored)
@@ -141,7 +149,10 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
         names: dict[str, Path] = {}
         for folder in track(folders or (), "captures"):
             facts = yield from capture_problems(folder, scored)
-            if facts.about is not None and (other := names.setdefault(facts.about.name, folder)) != folder:
+            if (
+                facts.about is not None
+                and (other := names.setdefault(facts.about.name, folder)) != folder
+            ):
                 text = f"is named '{facts.about.name}', as {other} is; no benchmark can hold both"
                 yield Problem(folder / DESCRIPTION, None, text, warning=True)
 
@@ -152,8 +163,15 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
     if depth is None:
         return
     on_target = np.isfinite(depth.z_m)
-    of_these = "" if depth.p_gross is None else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
-    print(f"{path}: {depth.method}, {int(on_target.sum())} of {depth.z_m.size} pixels on target{of_these}")
+    of_these = (
+        ""
+        if depth.p_gross is None
+        else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
+    )
+    print(
+        f"{path}: {depth.method}, {int(on_target.sum())} of {depth.z_m.size} pixels on "
+        f"target{of_these}"
+    )
     yield from warnings_at(path, map_warnings(depth))
     surface = None if mesh is None else (yield from attempt(mesh, partial(read_surface, mesh)))
     carried = yield from attempt(transform or path, partial(load_any_transform, transform))

@@ -1,12 +1,14 @@
 """Mistakes that images show: conjugated echoes, and frames and lengths that a surface tells.
 
-Of the coarse images of the echoes as they are and conjugated the sharper one wins, by Σ|I|⁴ / (Σ|I|²)² (Muller &
-Buffington, J. Opt. Soc. Am. 64 (1974) 1200). Sharpness does not tell a mirrored array, exchanged axes or antennas, or a
-wrong length; tones in reverse order it tells only where nothing beyond the image echoes.
+Of the coarse images of the echoes as they are and conjugated the sharper one wins, by Σ|I|⁴ /
+(Σ|I|²)² (Muller & Buffington, J. Opt. Soc. Am. 64 (1974) 1200). Sharpness does not tell a mirrored
+array, exchanged axes or antennas, or a wrong length; tones in reverse order it tells only where
+nothing beyond the image echoes.
 
-A surface tells these: it is moved as it would have to be if it were mirrored, exchanged or in another unit, and the
-pixels of a depth map that come to lie on it are counted. What is a mistake of the surface may as well be one of the
-antennas' positions: only one of both can be seen from where they differ.
+A surface tells these: it is moved as it would have to be if it were mirrored, exchanged or in
+another unit, and the pixels of a depth map that come to lie on it are counted. What is a mistake of
+the surface may as well be one of the antennas' positions: only one of both can be seen from where
+they differ.
 """
 
 from dataclasses import dataclass, replace
@@ -22,38 +24,60 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.support.errors import HandbenchError
 
-ANTENNAS, POSITIONS, TONES = 32, 400, 32  # at most, of a kind and of a scan: more do not change which is sharpest
-SHALLOW = 0.3  # an array deeper than this share of its width may stand around its target, where none is looked for
-WIDE, NEAR, FAR = 0.85, 1.0, 8.0  # the box imaged, in apertures: to either side, and along z from and to
+ANTENNAS, POSITIONS, TONES = (
+    32,
+    400,
+    32,
+)  # at most, of a kind and of a scan: more do not change which is sharpest
+# an array deeper than this share of its width may stand around its target, where none is looked for
+SHALLOW = 0.3
+WIDE, NEAR, FAR = (
+    0.85,
+    1.0,
+    8.0,
+)  # the box imaged, in apertures: to either side, and along z from and to
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
 NEAR_M = 3e-3  # a pixel that close lies on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most
-CERTAIN, GAINED = 0.3, 1.5  # share of pixels on the undone surface, at least, and over that on the surface as it is
-ROUGH_MM, FALLEN = 1.0, 3.0  # median error of what may be improved, and how many times smaller it then is
+CERTAIN, GAINED = (
+    0.3,
+    1.5,
+)  # share of pixels on the undone surface, at least, and over that on the surface as it is
+ROUGH_MM, FALLEN = (
+    1.0,
+    3.0,
+)  # median error of what may be improved, and how many times smaller it then is
 
 
 def conjugated(capture: RadarCapture) -> list[str]:
-    """The sentence that a capture's echoes are conjugated, with its cure, if its first frame focuses better so; none of
-    arrays that may stand around what they see."""
+    """The sentence that a capture's echoes are conjugated, with its cure, if its first frame
+    focuses better so; none of arrays that may stand around what they see."""
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
     if not capture.samples[0].any() or deep_m > SHALLOW * max(across_m):
         return []
-    sharper_db = sharpness_db(replace(capture, samples=capture.samples.conj())) - sharpness_db(capture)
+    sharper_db = sharpness_db(replace(capture, samples=capture.samples.conj())) - sharpness_db(
+        capture
+    )
     return list(warnings_of("echoes", {"sharper_db": sharper_db, "within_m": FAR * max(across_m)}))
 
 
 def sharpness_db(capture: RadarCapture) -> float:
     """Sharpness of a coarse image of the first frame."""
-    from handbench.radar.imaging.api import image_volume  # compiled, which a map beside a surface does without
+    from handbench.radar.imaging.api import (
+        image_volume,
+    )  # compiled, which a map beside a surface does without
 
     few = _few(capture)
-    volume = image_volume(few.samples[0], few.frequencies_hz, few.aperture, _box(few), None)  # a plan takes longer
+    volume = image_volume(
+        few.samples[0], few.frequencies_hz, few.aperture, _box(few), None
+    )  # a plan takes longer
     power = np.abs(volume).astype(np.float64) ** 2
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 
 
 def _few(capture: RadarCapture) -> RadarCapture:
-    """The first frame as in vacuum, with few tones, in rising order, and few antennas, all of which were measured."""
+    """The first frame as in vacuum, with few tones, in rising order, and few antennas, all of which
+    were measured."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
     tones, array = order[evenly(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
@@ -61,19 +85,32 @@ def _few(capture: RadarCapture) -> RadarCapture:
         heard = np.ones(array.channels, bool) if array.measured is None else array.measured
         t, r = (np.flatnonzero(heard.any(axis=axis)) for axis in (1, 0))
         t, r = t[evenly(len(t), ANTENNAS)], r[evenly(len(r), ANTENNAS)]
-        samples, places = samples[:, :, t[:, None], r], {"tx_m": array.tx_m[t], "rx_m": array.rx_m[r], "measured": None}
+        samples, places = (
+            samples[:, :, t[:, None], r],
+            {"tx_m": array.tx_m[t], "rx_m": array.rx_m[r], "measured": None},
+        )
     else:  # at random: every n-th of a raster may be one column
         number = array.channels[0]
-        some = np.sort(np.random.default_rng(0).choice(number, min(number, POSITIONS), replace=False))
-        samples, places = samples[:, :, some], {name: places_m[some] for name, places_m in vars(array).items()}
+        some = np.sort(
+            np.random.default_rng(0).choice(number, min(number, POSITIONS), replace=False)
+        )
+        samples, places = (
+            samples[:, :, some],
+            {name: places_m[some] for name, places_m in vars(array).items()},
+        )
     slower = SPEED_OF_LIGHT_M_S / capture.wave_speed_m_s
-    return RadarCapture(np.ascontiguousarray(samples), frequencies_hz * slower, replace(array, **places))
+    return RadarCapture(
+        np.ascontiguousarray(samples), frequencies_hz * slower, replace(array, **places)
+    )
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:
     """Coarse voxels before the aperture, which the echoes of anything near are in."""
     places = places_m(capture)
-    middle_m, size_m = (places.min(axis=0) + places.max(axis=0)) / 2, float(np.ptp(places, axis=0).max())
+    middle_m, size_m = (
+        (places.min(axis=0) + places.max(axis=0)) / 2,
+        float(np.ptp(places, axis=0).max()),
+    )
     length_m = SPEED_OF_LIGHT_M_S / capture.frequencies_hz.mean()
     cell_m = SPEED_OF_LIGHT_M_S / 2 / max(float(np.ptp(capture.frequencies_hz)), 1.0)
     deep_m, wide_m = min(DEEP * length_m, 0.8 * cell_m), max(WIDE * size_m, length_m)
@@ -85,8 +122,8 @@ def _box(capture: RadarCapture) -> VoxelGrid:
 
 @dataclass(frozen=True)
 class Fit:
-    """A depth map on a surface: the share of its strongest pixels that lie within NEAR_M of it, and the median of |Δz|
-    of those that have any surface before them."""
+    """A depth map on a surface: the share of its strongest pixels that lie within NEAR_M of it, and
+    the median of |Δz| of those that have any surface before them."""
 
     share: float
     median_mm: float
@@ -111,7 +148,8 @@ def _diagonal(*values: float) -> np.ndarray:
     return np.diag([*values, 1.0])
 
 
-# What undoes each mistake, in the radar's frame; "is" completes "the surface …" or "the antennas' positions are …".
+# What undoes each mistake, in the radar's frame; "is" completes "the surface …" or "the antennas'
+# positions are …".
 UNDONE = {
     "mirrored in x": _diagonal(-1, 1, 1),
     "mirrored in y": _diagonal(1, -1, 1),
@@ -127,22 +165,25 @@ UNDONE = {
 
 
 def misplaced(depth: DepthMap, surface: Surface) -> list[str]:
-    """The mistake, if any, without which a depth map lies much better on a surface (radar frame), with both errors."""
+    """The mistake, if any, without which a depth map lies much better on a surface (radar frame),
+    with both errors."""
     as_is = fit(depth, surface)
     return best(depth, surface, as_is)[1] if as_is.improvable else []
 
 
 def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str]]:
-    """The share of pixels on the surface without the mistake that explains most, and the sentence about it; share 0 and
-    none where none does."""
+    """The share of pixels on the surface without the mistake that explains most, and the sentence
+    about it; share 0 and none where none does."""
     fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, found = max(fits.items(), key=lambda each: each[1].share)
     if not found.explains(as_is):
         return 0.0, []
     before = f"from {as_is.median_mm:.2f} to " if np.isfinite(as_is.median_mm) else "to "
     text = (
-        f"the surface, or the antennas' positions, may be {name}: undone, the median error falls {before}"
-        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels lie on the surface, not "
+        f"the surface, or the antennas' positions, may be {name}: undone, the median error falls "
+        f"{before}"
+        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels lie on "
+        "the surface, not "
         f"{100 * as_is.share:.0f} %"
     )
     return found.share, [text]
@@ -158,7 +199,10 @@ def fit(depth: DepthMap, surface: Surface) -> Fit:
         return Fit(0.0, np.inf)
     off_m = np.abs(depth.z_m.ravel()[strongest] - z_m)
     met = off_m[np.isfinite(off_m)]
-    return Fit(float((met < NEAR_M).sum() / max(len(off_m), 1)), float(1e3 * np.median(met)) if len(met) else np.inf)
+    return Fit(
+        float((met < NEAR_M).sum() / max(len(off_m), 1)),
+        float(1e3 * np.median(met)) if len(met) else np.inf,
+    )
 
 
 def moved(surface: Surface, matrix: np.ndarray) -> Surface:

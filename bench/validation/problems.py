@@ -1,5 +1,6 @@
-"""Problems of files, each with its line: what `checks.CHECKS` finds, and all that a strict configuration complains of,
-not the first alone; and the line numbers of the keys of TOML and JSON, which their parsers do not tell."""
+"""Problems of files, each with its line: what `checks.CHECKS` finds, and all that a strict
+configuration complains of, not the first alone; and the line numbers of the keys of TOML and JSON,
+which their parsers do not tell."""
 
 import re
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -25,8 +26,9 @@ TOKEN = re.compile(
 
 
 def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
-    """The line, counted from 1, of every key and of every item of a list, by its place as ("method", 1, "config").
-    `text` is known to be good TOML (else JSON); nothing is said of what is not understood."""
+    """The line, counted from 1, of every key and of every item of a list, by its place as
+    ("method", 1, "config"). `text` is known to be good TOML (else JSON); nothing is said of what is
+    not understood."""
     try:
         return _Scanner(text).toml() if toml else _Scanner(text).json()
     except (IndexError, RecursionError):
@@ -35,7 +37,9 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
 
 def line_of(lines: dict[Location, int], location: Location) -> int | None:
     """The line of a place, or of the nearest one around it that has one."""
-    return next((lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None)
+    return next(
+        (lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None
+    )
 
 
 class _Scanner:
@@ -128,8 +132,12 @@ class _Scanner:
 
 Read = TypeVar("Read")
 Model = TypeVar("Model", bound=Config)
-Found = Generator["Problem", None, Read]  # problems on the way, then what was read (None: nothing could be)
-Place = Callable[[str, bool], "Problem"]  # a text, and whether it is a warning, as a problem where it belongs
+Found = Generator[
+    "Problem", None, Read
+]  # problems on the way, then what was read (None: nothing could be)
+Place = Callable[
+    [str, bool], "Problem"
+]  # a text, and whether it is a warning, as a problem where it belongs
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,8 @@ class Problem:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its keys."""
+    """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its
+    keys."""
 
     file: Path
     values: Any
@@ -170,18 +179,24 @@ class Sheet:
             yield self.problem(location, str(error))
             return None
 
-    def complaints(self, model: type[Model], values: Any, prefix: Location = ()) -> Found[Model | None]:
-        """All complaints about `values`, which stand at `prefix`; returns them as a `model` if there are none."""
+    def complaints(
+        self, model: type[Model], values: Any, prefix: Location = ()
+    ) -> Found[Model | None]:
+        """All complaints about `values`, which stand at `prefix`; returns them as a `model` if
+        there are none."""
         try:
             return model.model_validate(values)
         except pydantic.ValidationError as error:
             for problem in error.errors():
-                yield self.problem((*prefix, *_keys(values, problem["loc"])), complaint(model, problem, prefix))
+                yield self.problem(
+                    (*prefix, *_keys(values, problem["loc"])), complaint(model, problem, prefix)
+                )
             return None
 
 
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """The result of read(), or its complaint about `file`; the line is taken from the message, if it names one."""
+    """The result of read(), or its complaint about `file`; the line is taken from the message, if
+    it names one."""
     try:
         return read()
     except HandbenchError as error:
@@ -196,9 +211,11 @@ def warnings_at(file: Path, texts: Iterable[str]) -> Iterator[Problem]:
     return (Problem(file, None, text, warning=True) for text in texts)
 
 
-def findings(place: "Path | Place", of: str, needed: bool = True, **facts: Any) -> Iterator[Problem]:
-    """Problems that the checks of a kind of thing find in its facts: at a file, or at a key of a sheet. needed: False
-    where a run does without the thing, so that all of them are warnings."""
+def findings(
+    place: "Path | Place", of: str, needed: bool = True, **facts: Any
+) -> Iterator[Problem]:
+    """Problems that the checks of a kind of thing find in its facts: at a file, or at a key of a
+    sheet. needed: False where a run does without the thing, so that all of them are warnings."""
     problem = partial(Problem, place, None) if isinstance(place, Path) else place
     for check in CHECKS:
         if check.of == of and check.found(facts):
@@ -209,17 +226,22 @@ def sheet(file: Path, what: str) -> Found[Sheet]:
     """A TOML or JSON file, and why it cannot be parsed."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
-    return Sheet(file, values, {} if values is None else lines_of(file.read_text(encoding="utf-8"), toml))
+    return Sheet(
+        file, values, {} if values is None else lines_of(file.read_text(encoding="utf-8"), toml)
+    )
 
 
 def parsed(model: type[Model], file: Path, what: str) -> Found[tuple[Sheet, Model | None]]:
     """A file with all that it should not hold; its content is None where there is such."""
     found = yield from sheet(file, what)
-    return found, None if found.values is None else (yield from found.complaints(model, found.values))
+    return found, None if found.values is None else (
+        yield from found.complaints(model, found.values)
+    )
 
 
 def _keys(values: Any, location: tuple[int | str, ...]) -> Location:
-    """The location's keys as the file has them: pydantic adds the tags of unions' members, which are no keys."""
+    """The location's keys as the file has them: pydantic adds the tags of unions' members, which
+    are no keys."""
     keys: list[str | int] = []
     for number, part in enumerate(location):
         there = isinstance(values, dict) and part in values

@@ -22,10 +22,11 @@ Sigma = Annotated[float, Field(ge=0, le=100)]
 
 
 class Side(Config):
-    """All transmitters, or all receivers. nominal_m: where captures say that they are; gain: [re, im], 0 for a dead
-    antenna; delay_m: of its cable, as a path, about the reference frequency; offset_m: from the nominal place to the
-    true one. level_sigma: standard deviation of |gain|, relative; phase_sigma_rad: of the phase with which the target's
-    middle is seen, gain and place together; the others of what their names say."""
+    """All transmitters, or all receivers. nominal_m: where captures say that they are; gain: [re,
+    im], 0 for a dead antenna; delay_m: of its cable, as a path, about the reference frequency;
+    offset_m: from the nominal place to the true one. level_sigma: standard deviation of |gain|,
+    relative; phase_sigma_rad: of the phase with which the target's middle is seen, gain and place
+    together; the others of what their names say."""
 
     nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
     gain: tuple[tuple[Gain, Gain], ...]
@@ -41,7 +42,8 @@ class Side(Config):
         for name in type(self).model_fields:
             if len(getattr(self, name)) != len(self.nominal_m):
                 raise ValueError(
-                    f"'{name}' has {len(getattr(self, name))} entries; expected one for each of the "
+                    f"'{name}' has {len(getattr(self, name))} entries; expected one for each of "
+                    "the "
                     f"{len(self.nominal_m)} antennas of 'nominal_m'"
                 )
         if not any(part for gain in self.gain for part in gain):
@@ -65,8 +67,8 @@ class Side(Config):
 
 
 class ArrayCalibration(Config):
-    """The content of `array.json`. residual_*_db: what nominal and calibrated array leave unexplained of the target's
-    echoes, noise deducted."""
+    """The content of `array.json`. residual_*_db: what nominal and calibrated array leave
+    unexplained of the target's echoes, noise deducted."""
 
     format: Literal["handbench-array"] = "handbench-array"
     version: Literal[1] = 1
@@ -82,18 +84,24 @@ class ArrayCalibration(Config):
         """The antennas where they truly are."""
         return AntennaArray(self.tx.positions_m, self.rx.positions_m)
 
-    def applied_to(self, capture: RadarCapture, where: object = "array calibration") -> RadarCapture:
-        """The capture of the true array: samples / (a_t · b_r), 0 for dead antennas, and the true positions. where: the
-        calibration's file, which opens errors.
+    def applied_to(
+        self, capture: RadarCapture, where: object = "array calibration"
+    ) -> RadarCapture:
+        """The capture of the true array: samples / (a_t · b_r), 0 for dead antennas, and the true
+        positions. where: the calibration's file, which opens errors.
 
-        Raises HandbenchError when the capture's antennas are not the nominal ones: another array, or one to which this
-        calibration has been applied already.
+        Raises HandbenchError when the capture's antennas are not the nominal ones: another array,
+        or one to which this calibration has been applied already.
         """
         if not isinstance(capture.aperture, AntennaArray):
-            raise HandbenchError(f"{where}: is for a MIMO array, but the capture is a planar scan or a list of pairs")
+            raise HandbenchError(
+                f"{where}: is for a MIMO array, but the capture is a planar scan or a list of pairs"
+            )
         nominal = AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
         if _same(capture.aperture, self.array) and not _same(self.array, nominal):
-            raise HandbenchError(f"{where}: has been applied to this capture already; apply it once")
+            raise HandbenchError(
+                f"{where}: has been applied to this capture already; apply it once"
+            )
         if not _same(capture.aperture, nominal):
             raise HandbenchError(
                 f"{where}: is of an array of {nominal.channels} antennas in other places than the "
@@ -112,7 +120,8 @@ class ArrayCalibration(Config):
         """One line about it."""
         dead = sum(int((side.gains == 0).sum()) for side in (self.tx, self.rx))
         return (
-            f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from {self.source}; unexplained "
+            f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from "
+            f"{self.source}; unexplained "
             f"{self.residual_before_db:.1f} → {self.residual_after_db:.1f} dB"
         )
 
@@ -128,8 +137,8 @@ def load_array(path: str | Path) -> ArrayCalibration:
 
 
 def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
-    """The capture with the calibration put in that is in `file`, an `array.json`, or else in the capture itself, and a
-    line about that; the capture as it is, and "", where there is neither."""
+    """The capture with the calibration put in that is in `file`, an `array.json`, or else in the
+    capture itself, and a line about that; the capture as it is, and "", where there is neither."""
     if file.exists():
         calibration, where = load_array(file), str(file)
     elif capture.calibration is not None:
@@ -142,11 +151,14 @@ def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, s
 
 def _array(content: Any, where: str) -> ArrayCalibration:
     if not isinstance(content, dict):
-        raise HandbenchError(f"{where}: is a {type(content).__name__}; expected an array calibration (array.json)")
+        raise HandbenchError(
+            f"{where}: is a {type(content).__name__}; expected an array calibration (array.json)"
+        )
     return parse(ArrayCalibration, content, where)
 
 
 def _same(one: AntennaArray, other: AntennaArray) -> bool:
     return one.channels == other.channels and all(
-        np.abs(a.position_m - b.position_m).max() < SAME_M for a, b in zip(one.legs, other.legs, strict=True)
+        np.abs(a.position_m - b.position_m).max() < SAME_M
+        for a, b in zip(one.legs, other.legs, strict=True)
     )

@@ -1,8 +1,10 @@
-"""An array's gains, phases, delays and places by maximum a posteriori on the samples of a target capture.
+"""An array's gains, phases, delays and places by maximum a posteriori on the samples of a target
+capture.
 
-Gauss–Newton on Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)², in a fixed gauge; shape is how
-far a ball lies from where the described target, placed as well as it can be, has it. The priors keep at 0 what the
-echoes do not show: offsets along the line of sight are hardly told from phases.
+Gauss–Newton on Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)², in a fixed
+gauge; shape is how far a ball lies from where the described target, placed as well as it can be,
+has it. The priors keep at 0 what the echoes do not show: offsets along the line of sight are hardly
+told from phases.
 """
 
 from dataclasses import replace
@@ -12,7 +14,14 @@ import numpy as np
 
 from handbench.calibration.array import prior
 from handbench.calibration.array.array_file import ArrayCalibration, Side
-from handbench.calibration.array.model import EACH, Antennas, Echoes, State, directions, normal_equations
+from handbench.calibration.array.model import (
+    EACH,
+    Antennas,
+    Echoes,
+    State,
+    directions,
+    normal_equations,
+)
 from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
@@ -25,14 +34,18 @@ SINGLE = 1e-5  # samples in single precision carry no less noise than this part 
 GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 
 
-def estimate_array(capture: RadarCapture, target: Target, source: str = "target capture") -> ArrayCalibration:
-    """The array's calibration from the echoes of a target that stands still (frames are averaged). source: names the
-    capture, in the file and in errors.
+def estimate_array(
+    capture: RadarCapture, target: Target, source: str = "target capture"
+) -> ArrayCalibration:
+    """The array's calibration from the echoes of a target that stands still (frames are averaged).
+    source: names the capture, in the file and in errors.
 
     Raises HandbenchError when a ball is not found, or when target and echoes contradict each other.
     """
     if not isinstance(capture.aperture, AntennaArray):
-        raise HandbenchError(f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes")
+        raise HandbenchError(
+            f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes"
+        )
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = Echoes(target, capture.frequencies_hz)
@@ -43,22 +56,34 @@ def estimate_array(capture: RadarCapture, target: Target, source: str = "target 
     prior.check(state, after, target, source)
     n_tx, n_rx, _ = state.counts
     every = np.arange(n_tx + n_rx)  # antenna
-    antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(len(every), EACH, len(every), EACH)
+    antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(
+        len(every), EACH, len(every), EACH
+    )
     own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
     sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
-    tx, rx = (_side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides)
-    levels_db = {"residual_before_db": 10 * np.log10(before), "residual_after_db": 10 * np.log10(after)}
-    return ArrayCalibration(source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db)
+    tx, rx = (
+        _side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides
+    )
+    levels_db = {
+        "residual_before_db": 10 * np.log10(before),
+        "residual_after_db": 10 * np.log10(after),
+    }
+    return ArrayCalibration(
+        source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db
+    )
 
 
 def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np.ndarray]:
-    """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from what is left."""
+    """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from
+    what is left."""
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
     information = prior.prior_information(state, echoes.target)
     for _ in range(MAX_STEPS):
         normal, right, power = normal_equations(samples, state, echoes)
         freedom = 2 * samples.size - len(right)
-        variance = max(power * samples.size / freedom, floor)  # of the real and of the imaginary part
+        variance = max(
+            power * samples.size / freedom, floor
+        )  # of the real and of the imaginary part
         pull = right / variance - information @ prior.surprises(state, echoes.target)
         inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
         step = inverse @ pull
@@ -66,16 +91,17 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np
         if step @ pull < ENOUGH:
             return state, inverse
     raise HandbenchError(
-        "echoes: the array's errors do not settle; they may be too large for the target to be seen sharply"
+        "echoes: the array's errors do not settle; they may be too large for the target to be "
+        "seen sharply"
     )
 
 
 def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
-    """Part of the target's energy in samples [t, r, f] that the state does not explain, noise deducted: at least what
-    the noise leaves uncertain.
+    """Part of the target's energy in samples [t, r, f] that the state does not explain, noise
+    deducted: at least what the noise leaves uncertain.
 
-    Seen over the path through the target's middle, the balls lie within a few range cells; the noise is the median of
-    the cells beyond.
+    Seen over the path through the target's middle, the balls lie within a few range cells; the
+    noise is the median of the cells beyond.
     """
     middle_m = state.centres_m.mean(axis=0)
     path_m = path_lengths(state.array, middle_m)
@@ -86,11 +112,15 @@ def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
     profiles = np.zeros((2, samples.shape[-1]))
     for t, terms in enumerate(echoes.terms(state)):
         focus = np.exp(1j * np.multiply.outer(path_m[t], echoes.wavenumber))
-        for profile, what in zip(profiles, (samples[t], samples[t] - terms.sum(axis=1)), strict=True):
+        for profile, what in zip(
+            profiles, (samples[t], samples[t] - terms.sum(axis=1)), strict=True
+        ):
             profile += (np.abs(np.fft.fft(what * focus, axis=-1)) ** 2).sum(axis=0)
     noise = float(np.median(profiles[1][~near])) if (~near).any() else 0.0
     whole, rest = ((profile[near] - noise).sum() for profile in profiles)
-    told = max(noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole)  # less than this cannot be told from noise
+    told = max(
+        noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole
+    )  # less than this cannot be told from noise
     return float(max(rest, told) / whole)
 
 
@@ -105,8 +135,12 @@ def _side(
     """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     none = np.zeros(len(toward))
-    seen = np.column_stack([none, none + 1, none, -echoes.wavenumber.mean() * toward])  # by the unknowns of `Antennas`
-    level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
+    seen = np.column_stack(
+        [none, none + 1, none, -echoes.wavenumber.mean() * toward]
+    )  # by the unknowns of `Antennas`
+    level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(
+        np.diagonal(covariance, axis1=1, axis2=2)
+    ).T
     phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
 
     def all_of(values: np.ndarray, dead: float) -> list[Any]:

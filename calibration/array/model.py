@@ -1,9 +1,11 @@
-"""Echoes of the calibration target as an imperfect array records them, and how they depend on what is unknown:
+"""Echoes of the calibration target as an imperfect array records them, and how they depend on what
+is unknown:
 
-    s[f, t, r] = a_t · b_r · Σ_i c_i · e_i[f, t, r],    e_i ~ exp(−jk(|t − q_i| + |q_i − r| − 2R·cos β + 2δ))
+    s[f, t, r] = a_t · b_r · Σ_i c_i · e_i[f, t, r]
+    e_i ~ exp(−jk(|t − q_i| + |q_i − r| − 2R·cos β + 2δ))
 
-with the antennas' gains a, b (level, phase, delay), their true places t, r, the balls' centres q_i and free complex
-strengths c_i: the foam's index is not known to a hundredth of a wavelength.
+with the antennas' gains a, b (level, phase, delay), their true places t, r, the balls' centres q_i
+and free complex strengths c_i: the foam's index is not known to a hundredth of a wavelength.
 """
 
 from collections.abc import Iterator
@@ -15,7 +17,13 @@ from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.physics.spheres import sphere_echo
 
-LEVEL, PHASE, DELAY, PLACE, EACH = 0, 1, 2, slice(3, 6), 6  # an antenna's unknowns: log level, phase, delay, offset
+LEVEL, PHASE, DELAY, PLACE, EACH = (
+    0,
+    1,
+    2,
+    slice(3, 6),
+    6,
+)  # an antenna's unknowns: log level, phase, delay, offset
 BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then phase (all)
 
 
@@ -36,17 +44,22 @@ class Antennas:
     @property
     def unknowns(self) -> np.ndarray:
         """[n, 6]: log level, phase, delay, offset."""
-        return np.column_stack([self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m])
+        return np.column_stack(
+            [self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m]
+        )
 
     def moved(self, step: np.ndarray) -> "Antennas":
         """Changed by a step of the unknowns [n, 6]."""
         log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
-        return Antennas(self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE])
+        return Antennas(
+            self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE]
+        )
 
 
 @dataclass(frozen=True)
 class State:
-    """All unknowns, in this order: tx, rx, the balls' centres_m [i, 3], their log_ball complex [i]."""
+    """All unknowns, in this order: tx, rx, the balls' centres_m [i, 3], their log_ball complex
+    [i]."""
 
     tx: Antennas
     rx: Antennas
@@ -66,14 +79,22 @@ class State:
     def moved(self, step: np.ndarray) -> "State":
         """Changed by a step of all unknowns [u]."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
-        return State(self.tx.moved(tx), self.rx.moved(rx), self.centres_m + centres, self.log_ball + level + 1j * phase)
+        return State(
+            self.tx.moved(tx),
+            self.rx.moved(rx),
+            self.centres_m + centres,
+            self.log_ball + level + 1j * phase,
+        )
 
 
 def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.ndarray, ...]:
-    """All unknowns [u] as those of tx [t, 6], rx [r, 6], centres [i, 3] and strengths [2, i]; views."""
+    """All unknowns [u] as those of tx [t, 6], rx [r, 6], centres [i, 3] and strengths [2, i];
+    views."""
     ends = np.cumsum([EACH * n_tx, EACH * n_rx, 3 * n_balls])
     shapes = (n_tx, EACH), (n_rx, EACH), (n_balls, 3), (2, n_balls)
-    return tuple(part.reshape(shape) for part, shape in zip(np.split(values, ends), shapes, strict=True))
+    return tuple(
+        part.reshape(shape) for part, shape in zip(np.split(values, ends), shapes, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -90,25 +111,33 @@ class Echoes:
 
     @property
     def reference_hz(self) -> float:
-        """The frequency at which gains are told: there an antenna's delay does not change its phase."""
+        """The frequency at which gains are told: there an antenna's delay does not change its
+        phase."""
         return float(self.frequencies_hz.mean())
 
     def balls(self, centres_m: np.ndarray, array: AntennaArray) -> np.ndarray:
         """e: complex64 [t, r, i, f], of unit strength and gain."""
         n_tx, n_rx = array.channels
         echoes = np.empty((n_tx, n_rx, len(centres_m), len(self.frequencies_hz)), np.complex64)
-        for i, (element, delay_m) in enumerate(zip(self.target.element, self.target.foam_delay_m, strict=True)):
-            echo = sphere_echo(centres_m[i], element.ball_radius_m, delay_m, self.frequencies_hz, array)
+        for i, (element, delay_m) in enumerate(
+            zip(self.target.element, self.target.foam_delay_m, strict=True)
+        ):
+            echo = sphere_echo(
+                centres_m[i], element.ball_radius_m, delay_m, self.frequencies_hz, array
+            )
             echoes[:, :, i] = np.moveaxis(echo / np.float32(element.ball_radius_m), 0, -1)
         return echoes
 
     def gain(self, side: Antennas) -> np.ndarray:
         """Gains with their delays: complex64 [n, f]."""
         about = self.wavenumber - self.wavenumber.mean()
-        return np.exp(side.log_gain[:, None] - 1j * np.multiply.outer(side.delay_m, about)).astype(np.complex64)
+        return np.exp(side.log_gain[:, None] - 1j * np.multiply.outer(side.delay_m, about)).astype(
+            np.complex64
+        )
 
     def terms(self, state: State) -> Iterator[np.ndarray]:
-        """Each ball's contribution to the samples: complex64 [r, i, f], one transmitter after another."""
+        """Each ball's contribution to the samples: complex64 [r, i, f], one transmitter after
+        another."""
         balls = self.balls(state.centres_m, state.array)
         strength = np.exp(state.log_ball).astype(np.complex64)[:, None]
         to, back = self.gain(state.tx), self.gain(state.rx)[:, None]
@@ -116,20 +145,29 @@ class Echoes:
             yield ball * (strength * gain) * back
 
 
-def normal_equations(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[np.ndarray, np.ndarray, float]:
-    """JᵀJ [u, u], Jᵀρ [u] and the mean power of the residual ρ = samples − model, for samples [t, r, f].
+def normal_equations(
+    samples: np.ndarray, state: State, echoes: Echoes
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """JᵀJ [u, u], Jᵀρ [u] and the mean power of the residual ρ = samples − model, for samples [t,
+    r, f].
 
-    Each sample knows the unknowns of its two antennas and of the balls alone: c = 12 + 5i columns per channel.
+    Each sample knows the unknowns of its two antennas and of the balls alone: c = 12 + 5i columns
+    per channel.
     """
     n_tx, n_rx, n_balls = state.counts
     size = EACH * (n_tx + n_rx) + BALL * n_balls
     normal, right, power = np.zeros((size, size)), np.zeros(size), 0.0
-    antennas = EACH * n_tx + EACH * np.arange(n_rx)[:, None] + np.arange(EACH)  # where each receiver stands
+    antennas = (
+        EACH * n_tx + EACH * np.arange(n_rx)[:, None] + np.arange(EACH)
+    )  # where each receiver stands
     last = np.arange(EACH * (n_tx + n_rx), size)
     rx, common = slice(EACH, 2 * EACH), slice(2 * EACH, None)
-    # Derivatives of each ball's path by the antennas' offsets; that by the ball's own position is minus their sum. The
-    # specular point's way round the ball turns them by less than a hundredth, which only costs a little speed.
-    to, back = (directions(state.centres_m, side).astype(np.complex64) for side in (state.tx, state.rx))
+    # Derivatives of each ball's path by the antennas' offsets; that by the ball's own position is
+    # minus their sum. The specular point's way round the ball turns them by less than a hundredth,
+    # which only costs a little speed.
+    to, back = (
+        directions(state.centres_m, side).astype(np.complex64) for side in (state.tx, state.rx)
+    )
     for t, terms in enumerate(echoes.terms(state)):
         along = np.broadcast_to(to[t], back.shape), back
         columns, rest = _columns(terms, along, echoes.wavenumber), samples[t] - terms.sum(axis=1)
@@ -150,14 +188,17 @@ def normal_equations(samples: np.ndarray, state: State, echoes: Echoes) -> tuple
 
 
 def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
-    """Unit vectors [n, i, 3] from points [i, 3] to antennas: how paths grow with the antennas' offsets."""
+    """Unit vectors [n, i, 3] from points [i, 3] to antennas: how paths grow with the antennas'
+    offsets."""
     away = side.position_m[:, None] - points_m
     return away / np.linalg.norm(away, axis=2, keepdims=True)
 
 
-def _columns(terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray) -> np.ndarray:
-    """∂model/∂unknown of one transmitter: float32 [r, c, 2f] (real and imaginary parts in turn), in the order of the
-    state."""
+def _columns(
+    terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray
+) -> np.ndarray:
+    """∂model/∂unknown of one transmitter: float32 [r, c, 2f] (real and imaginary parts in turn), in
+    the order of the state."""
     model = terms.sum(axis=1, keepdims=True)
     about = (wavenumber - wavenumber.mean()).astype(np.float32)
     gains = [model, 1j * model, -1j * about * model]
@@ -165,5 +206,7 @@ def _columns(terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumbe
     places = [along.swapaxes(1, 2) @ turned for along in slopes]
     centres = -(slopes[0] + slopes[1])[..., None] * turned[:, :, None]  # [r, i, 3, f]
     centres = centres.reshape(len(terms), -1, terms.shape[-1])
-    columns = np.concatenate([*gains, places[0], *gains, places[1], centres, terms, 1j * terms], axis=1)
+    columns = np.concatenate(
+        [*gains, places[0], *gains, places[1], centres, terms, 1j * terms], axis=1
+    )
     return columns.astype(np.complex64, copy=False).view(np.float32)

@@ -1,11 +1,23 @@
-"""Before the array's estimate: prior knowledge of array and target, the gauge freedoms that no echo determines, and the
-start, which is the target's pose in the raw image with gains by alternating least squares."""
+"""Before the array's estimate: prior knowledge of array and target, the gauge freedoms that no echo
+determines, and the start, which is the target's pose in the raw image with gains by alternating
+least squares."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from handbench.calibration.array.model import BALL, DELAY, EACH, LEVEL, PHASE, PLACE, Antennas, Echoes, State, split
+from handbench.calibration.array.model import (
+    BALL,
+    DELAY,
+    EACH,
+    LEVEL,
+    PHASE,
+    PLACE,
+    Antennas,
+    Echoes,
+    State,
+    split,
+)
 from handbench.calibration.spheres.description import Target, match
 from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls
 from handbench.calibration.transforms import perturbation_jacobian, umeyama
@@ -13,21 +25,28 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.support.errors import HandbenchError
 
 SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
-POSITION_SIGMA_M, DELAY_SIGMA_M = 5e-5, 1e-4  # what manufacture leaves: of an antenna's place, per axis; of a cable
+POSITION_SIGMA_M, DELAY_SIGMA_M = (
+    5e-5,
+    1e-4,
+)  # what manufacture leaves: of an antenna's place, per axis; of a cable
 WEAKEST_DB = -20.0  # antennas that are weaker against the median are dead
 LEAST_EXPLAINED = 0.95  # part of the target's echoes that the model must explain
 MOST_SIGMAS = 2.0  # that the errors may have on average
-SEARCH = EchoSearch(threshold_db=-10.0)  # a ball is stronger than the foam and than what an imperfect array smears
+SEARCH = EchoSearch(
+    threshold_db=-10.0
+)  # a ball is stronger than the foam and than what an imperfect array smears
 
 
 def prior_information(state: State, target: Target) -> np.ndarray:
-    """Information [u, u] (1/σ²) that is there before any echo. Of the balls, it says nothing about a motion of them
-    all as one body."""
+    """Information [u, u] (1/σ²) that is there before any echo. Of the balls, it says nothing about
+    a motion of them all as one body."""
     n_tx, n_rx, n_balls = state.counts
     information = np.zeros(EACH * (n_tx + n_rx) + BALL * n_balls)
     for side in split(information, *state.counts)[:2]:
         side[:, DELAY], side[:, PLACE] = DELAY_SIGMA_M**-2, POSITION_SIGMA_M**-2
-    rigid = perturbation_jacobian(state.centres_m - state.centres_m.mean(axis=0))[:, :, :6].reshape(-1, 6)
+    rigid = perturbation_jacobian(state.centres_m - state.centres_m.mean(axis=0))[:, :, :6].reshape(
+        -1, 6
+    )
     shape = np.eye(len(rigid)) - rigid @ np.linalg.pinv(rigid)
     balls = EACH * (n_tx + n_rx) + np.arange(len(rigid))
     matrix = np.diag(information)
@@ -36,43 +55,57 @@ def prior_information(state: State, target: Target) -> np.ndarray:
 
 
 def surprises(state: State, target: Target) -> np.ndarray:
-    """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls' misplacements."""
+    """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls'
+    misplacements."""
     strengths = np.zeros(2 * len(state.log_ball))
-    parts = state.tx.unknowns, state.rx.unknowns, state.centres_m - placed(target, state.centres_m), strengths
+    parts = (
+        state.tx.unknowns,
+        state.rx.unknowns,
+        state.centres_m - placed(target, state.centres_m),
+        strengths,
+    )
     return np.concatenate([part.ravel() for part in parts])
 
 
 def shape_sigma_m(target: Target) -> float:
-    """Standard deviation of a ball's place, per axis; a micrometre at least, which no one measures."""
+    """Standard deviation of a ball's place, per axis; a micrometre at least, which no one
+    measures."""
     return max(target.ball_offset_sigma_m, 1e-6)
 
 
 def check(state: State, left: float, target: Target, source: str) -> None:
-    """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors beyond what was
-    expected."""
+    """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors
+    beyond what was expected."""
     if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
-            f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, expected at least "
-            f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing else echoes there"
+            f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, "
+            "expected at least "
+            f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing "
+            "else echoes there"
         )
     off_m = state.centres_m - placed(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
     if np.linalg.norm(off_m[worst]) > 2 * MOST_SIGMAS * shape_sigma_m(target):
         raise HandbenchError(
-            f"{source}: the target's element {worst + 1} is {1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
-            f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure the target again"
+            f"{source}: the target's element {worst + 1} is "
+            f"{1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
+            f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure "
+            "the target again"
         )
-    offsets_m = np.sqrt(np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0))
+    offsets_m = np.sqrt(
+        np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0)
+    )
     if offsets_m.max() > MOST_SIGMAS * POSITION_SIGMA_M:
         raise HandbenchError(
             f"{source}: the antennas would be {1e6 * offsets_m.max():.0f} µm off, expected about "
-            f"{1e6 * POSITION_SIGMA_M:.0f} µm; check the target's description, or expect larger errors"
+            f"{1e6 * POSITION_SIGMA_M:.0f} µm; check the target's description, or expect larger "
+            "errors"
         )
 
 
 def gauges(state: State) -> np.ndarray:
-    """Gauge freedoms [12, u], which no echo determines: the mean level, phase and delay of each side, and the rigid
-    motion of the whole array; a step leaves each where it is."""
+    """Gauge freedoms [12, u], which no echo determines: the mean level, phase and delay of each
+    side, and the rigid motion of the whole array; a step leaves each where it is."""
     n_tx, n_rx, n_balls = state.counts
     rows = np.zeros((12, EACH * (n_tx + n_rx) + BALL * n_balls))
     position_m = np.concatenate([state.tx.nominal_m, state.rx.nominal_m])
@@ -87,17 +120,20 @@ def gauges(state: State) -> np.ndarray:
 
 
 def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Inverse of the normal matrix among steps that leave every gauge row at 0 (bordered matrix), scaled so that metres
-    and radians weigh alike."""
+    """Inverse of the normal matrix among steps that leave every gauge row at 0 (bordered matrix),
+    scaled so that metres and radians weigh alike."""
     scale = 1 / np.sqrt(np.diag(normal))
     rows = rows * scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    bordered = np.block([[normal * np.multiply.outer(scale, scale), rows.T], [rows, np.zeros((len(rows),) * 2)]])
+    bordered = np.block(
+        [[normal * np.multiply.outer(scale, scale), rows.T], [rows, np.zeros((len(rows),) * 2)]]
+    )
     return np.linalg.inv(bordered)[: len(normal), : len(normal)] * np.multiply.outer(scale, scale)
 
 
 def nominal_state(capture: RadarCapture, target: Target) -> State:
-    """A perfect array before the target where its image says that it is; the balls' strengths are still open.
+    """A perfect array before the target where its image says that it is; the balls' strengths are
+    still open.
 
     Raises HandbenchError when not every ball is found.
     """
@@ -105,12 +141,16 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
     if missing:
         raise HandbenchError(
-            f"echoes: the target's elements {', '.join(map(str, missing))} are not seen; expected all of them to "
+            f"echoes: the target's elements {', '.join(map(str, missing))} are not seen; "
+            "expected all of them to "
             "calibrate an array: check the target's description and its place"
         )
     seen_m = np.array([found[i].centre_m for i in range(len(target.element))])
     places_m = [leg.position_m for leg in capture.aperture.legs]
-    tx, rx = (Antennas(m, np.zeros(len(m), np.complex128), np.zeros(len(m)), np.zeros_like(m)) for m in places_m)
+    tx, rx = (
+        Antennas(m, np.zeros(len(m), np.complex128), np.zeros(len(m)), np.zeros_like(m))
+        for m in places_m
+    )
     return State(tx, rx, placed(target, seen_m), np.zeros(len(seen_m), np.complex128))
 
 
@@ -122,10 +162,11 @@ def placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
 
 
 def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, State]:
-    """The state with the balls' strengths that fit best with the gains as they are, and with strengths and gains that
-    fit best together; samples [t, r, f].
+    """The state with the balls' strengths that fit best with the gains as they are, and with
+    strengths and gains that fit best together; samples [t, r, f].
 
-    For given balls, least squares give each transmitter's gain when receivers are known, and the other way round.
+    For given balls, least squares give each transmitter's gain when receivers are known, and the
+    other way round.
     """
     balls = echoes.balls(state.centres_m, state.array)
     matched = np.einsum("trif,trf->tri", balls.conj(), samples, optimize=True)
@@ -139,31 +180,42 @@ def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[Sta
         b = (a.conj() @ seen) / (np.abs(a) ** 2 @ power)
         strength = _strengths(matched, gram, a, b)
     return replace(state, log_ball=_log(first)), replace(
-        state, tx=replace(state.tx, log_gain=_log(a)), rx=replace(state.rx, log_gain=_log(b)), log_ball=_log(strength)
+        state,
+        tx=replace(state.tx, log_gain=_log(a)),
+        rx=replace(state.rx, log_gain=_log(b)),
+        log_ball=_log(strength),
     )
 
 
-def start(samples: np.ndarray, nominal: State, echoes: Echoes) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
-    """Masks [t] and [r] of the transmitters and receivers that are not WEAKEST_DB below their median, and the states of
-    these alone: as they are, and as they fit samples [t, r, f] best."""
+def start(
+    samples: np.ndarray, nominal: State, echoes: Echoes
+) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
+    """Masks [t] and [r] of the transmitters and receivers that are not WEAKEST_DB below their
+    median, and the states of these alone: as they are, and as they fit samples [t, r, f] best."""
     raw, state = fitted_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
-    live_tx, live_rx = (level > np.median(level) + WEAKEST_DB / 20 * np.log(10) for level in (tx, rx))
+    live_tx, live_rx = (
+        level > np.median(level) + WEAKEST_DB / 20 * np.log(10) for level in (tx, rx)
+    )
     return (live_tx, live_rx), without(raw, live_tx, live_rx), without(state, live_tx, live_rx)
 
 
 def without(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
-    """The state of the live antennas alone, in the gauge: no mean level, phase or delay on either side; the balls take
-    them over."""
+    """The state of the live antennas alone, in the gauge: no mean level, phase or delay on either
+    side; the balls take them over."""
     sides, taken = [], 0.0
     for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
         log_gain = side.log_gain[live]
         turn = np.angle(np.exp(1j * log_gain.imag).mean())
-        phase = np.angle(np.exp(1j * (log_gain.imag - turn)))  # about 0, where the branch cut is far
+        phase = np.angle(
+            np.exp(1j * (log_gain.imag - turn))
+        )  # about 0, where the branch cut is far
         mean = log_gain.real.mean() + 1j * phase.mean()
         taken += mean + 1j * turn
         centred = log_gain.real + 1j * phase - mean
-        sides.append(Antennas(side.nominal_m[live], centred, side.delay_m[live], side.offset_m[live]))
+        sides.append(
+            Antennas(side.nominal_m[live], centred, side.delay_m[live], side.offset_m[live])
+        )
     return replace(state, tx=sides[0], rx=sides[1], log_ball=state.log_ball + taken)
 
 

@@ -1,12 +1,14 @@
-"""The transform between the photographs' frame and the radar's, from one target that both have seen.
+"""The transform between the photographs' frame and the radar's, from one target that both have
+seen.
 
-Both sensors' candidates are matched to the target's elements; the elements that both have seen give the transform, in
-closed form first (`majority`) and then by weighted least squares with every centre's own covariance (`fit`). The
-target's drawing serves only to tell the elements apart: what is registered are the two measurements.
+Both sensors' candidates are matched to the target's elements; the elements that both have seen give
+the transform, in closed form first (`majority`) and then by weighted least squares with every
+centre's own covariance (`fit`). The target's drawing serves only to tell the elements apart: what
+is registered are the two measurements.
 
-A capture and its repeat each give a transform with its covariance; their difference shows what moved. What all balls
-share (waves that creep round them) is the same in every capture: it cancels in the difference, and no repeat averages
-it away.
+A capture and its repeat each give a transform with its covariance; their difference shows what
+moved. What all balls share (waves that creep round them) is the same in every capture: it cancels
+in the difference, and no repeat averages it away.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,12 +34,16 @@ FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved
 
 
 def measure(
-    points_m: np.ndarray, normals: np.ndarray | None, capture: RadarCapture, target: Target, pixel_m: float = 0.0
+    points_m: np.ndarray,
+    normals: np.ndarray | None,
+    capture: RadarCapture,
+    target: Target,
+    pixel_m: float = 0.0,
 ) -> tuple[Pairs, np.ndarray]:
-    """Measurements of one capture of the target: the balls' centres as both sensors see them, and the covariance [3, 3]
-    (m²) of the error that all of them share. pixel_m: of the cloud's depth maps, see `find_spheres`. Raises
-    HandbenchError when a sensor's candidates cannot be matched to the target in exactly one way, or both share fewer
-    than three elements."""
+    """Measurements of one capture of the target: the balls' centres as both sensors see them, and
+    the covariance [3, 3] (m²) of the error that all of them share. pixel_m: of the cloud's depth
+    maps, see `find_spheres`. Raises HandbenchError when a sensor's candidates cannot be matched to
+    the target in exactly one way, or both share fewer than three elements."""
     seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
     heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
@@ -45,37 +51,46 @@ def measure(
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
-    """Covariance [3, 3] (m²) of the error that all centres share, which no residual can show, along z: the foam's delay
-    (√ε − 1)·(R − a), and what photographs see all spheres too near by, for the cameras stand around the radar."""
+    """Covariance [3, 3] (m²) of the error that all centres share, which no residual can show, along
+    z: the foam's delay (√ε − 1)·(R − a), and what photographs see all spheres too near by, for the
+    cameras stand around the radar."""
     deepest_m = max(e.sphere_radius_m - e.ball_radius_m for e in target.element)
     delay_m = target.foam_permittivity_sigma * deepest_m / (2 * np.sqrt(target.foam_permittivity))
     return np.diag([0.0, 0.0, delay_m**2 + (TOWARDS_CAMERAS_PX * pixel_m) ** 2])
 
 
-def common_pairs(seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], target: Target) -> Pairs:
-    """The balls' centres of the elements (by index) that both sensors have recognised: in the photographs a ball lies
-    where its sphere does, but for the offset and the tolerance of the target's description. Raises HandbenchError for
-    fewer than three."""
+def common_pairs(
+    seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], target: Target
+) -> Pairs:
+    """The balls' centres of the elements (by index) that both sensors have recognised: in the
+    photographs a ball lies where its sphere does, but for the offset and the tolerance of the
+    target's description. Raises HandbenchError for fewer than three."""
     common = sorted(seen.keys() & heard.keys())
     elements = [f"element {i + 1}" for i in common]
     pairs = Pairs.of([seen[i] for i in common], [heard[i] for i in common], elements)
     photo_from_target = umeyama(target.centres_m[common], pairs.source_m)[:3, :3]
     offsets_m = target.ball_offsets_m[common] @ photo_from_target.T
     placed_m2 = target.ball_offset_sigma_m**2 * np.eye(3)
-    return replace(pairs, source_m=pairs.source_m + offsets_m, source_m2=pairs.source_m2 + placed_m2)
+    return replace(
+        pairs, source_m=pairs.source_m + offsets_m, source_m2=pairs.source_m2 + placed_m2
+    )
 
 
 def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:
-    """`radar_from_photo` of the pairs that agree, by maximum likelihood, with its covariance and a residual for every
-    pair. A pair that the others call wrong is named on stderr; common_m2 [3, 3] is added to the translation's
-    covariance.
+    """`radar_from_photo` of the pairs that agree, by maximum likelihood, with its covariance and a
+    residual for every pair. A pair that the others call wrong is named on stderr; common_m2 [3, 3]
+    is added to the translation's covariance.
 
-    Raises HandbenchError when the pairs leave a rotation open or contradict one another without a majority.
+    Raises HandbenchError when the pairs leave a rotation open or contradict one another without a
+    majority.
     """
     kept, found = majority(pairs, with_scale)
     residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
     for i in np.flatnonzero(~kept):
-        say(f"registration: {pairs.names[i]} lies {1e3 * residuals_m[i]:.3g} mm off where the others agree; left out")
+        say(
+            f"registration: {pairs.names[i]} lies {1e3 * residuals_m[i]:.3g} mm off where the "
+            "others agree; left out"
+        )
     covariance = found.covariance_about_origin()
     if common_m2 is not None:
         covariance[:3, :3] += common_m2  # all centres move together: a translation
@@ -84,8 +99,9 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion that carries one capture's transform to another's, about the hand's centre: step = [shift_m,
-    rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second name the captures."""
+    """The motion that carries one capture's transform to another's, about the hand's centre: step =
+    [shift_m, rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second
+    name the captures."""
 
     step: np.ndarray
     covariance: np.ndarray
@@ -114,12 +130,15 @@ class Motion:
 
     @property
     def interval_m(self) -> tuple[float, float]:
-        """95 % interval of `shift_m`, from the ellipsoid that holds the true shift (Scheffé 1953): its least extent
-        along the shift found, and the greatest distance that it can reach. Holds the truth in 95 % or more."""
+        """95 % interval of `shift_m`, from the ellipsoid that holds the true shift (Scheffé 1953):
+        its least extent along the shift found, and the greatest distance that it can reach. Holds
+        the truth in 95 % or more."""
         reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
         along = self.step[:3] / max(self.shift_m, 1e-300)
         low = self.shift_m - reach * np.sqrt(along @ spread @ along)
-        return max(0.0, float(low)), self.shift_m + float(reach * np.sqrt(np.linalg.eigvalsh(spread)[-1]))
+        return max(0.0, float(low)), self.shift_m + float(
+            reach * np.sqrt(np.linalg.eigvalsh(spread)[-1])
+        )
 
     @property
     def sentence(self) -> str:
@@ -127,8 +146,10 @@ class Motion:
         low_mm, high_mm = (1e3 * limit for limit in self.interval_m)
         verb = "moved" if self.moved else "did not measurably move"
         return (
-            f"the rig {verb} between {self.first} and {self.second}: {1e3 * self.shift_m:.3g} mm at the hand's centre "
-            f"(95 % interval {low_mm:.3g} to {high_mm:.3g} mm; χ² = {self.chi2:.3g} for {len(self.step)} degrees of "
+            f"the rig {verb} between {self.first} and {self.second}: {1e3 * self.shift_m:.3g} mm "
+            "at the hand's centre "
+            f"(95 % interval {low_mm:.3g} to {high_mm:.3g} mm; χ² = {self.chi2:.3g} for "
+            f"{len(self.step)} degrees of "
             f"freedom, p = {self.probability:.2g})"
         )
 
@@ -141,16 +162,17 @@ def motion(
 ) -> Motion:
     """The rig's motion between two captures of the target, from each one's own transform.
 
-    common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an error that is the same
-    in both. Raises HandbenchError when their frames or unknowns differ, or a covariance is missing or too small for
-    common_m2.
+    common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an
+    error that is the same in both. Raises HandbenchError when their frames or unknowns differ, or a
+    covariance is missing or too small for common_m2.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
     if one is None or other is None or len(one) != len(other):
         sizes = [0 if covariance is None else len(covariance) for covariance in (one, other)]
         raise HandbenchError(
-            f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and {sizes[1]}; expected 6 and 6, "
+            f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and "
+            f"{sizes[1]}; expected 6 and 6, "
             "or 7 and 7 with scale: calibrate both alike"
         )
     covariance = one + other
@@ -160,7 +182,8 @@ def motion(
     covariance = carry @ covariance @ carry.T
     if np.linalg.eigvalsh(covariance)[0] <= 0:
         raise HandbenchError(
-            f"{names[0]} and {names[1]}: their covariances do not hold the common error given; expected both with it"
+            f"{names[0]} and {names[1]}: their covariances do not hold the common error given; "
+            "expected both with it"
         )
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
@@ -175,32 +198,43 @@ def combine(
     names: Sequence[str] = (),
     ball_offset_sigma_m: float = 0.0,
 ) -> Transform:
-    """`radar_from_photo` from the pairs of several captures of one target at once, by joint weighted least squares.
+    """`radar_from_photo` from the pairs of several captures of one target at once, by joint
+    weighted least squares.
 
-    common_m2 [3, 3]: as for `solve`; the same balls err alike in all captures, so that it counts once and whole. So
-    do the places of the balls in their spheres (ball_offset_sigma_m, which the pairs' covariances hold), as long as the
-    target is not turned between captures. Residuals come capture by capture. Raises HandbenchError when the rig moved
-    between two captures, with how far.
+    common_m2 [3, 3]: as for `solve`; the same balls err alike in all captures, so that it counts
+    once and whole. So do the places of the balls in their spheres (ball_offset_sigma_m, which the
+    pairs' covariances hold), as long as the target is not turned between captures. Residuals come
+    capture by capture. Raises HandbenchError when the rig moved between two captures, with how far.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
     both = zip(names, captures, strict=True)
-    named = [replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names)) for name, pairs in both]
+    named = [
+        replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names))
+        for name, pairs in both
+    ]
     require_rest([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()
-    unknowns, offsets = len(covariance), []  # what the balls' misplacement alone gives, about the origin
+    unknowns, offsets = (
+        len(covariance),
+        [],
+    )  # what the balls' misplacement alone gives, about the origin
     for pairs in named:
         middle_m = pairs.target_m.mean(axis=0)
-        jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(-1, unknowns)
+        jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(
+            -1, unknowns
+        )
         carry = adjoint(-middle_m, unknowns)
-        offsets.append(ball_offset_sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T)
+        offsets.append(
+            ball_offset_sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T
+        )
     covariance += (1 - 1 / len(named)) * np.mean(offsets, axis=0)
     return found
 
 
 def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:
-    """HandbenchError when the rig moved between any two captures; every pair of them is compared, at a level that
-    leaves 1 % for a false alarm in all (Bonferroni)."""
+    """HandbenchError when the rig moved between any two captures; every pair of them is compared,
+    at a level that leaves 1 % for a false alarm in all (Bonferroni)."""
     every_two = combinations(zip(transforms, names, strict=True), 2)
     motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
     worst = min(motions, key=lambda m: m.probability, default=None)

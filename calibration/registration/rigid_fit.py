@@ -1,11 +1,11 @@
-"""Pairs of centres, those of them that agree, and the similarity that carries one side to the other by weighted least
-squares.
+"""Pairs of centres, those of them that agree, and the similarity that carries one side to the other
+by weighted least squares.
 
-All is reckoned about the pairs' own middle: far from it, a turn and a shift look alike, and no arithmetic would tell
-them apart. Outliers take no part: every three pairs propose a transform; the one with the least trimmed squares
-(Rousseeuw 1984: of the nearest majority, each counted by its own covariance) names that majority. From it a forward
-search (Atkinson & Riani 2000) goes on: pair by pair joins, the nearest first, as long as it lies within reach of what
-those inside predict.
+All is reckoned about the pairs' own middle: far from it, a turn and a shift look alike, and no
+arithmetic would tell them apart. Outliers take no part: every three pairs propose a transform; the
+one with the least trimmed squares (Rousseeuw 1984: of the nearest majority, each counted by its own
+covariance) names that majority. From it a forward search (Atkinson & Riani 2000) goes on: pair by
+pair joins, the nearest first, as long as it lies within reach of what those inside predict.
 """
 
 from collections.abc import Sequence
@@ -28,11 +28,15 @@ from handbench.calibration.transforms import (
 )
 from handbench.support.errors import HandbenchError
 
-HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))  # residuals beyond this many standard deviations lose weight
+HUBER = float(
+    np.sqrt(chi2.ppf(0.99, 3))
+)  # residuals beyond this many standard deviations lose weight
 MAX_STEPS = 50
 SIDES = ("source_m", "target_m", "source_m2", "target_m2")
 SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
-GROSS = 10.0  # standard deviations beyond which a pair is wrong; below, its covariance may be: Huber and χ² see to it
+# standard deviations beyond which a pair is wrong; below, its covariance may be: Huber and χ² see
+# to it
+GROSS = 10.0
 LEAST = 4  # pairs that must agree before another is called wrong
 CONDITION = 20.0  # of the rotation, at most: planar centres whose second extent is 5 % of the first
 DEGENERATE = 1e3  # condition of three pairs that propose nothing
@@ -40,8 +44,9 @@ DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 @dataclass(frozen=True)
 class Pairs:
-    """The same centres as two sensors see them: source_m and target_m [n, 3], metres, each in its own frame, their
-    covariances source_m2 and target_m2 [n, 3, 3], and the names [n] that messages call them by."""
+    """The same centres as two sensors see them: source_m and target_m [n, 3], metres, each in its
+    own frame, their covariances source_m2 and target_m2 [n, 3, 3], and the names [n] that messages
+    call them by."""
 
     source_m: np.ndarray
     target_m: np.ndarray
@@ -50,20 +55,31 @@ class Pairs:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()) -> "Pairs":
-        """Pairs of candidates. Raises HandbenchError for fewer than three of them, for numbers that are not finite and
-        for covariances that are not positive."""
+    def of(
+        cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()
+    ) -> "Pairs":
+        """Pairs of candidates. Raises HandbenchError for fewer than three of them, for numbers that
+        are not finite and for covariances that are not positive."""
         if len(source) != len(target) or len(source) < 3:
             raise HandbenchError(
-                f"target: photographs and echoes share {min(len(source), len(target))} elements; expected 3 or more"
+                f"target: photographs and echoes share {min(len(source), len(target))} elements; "
+                "expected 3 or more"
             )
         names = tuple(names) or tuple(f"pair {i + 1}" for i in range(len(source)))
-        source_m, target_m = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
-        source_m2, target_m2 = (np.array([c.covariance_m2 for c in side], np.float64) for side in (source, target))
+        source_m, target_m = (
+            np.array([c.centre_m for c in side], np.float64) for side in (source, target)
+        )
+        source_m2, target_m2 = (
+            np.array([c.covariance_m2 for c in side], np.float64) for side in (source, target)
+        )
         for name, *numbers in zip(names, source_m, target_m, source_m2, target_m2, strict=True):
-            if not all(np.isfinite(n).all() for n in numbers) or np.linalg.eigvalsh(numbers[2] + numbers[3])[0] <= 0:
+            if (
+                not all(np.isfinite(n).all() for n in numbers)
+                or np.linalg.eigvalsh(numbers[2] + numbers[3])[0] <= 0
+            ):
                 raise HandbenchError(
-                    f"{name}: its centre or covariance is not finite, or its covariance not positive; expected metres "
+                    f"{name}: its centre or covariance is not finite, or its covariance not "
+                    "positive; expected metres "
                     "and a positive 3×3 matrix in square metres"
                 )
         return cls(source_m, target_m, source_m2, target_m2, names)
@@ -84,16 +100,22 @@ class Pairs:
     def mirrored(self) -> "Pairs":
         """The same, with the source as a mirror shows it."""
         flip = np.array([1.0, 1.0, -1.0])
-        return replace(self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip))
+        return replace(
+            self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip)
+        )
 
     def weights(self, with_scale: bool) -> np.ndarray:
-        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: what a closed form can make use of."""
-        extents = [np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)]
+        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: what a closed form
+        can make use of."""
+        extents = [
+            np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
+        ]
         scale2 = (extents[1] / extents[0]) ** 2 if with_scale and extents[0] > 0 else 1.0
         return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
 
     def covariances(self, linear: np.ndarray) -> np.ndarray:
-        """L·C_p·Lᵀ + C_q [n, 3, 3] of what is left between the sides after `linear` [3, 3] = s·R, m²."""
+        """L·C_p·Lᵀ + C_q [n, 3, 3] of what is left between the sides after `linear` [3, 3] = s·R,
+        m²."""
         return linear @ self.source_m2 @ linear.T + self.target_m2
 
     def offsets(self, matrix: np.ndarray) -> np.ndarray:
@@ -101,7 +123,8 @@ class Pairs:
         return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
 
     def distances(self, matrix: np.ndarray) -> np.ndarray:
-        """[n]: how many of its own standard deviations each pair is apart under a 4×4 similarity."""
+        """[n]: how many of its own standard deviations each pair is apart under a 4×4
+        similarity."""
         return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
 
     def condition(self, with_scale: bool) -> float:
@@ -111,8 +134,9 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Fit:
-    """A 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3] in the target's frame;
-    distances: [n] of the pairs in their own standard deviations; freedom: degrees of freedom."""
+    """A 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3] in the
+    target's frame; distances: [n] of the pairs in their own standard deviations; freedom: degrees
+    of freedom."""
 
     matrix: np.ndarray
     pivot_m: np.ndarray
@@ -126,19 +150,23 @@ class Fit:
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:
-        """[n]: how many standard deviations, their own and the fit's, pairs that took no part lie off."""
+        """[n]: how many standard deviations, their own and the fit's, pairs that took no part lie
+        off."""
         offsets = pairs.offsets(self.matrix)
-        jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[..., : len(self.covariance)]
+        jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[
+            ..., : len(self.covariance)
+        ]
         spread = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
         return mahalanobis(offsets, np.linalg.inv(pairs.covariances(self.matrix[:3, :3]) + spread))
 
 
 def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
-    """The similarity that carries source centres to target centres, by maximum likelihood; they must hold a rotation.
+    """The similarity that carries source centres to target centres, by maximum likelihood; they
+    must hold a rotation.
 
-    Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q − s·R·p − t and
-    C = s²·R·C_p·Rᵀ + C_q, Huber's weights on what is left. The covariance is the inverse normal matrix, enlarged by
-    χ²/dof when the residuals contradict it (99 %).
+    Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q −
+    s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights on what is left. The covariance is the
+    inverse normal matrix, enlarged by χ²/dof when the residuals contradict it (99 %).
     """
     unknowns = 7 if with_scale else 6
     p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
@@ -153,9 +181,13 @@ def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
         jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :unknowns]
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         step = _solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
-        step /= max(1.0, np.abs(step[3:]).max())  # pairs that contradict one another drive it anywhere
+        step /= max(
+            1.0, np.abs(step[3:]).max()
+        )  # pairs that contradict one another drive it anywhere
         change = np.eye(4)
-        change[:3, :3] = np.exp(step[6] if with_scale else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
+        change[:3, :3] = (
+            np.exp(step[6] if with_scale else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
+        )
         change[:3, 3] = step[:3]
         matrix = change @ matrix
         if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
@@ -181,7 +213,8 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         return (np.linalg.solve(normal / np.outer(root, root), right).T / root).T
     except np.linalg.LinAlgError as error:
         raise HandbenchError(
-            "target: its pairs of centres contradict one another so far that no transform can be fitted to them; check "
+            "target: its pairs of centres contradict one another so far that no transform can be "
+            "fitted to them; check "
             "the matching and the covariances"
         ) from error
 
@@ -189,26 +222,37 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, Fit]:
     """Mask [n] of the pairs that agree, and their fit.
 
-    HandbenchError when they leave the rotation open (with its condition number), when they contradict one another and
-    no four of them, or no 60 %, agree (three of four do not outvote the fourth: in a plane they are their own mirror
-    image, and three distances agree by chance sooner than six), or when more of them agree as a mirror image.
+    HandbenchError when they leave the rotation open (with its condition number), when they
+    contradict one another and no four of them, or no 60 %, agree (three of four do not outvote the
+    fourth: in a plane they are their own mirror image, and three distances agree by chance sooner
+    than six), or when more of them agree as a mirror image.
     """
     kept, found = _largest_agreement(pairs, with_scale)
     agree = int(kept.sum())
     mirrored = 0
     with suppress(HandbenchError):  # every three of the mirror image leave a rotation open
-        mirrored = int(_largest_agreement(pairs.mirrored(), with_scale)[0].sum()) if agree < len(pairs) else 0
+        mirrored = (
+            int(_largest_agreement(pairs.mirrored(), with_scale)[0].sum())
+            if agree < len(pairs)
+            else 0
+        )
     if mirrored > agree:
         raise HandbenchError(
-            f"target: {mirrored} of {len(pairs)} pairs of centres lie as the target's mirror image, {agree} as the "
+            f"target: {mirrored} of {len(pairs)} pairs of centres lie as the target's mirror "
+            f"image, {agree} as the "
             "target; a reflection is no motion: check that both frames are right-handed"
         )
     if agree == 0:
         residuals_mm = 1e3 * np.linalg.norm(pairs.offsets(found.matrix), axis=1)
-        shown = ", ".join(f"{name} {mm:.3g}" for name, mm in list(zip(pairs.names, residuals_mm, strict=True))[:12])
+        shown = ", ".join(
+            f"{name} {mm:.3g}"
+            for name, mm in list(zip(pairs.names, residuals_mm, strict=True))[:12]
+        )
         raise HandbenchError(
-            f"target: its {len(pairs)} pairs of centres contradict one another by more than {GROSS:g} standard "
-            f"deviations (residuals in mm: {shown}); expected that {LEAST} or more agree, and {MAJORITY:.0%}; check "
+            f"target: its {len(pairs)} pairs of centres contradict one another by more than "
+            f"{GROSS:g} standard "
+            f"deviations (residuals in mm: {shown}); expected that {LEAST} or more agree, and "
+            f"{MAJORITY:.0%}; check "
             "the matching and that the target stood still, or record it again"
         )
     require_condition(pairs[kept], with_scale)
@@ -220,8 +264,10 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
     condition = pairs.condition(with_scale)
     if condition > CONDITION:
         raise HandbenchError(
-            f"target: the {len(pairs)} common elements lie on a line, so that the rotation about it stays open "
-            f"(condition number {condition:.3g}, expected at most {CONDITION:g}); use elements that span a plane"
+            f"target: the {len(pairs)} common elements lie on a line, so that the rotation about "
+            "it stays open "
+            f"(condition number {condition:.3g}, expected at most {CONDITION:g}); use elements "
+            "that span a plane"
         )
 
 
@@ -232,7 +278,9 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Fit]
         if pairs.distances(matrix).max() <= GROSS:
             found = fit(pairs, with_scale)
             if found.distances @ found.distances <= chi2.ppf(0.99, found.freedom):
-                return np.ones(len(pairs), dtype=bool), found  # a pair far off would have raised χ² by its distance²
+                return np.ones(
+                    len(pairs), dtype=bool
+                ), found  # a pair far off would have raised χ² by its distance²
     kept = _nearest_majority(pairs, with_scale)
     found = fit(pairs[kept], with_scale)
     if found.distances.max() > GROSS:
@@ -248,7 +296,8 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Fit]
 
 
 def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
-    """Mask [n] of the majority with the least squares under a transform that three pairs propose."""
+    """Mask [n] of the majority with the least squares under a transform that three pairs
+    propose."""
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     best, least = np.arange(needed), np.inf
     for triple in triples(len(pairs)):

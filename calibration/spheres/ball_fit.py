@@ -1,9 +1,10 @@
 """Maximum-likelihood positions of the target's balls, all fitted to the echoes together.
 
-Around a ball that has been recognised its echo is known but for place and strength: Mie's series through the foam's
-delay, and before it the foam's own front, which a peak in the image cannot tell apart when it is nearer than the range
-resolution. Places and complex strengths of all of them are fitted to the samples by least squares (Gauss–Newton,
-maximum likelihood in white noise), so that neither neighbours nor foam pull at a ball.
+Around a ball that has been recognised its echo is known but for place and strength: Mie's series
+through the foam's delay, and before it the foam's own front, which a peak in the image cannot tell
+apart when it is nearer than the range resolution. Places and complex strengths of all of them are
+fitted to the samples by least squares (Gauss–Newton, maximum likelihood in white noise), so that
+neither neighbours nor foam pull at a ball.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +26,9 @@ MAX_STEPS = 8
 SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres
 FARTHEST_M = 0.003  # from where the peak was: a fit that goes further has left its ball
 TONES = 4  # every fourth tells how polarisation moves the balls
-AROUND_M = 0.015 * np.array([p for p in product((-1, 0, 1), repeat=3) if any(p)])  # beyond a ball's own peak
+AROUND_M = 0.015 * np.array(
+    [p for p in product((-1, 0, 1), repeat=3) if any(p)]
+)  # beyond a ball's own peak
 COLUMNS = 5  # of an element: ball, its three derivatives, foam's front
 # Real unknowns [7] in complex columns [5]: strength (re, im), place (3), front (re, im).
 REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
@@ -34,25 +37,34 @@ REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
 def fit_balls(
     capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball] = ()
 ) -> dict[int, Ball]:
-    """The recognised balls (element → ball) with fitted centres and the covariances that the residual gives them: white
-    noise, or more where the image of what is left shows more around a ball (echoes of what stands there too).
+    """The recognised balls (element → ball) with fitted centres and the covariances that the
+    residual gives them: white noise, or more where the image of what is left shows more around a
+    ball (echoes of what stands there too).
 
-    others: echoes that are none of the target's; those that lie in no element's foam are fitted along, in place.
-    Raises HandbenchError for balls that would overlap, without echoes, and when a ball runs away from its peak.
+    others: echoes that are none of the target's; those that lie in no element's foam are fitted
+    along, in place. Raises HandbenchError for balls that would overlap, without echoes, and when a
+    ball runs away from its peak.
     """
-    for i, j in combinations(sorted(heard), 2):  # in one place they have one echo: a fit of two to it would be far off
+    for i, j in combinations(
+        sorted(heard), 2
+    ):  # in one place they have one echo: a fit of two to it would be far off
         apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
         least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
         if not apart_m >= least_m:
             raise HandbenchError(
-                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; expected at least "
-                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what else is in view"
+                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; "
+                "expected at least "
+                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what "
+                "else is in view"
             )
     try:
-        centres_m, inverse, rest = _settle(capture, target, {i: ball.centre_m for i, ball in heard.items()}, others)
+        centres_m, inverse, rest = _settle(
+            capture, target, {i: ball.centre_m for i, ball in heard.items()}, others
+        )
     except LinAlgError as error:
         raise HandbenchError(
-            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from one another, or there "
+            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from "
+            "one another, or there "
             "are none; expected an echo of each; check what is in view, or record it again"
         ) from error
     fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
@@ -60,12 +72,17 @@ def fit_balls(
         moved_m = float(np.linalg.norm(centre_m - heard[i].centre_m))
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
-                f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; expected less than "
-                f"{1e3 * FARTHEST_M:.0f} mm; check radii and foam in the target's description, and what else is in view"
+                f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; "
+                "expected less than "
+                f"{1e3 * FARTHEST_M:.0f} mm; check radii and foam in the target's description, "
+                "and what else is in view"
             )
         place = slice(7 * n + 2, 7 * n + 5)
-        # Power of a sample of white noise that makes the image around the ball as bright as what is left does.
-        image = exact_images(rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M, False)[0]
+        # Power of a sample of white noise that makes the image around the ball as bright as what is
+        # left does.
+        image = exact_images(
+            rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M, False
+        )[0]
         noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
@@ -74,17 +91,24 @@ def fit_balls(
 
 
 def _settle(
-    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]
+    capture: RadarCapture,
+    target: Target,
+    centres_m: Mapping[int, np.ndarray],
+    others: Sequence[Ball],
 ) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
-    """Gauss–Newton from centres near the balls until they move no more: the elements' balls' centres, the inverse
-    normal matrix of all unknowns in the last step, and what is left of the samples [f, t, r]."""
+    """Gauss–Newton from centres near the balls until they move no more: the elements' balls'
+    centres, the inverse normal matrix of all unknowns in the last step, and what is left of the
+    samples [f, t, r]."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
     strengths = None
     for _ in range(MAX_STEPS):
         columns = np.concatenate(
-            [*(_columns(target, i, c, capture) for i, c in zip(elements, places_m, strict=True)), strangers]
+            [
+                *(_columns(target, i, c, capture) for i, c in zip(elements, places_m, strict=True)),
+                strangers,
+            ]
         )
         conjugate = columns.conj()
         gram, onto = conjugate @ columns.T, conjugate @ samples
@@ -100,18 +124,29 @@ def _settle(
             break
     rest = samples - (real @ unknowns).astype(np.complex64) @ columns
     inverse = cho_solve(factor, np.eye(len(unknowns)))
-    return dict(zip(elements, places_m, strict=True)), inverse, rest.reshape(capture.samples[0].shape)
+    return (
+        dict(zip(elements, places_m, strict=True)),
+        inverse,
+        rest.reshape(capture.samples[0].shape),
+    )
 
 
-def _polarisation_shift(capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray) -> np.ndarray:
-    """[3]: how far a ball seems to move when the antennas' field lies along x, where the mean over its directions is
-    assumed; along y it moves the other way. (Waves creep round a small ball, differently along and across the field: a
-    few µm for radii of 2.5 mm and more, since channels of all angles take part.)"""
+def _polarisation_shift(
+    capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray
+) -> np.ndarray:
+    """[3]: how far a ball seems to move when the antennas' field lies along x, where the mean over
+    its directions is assumed; along y it moves the other way. (Waves creep round a small ball,
+    differently along and across the field: a few µm for radii of 2.5 mm and more, since channels of
+    all angles take part.)"""
     element, delay_m = target.element[number], target.foam_delay_m[number]
-    few = replace(capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES])
+    few = replace(
+        capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES]
+    )
     columns = _columns(target, number, centre_m, few)[:4]
     along_x = np.array([1.0, 0.0, 0.0])
-    echo = sphere_echo(centre_m, element.ball_radius_m, delay_m, few.frequencies_hz, mimo_array(few), along_x)
+    echo = sphere_echo(
+        centre_m, element.ball_radius_m, delay_m, few.frequencies_hz, mimo_array(few), along_x
+    )
     seen = echo.reshape(-1)
     strength = np.vdot(columns[0], seen)
     real = np.diag([1, *3 * [strength]])[:, [0, 0, 1, 2, 3]] * [1, 1j, 1, 1, 1]
@@ -119,24 +154,35 @@ def _polarisation_shift(capture: RadarCapture, target: Target, number: int, cent
     return np.linalg.solve(normal, (real.conj().T @ (columns.conj() @ seen)).real)[2:]
 
 
-def _columns(target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture) -> np.ndarray:
-    """[5, f·t·r]: an element's ball, its derivatives by the centre's coordinates, and its foam's front."""
+def _columns(
+    target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture
+) -> np.ndarray:
+    """[5, f·t·r]: an element's ball, its derivatives by the centre's coordinates, and its foam's
+    front."""
     element, delay_m = target.element[number], target.foam_delay_m[number]
     frequencies_hz, array = capture.frequencies_hz, mimo_array(capture)
     ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, frequencies_hz, array)
     front = _front(element, centre_m, frequencies_hz, array)
-    return np.concatenate([_with_slopes(ball, centre_m, frequencies_hz, array), front[None]]).reshape(COLUMNS, -1)
+    return np.concatenate(
+        [_with_slopes(ball, centre_m, frequencies_hz, array), front[None]]
+    ).reshape(COLUMNS, -1)
 
 
-def _with_slopes(echo: np.ndarray, point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
+def _with_slopes(
+    echo: np.ndarray, point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
+) -> np.ndarray:
     """[4, f, t, r]: an echo of unit norm and its derivatives −jk·∂path/∂(x, y, z)."""
     echo = echo / np.linalg.norm(echo)
     k = (2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S).astype(np.float32)
     gradient = path_gradients(point_m, array).astype(np.float32)
-    return np.stack([echo, *(-1j * np.multiply.outer(k, gradient[..., axis]) * echo for axis in range(3))])
+    return np.stack(
+        [echo, *(-1j * np.multiply.outer(k, gradient[..., axis]) * echo for axis in range(3))]
+    )
 
 
-def _front(element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
+def _front(
+    element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
+) -> np.ndarray:
     """Echo [f, t, r] of the foam sphere's front in its own scale: specular, as strong as 1/f."""
     echo = specular_echo(centre_m, element.sphere_radius_m, frequencies_hz, array)
     echo /= (frequencies_hz / frequencies_hz[0])[:, None, None].astype(np.float32)
@@ -144,16 +190,23 @@ def _front(element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, a
 
 
 def _strangers(
-    capture: RadarCapture, target: Target, centres_m: Mapping[int, np.ndarray], others: Sequence[Ball]
+    capture: RadarCapture,
+    target: Target,
+    centres_m: Mapping[int, np.ndarray],
+    others: Sequence[Ball],
 ) -> np.ndarray:
-    """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak, and their derivatives
-    by place: with complex strengths of their own, they make up for what is larger than a point."""
+    """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak,
+    and their derivatives by place: with complex strengths of their own, they make up for what is
+    larger than a point."""
     array, frequencies_hz = mimo_array(capture), capture.frequencies_hz
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
         np.array(peak_m)
         for peak_m in sorted(peaks_m)
-        if all(np.linalg.norm(peak_m - c) > 1.5 * target.element[i].sphere_radius_m for i, c in centres_m.items())
+        if all(
+            np.linalg.norm(peak_m - c) > 1.5 * target.element[i].sphere_radius_m
+            for i, c in centres_m.items()
+        )
     ]
     columns = [np.zeros((0, capture.samples[0].size), np.complex64)]
     for peak_m in foreign:
@@ -165,12 +218,16 @@ def _strangers(
 def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
     """Complex strength of each ball, with fronts and strangers free and every place as it is."""
     fixed = np.concatenate(
-        [*([COLUMNS * n, COLUMNS * n + 4] for n in range(elements)), np.arange(COLUMNS * elements, len(gram))]
+        [
+            *([COLUMNS * n, COLUMNS * n + 4] for n in range(elements)),
+            np.arange(COLUMNS * elements, len(gram)),
+        ]
     ).astype(int)
     return np.linalg.solve(gram[np.ix_(fixed, fixed)], onto[fixed])[: 2 * elements : 2]
 
 
 def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
-    """Complex columns [c] in real unknowns [u]: [c, u]; a place's slopes are as strong as its ball."""
+    """Complex columns [c] in real unknowns [u]: [c, u]; a place's slopes are as strong as its
+    ball."""
     of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
     return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))

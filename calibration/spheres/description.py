@@ -1,7 +1,9 @@
-"""The calibration target: foam spheres that photographs see, with steel balls inside that radar sees.
+"""The calibration target: foam spheres that photographs see, with steel balls inside that radar
+sees.
 
-After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not public. The fifth element breaks
-the square's symmetry. A sensor's candidates are matched to the elements by distances; ambiguous matches are refused.
+After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not public. The
+fifth element breaks the square's symmetry. A sensor's candidates are matched to the elements by
+distances; ambiguous matches are refused.
 """
 
 from collections.abc import Sequence
@@ -19,17 +21,19 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
 SQUARE_M = 0.12  # side of the default target's square
-TOLERANCE_M = 0.002  # how far two distances may differ: detection, the target's making, the photographs' scale
+# how far two distances may differ: detection, the target's making, the photographs' scale
+TOLERANCE_M = 0.002
 MAX_CANDIDATES = 80
 HEADER = """\
 # Calibration target: foam spheres, a steel ball at the centre of each; metres.
-# Seen from the radar, x points to the left, y up and z away. At least three elements, not on a line, without symmetry.
+# Seen from the radar, x points to the left, y up and z away. At least three elements, not on a
+# line, without symmetry.
 """
 
 
 class Element(Config):
-    """One foam sphere with a steel ball in it (target frame, metres); ball_offset_m: from the sphere's centre to the
-    ball's, where it was measured."""
+    """One foam sphere with a steel ball in it (target frame, metres); ball_offset_m: from the
+    sphere's centre to the ball's, where it was measured."""
 
     centre_m: tuple[float, float, float]
     sphere_radius_m: float = Field(gt=0)
@@ -38,8 +42,9 @@ class Element(Config):
 
 
 class Target(Config):
-    """A rigid arrangement of at least three elements, with how well it was made (standard deviations): of the foam's
-    permittivity, which all spheres share, of each ball's place in its sphere, per axis, and of each sphere's radius."""
+    """A rigid arrangement of at least three elements, with how well it was made (standard
+    deviations): of the foam's permittivity, which all spheres share, of each ball's place in its
+    sphere, per axis, and of each sphere's radius."""
 
     element: tuple[Element, ...] = Field(min_length=3)
     foam_permittivity: float = Field(default=1.03, ge=1)
@@ -59,16 +64,17 @@ class Target(Config):
 
     @property
     def foam_delay_m(self) -> np.ndarray:
-        """Extra one-way optical path [n] of an echo from each ball's surface, (√ε_r − 1)·(R_sphere − r_ball); the
-        sphere is centred on the ball, so that every antenna sees the same delay to first order."""
+        """Extra one-way optical path [n] of an echo from each ball's surface, (√ε_r − 1)·(R_sphere
+        − r_ball); the sphere is centred on the ball, so that every antenna sees the same delay to
+        first order."""
         depth = np.array([e.sphere_radius_m - e.ball_radius_m for e in self.element])
         return (np.sqrt(self.foam_permittivity) - 1) * depth
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A sensor's estimate of an element's centre. centre_m: [3]; covariance_m2: [3, 3]; elements: indices of
-    the elements that it can be, by its size."""
+    """A sensor's estimate of an element's centre. centre_m: [3]; covariance_m2: [3, 3]; elements:
+    indices of the elements that it can be, by its size."""
 
     centre_m: np.ndarray
     covariance_m2: np.ndarray
@@ -80,11 +86,14 @@ CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
 def default_target() -> Target:
-    """Four 50 mm spheres at the corners of a 120 mm square and a fifth, 30 mm, off its symmetry axes; the target's
-    frame has its origin at the square's centre, the square in x and y, and z away from the radar."""
+    """Four 50 mm spheres at the corners of a 120 mm square and a fifth, 30 mm, off its symmetry
+    axes; the target's frame has its origin at the square's centre, the square in x and y, and z
+    away from the radar."""
     half = SQUARE_M / 2
     square = [(-half, -half), (half, -half), (half, half), (-half, half)]
-    corners = [Element(centre_m=(x, y, 0.0), sphere_radius_m=0.025, ball_radius_m=0.005) for x, y in square]
+    corners = [
+        Element(centre_m=(x, y, 0.0), sphere_radius_m=0.025, ball_radius_m=0.005) for x, y in square
+    ]
     fifth = Element(centre_m=(0.018, 0.030, -0.010), sphere_radius_m=0.015, ball_radius_m=0.005)
     return Target(element=(*corners, fifth))
 
@@ -100,33 +109,36 @@ def save_target(path: str | Path, target: Target) -> None:
 
 
 def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
-    """Element → candidate for the largest set of candidates that lie as the target's elements do (turned and moved,
-    never mirrored). `sensor` names the candidates in errors.
+    """Element → candidate for the largest set of candidates that lie as the target's elements do
+    (turned and moved, never mirrored). `sensor` names the candidates in errors.
 
-    Raises HandbenchError when fewer than min(4, all) elements fit, when they lie on a line, or when the set can be
-    read in more than one way: a symmetric target, or its asymmetric element unseen.
+    Raises HandbenchError when fewer than min(4, all) elements fit, when they lie on a line, or when
+    the set can be read in more than one way: a symmetric target, or its asymmetric element unseen.
     """
     needed = min(4, len(target.element))
     found = assignments(candidates[:MAX_CANDIDATES], target)
     if not found or len(found[0]) < needed:
         raise HandbenchError(
-            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} candidates lie as the target's elements "
-            f"do, expected at least {needed} of {len(target.element)}; check the target's description, the scale and "
+            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} candidates lie as "
+            "the target's elements "
+            f"do, expected at least {needed} of {len(target.element)}; check the target's "
+            "description, the scale and "
             "that every element is in view"
         )
     best = found[0]
     if len(found) > 1:
         seen = ", ".join(str(element + 1) for element in sorted(best))
         raise HandbenchError(
-            f"{sensor}: the target's elements {seen} can be matched in {len(found)} ways; use a target without "
+            f"{sensor}: the target's elements {seen} can be matched in {len(found)} ways; use a "
+            "target without "
             "symmetry and make sure that the element that breaks it is seen"
         )
     return {element: candidates[candidate] for element, candidate in best.items()}
 
 
 def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignment]:
-    """All assignments of the greatest size in which every pair of candidates is as far apart as its elements (within
-    TOLERANCE_M) and a rotation carries all elements to their candidates."""
+    """All assignments of the greatest size in which every pair of candidates is as far apart as its
+    elements (within TOLERANCE_M) and a rotation carries all elements to their candidates."""
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
     count = len(target.element)

@@ -1,9 +1,10 @@
 """The target's foam spheres in a point cloud, found without a hint.
 
-Each point votes for the centre that lies one radius behind it along its normal (a Hough transform with known radius);
-where many votes meet, robust least squares of |p − c| − R refine the sphere. A sphere is seen from one side only, and
-others may hide a part of it, so that a cap of 15 % of its surface has to do. Over so small a cap depth and radius trade
-for one another: the radius is held by how well the target was made.
+Each point votes for the centre that lies one radius behind it along its normal (a Hough transform
+with known radius); where many votes meet, robust least squares of |p − c| − R refine the sphere. A
+sphere is seen from one side only, and others may hide a part of it, so that a cap of 15 % of its
+surface has to do. Over so small a cap depth and radius trade for one another: the radius is held by
+how well the target was made.
 """
 
 from collections.abc import Iterator
@@ -22,21 +23,27 @@ MAX_MODES = 40  # places where votes meet that are tried for each radius
 GATE = 0.15  # a vote or a point this far off, relative to the radius, is no part of a sphere
 MAX_NORMAL_ANGLE_RAD = np.radians(35)
 MIN_COVERAGE = 0.12  # part of the full sphere's surface that must be seen
-MAX_ROUGHNESS = 0.03  # largest standard deviation of the points about the sphere, relative to its radius
+MAX_ROUGHNESS = (
+    0.03  # largest standard deviation of the points about the sphere, relative to its radius
+)
 RADIUS_TOLERANCE = 0.06  # largest relative difference of the freely fitted radius
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
-# Dense matching sinks convex surface, the more the steeper a camera sees it. What a whole sphere errs by for that,
-# whatever the number of its points (per axis), and all spheres alike towards the cameras: pixels, root mean square of
-# 20 rendered spheres at draft quality (0.053 and 0.062; of 15 at normal 0.029 and 0.051).
+# Dense matching sinks convex surface, the more the steeper a camera sees it. What a whole sphere
+# errs by for that, whatever the number of its points (per axis), and all spheres alike towards the
+# cameras: pixels, root mean square of 20 rendered spheres at draft quality (0.053 and 0.062; of 15
+# at normal 0.029 and 0.051).
 WHOLE_PX, TOWARDS_CAMERAS_PX = 0.053, 0.062
-LEAST_HELD = 1e-3  # mean square cosine to a direction in which points hold the centre: a cap of 6 % has that
-PATCH = 0.5  # side, relative to the radius, of the patches whose sums reveal errors that neighbours share
+LEAST_HELD = (
+    1e-3  # mean square cosine to a direction in which points hold the centre: a cap of 6 % has that
+)
+# side, relative to the radius, of the patches whose sums reveal errors that neighbours share
+PATCH = 0.5
 
 
 @dataclass(frozen=True)
 class Sphere(Candidate):
-    """A foam sphere. radius_m: its radius when that is fitted too (a check); inliers: points of the thinned cloud on
-    it; coverage: the part of its surface that they cover."""
+    """A foam sphere. radius_m: its radius when that is fitted too (a check); inliers: points of the
+    thinned cloud on it; coverage: the part of its surface that they cover."""
 
     radius_m: float
     inliers: int
@@ -60,9 +67,9 @@ def find_spheres(
 ) -> list[Sphere]:
     """All spheres of the target's radii in a cloud, those with most points first.
 
-    points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate them; pixel_m: what a
-    pixel of the depth maps that the cloud was made of measures on the surface. Raises HandbenchError when the cloud is
-    malformed.
+    points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate
+    them; pixel_m: what a pixel of the depth maps that the cloud was made of measures on the
+    surface. Raises HandbenchError when the cloud is malformed.
     """
     _check(points_m, normals)
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
@@ -73,11 +80,17 @@ def find_spheres(
     for radius_m in radii_m:
         elements = tuple(i for i, e in enumerate(target.element) if e.sphere_radius_m == radius_m)
         for centre_m in meeting_points(cloud, radius_m):
-            near = cloud[np.abs(distances(cloud.points_m, centre_m) - radius_m) < 2 * GATE * radius_m]
+            near = cloud[
+                np.abs(distances(cloud.points_m, centre_m) - radius_m) < 2 * GATE * radius_m
+            ]
             sphere = fit_sphere(near, centre_m, radius_m, elements, target.sphere_radius_sigma_m)
-            if sphere is not None and all(  # foam spheres cannot share more than a little of their space
-                np.linalg.norm(sphere.centre_m - other.centre_m) > 0.5 * (sphere.radius_m + other.radius_m)
-                for other in found
+            if (
+                sphere is not None
+                and all(  # foam spheres cannot share more than a little of their space
+                    np.linalg.norm(sphere.centre_m - other.centre_m)
+                    > 0.5 * (sphere.radius_m + other.radius_m)
+                    for other in found
+                )
             ):
                 whole_m2 = (WHOLE_PX * pixel_m) ** 2 * np.eye(3)
                 found.append(replace(sphere, covariance_m2=sphere.covariance_m2 + whole_m2))
@@ -85,16 +98,22 @@ def find_spheres(
 
 
 def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cloud:
-    """One mean point (and normal) per occupied voxel, so that every part of a surface counts alike. Normals that are
-    not given come from local planes, and their sign stays open."""
+    """One mean point (and normal) per occupied voxel, so that every part of a surface counts alike.
+    Normals that are not given come from local planes, and their sign stays open."""
     owner = _cells(points_m, voxel_m)
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
     if normals is None:
-        nearest = range(1, min(NEIGHBOURS, len(mean)) + 1)  # a range, since k = 1 would drop an axis
+        nearest = range(
+            1, min(NEIGHBOURS, len(mean)) + 1
+        )  # a range, since k = 1 would drop an axis
         near = mean[cKDTree(mean).query(mean, k=nearest)[1]]
         spread = near - near.mean(axis=1, keepdims=True)
-        return Cloud(mean, np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0], oriented=False)
+        return Cloud(
+            mean,
+            np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0],
+            oriented=False,
+        )
     normal = _mean_by(owner, count, normals)
     length = np.linalg.norm(normal, axis=1)
     flat = length > 0.5  # normals that cancel belong to no surface
@@ -117,13 +136,17 @@ def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
 
 
 def fit_sphere(
-    cloud: Cloud, centre_m: np.ndarray, radius_m: float, elements: tuple[int, ...], radius_sigma_m: float = 0.0
+    cloud: Cloud,
+    centre_m: np.ndarray,
+    radius_m: float,
+    elements: tuple[int, ...],
+    radius_sigma_m: float = 0.0,
 ) -> Sphere | None:
     """Refine a sphere from a centre near it; None when the points do not carry it.
 
-    Tukey's biweight by iteratively reweighted Gauss–Newton for the centre and for what the radius differs from
-    radius_m, of which radius_sigma_m is known beforehand. The covariance is the M-estimator's sandwich A⁻¹BA⁻¹, B
-    enlarged by what neighbouring points err together.
+    Tukey's biweight by iteratively reweighted Gauss–Newton for the centre and for what the radius
+    differs from radius_m, of which radius_sigma_m is known beforehand. The covariance is the
+    M-estimator's sandwich A⁻¹BA⁻¹, B enlarged by what neighbouring points err together.
     """
     extra_m, shared = 0.0, 1.0
     for _ in range(30):
@@ -139,7 +162,9 @@ def fit_sphere(
         weight = (1 - u2) ** 2
         score = weight * residual
         shared = _shared(points_m, score, PATCH * radius_m)
-        variance_m2 = shared * (score**2).sum() / weight.sum()  # the points' own, of sums over neighbours
+        variance_m2 = (
+            shared * (score**2).sum() / weight.sum()
+        )  # the points' own, of sums over neighbours
         prior = np.zeros((4, 4))  # information on the radius, in the units of the normal matrix
         prior[3, 3] = max(variance_m2, 1e-18) / max(radius_sigma_m, 1e-9) ** 2
         normal = (weight[:, None] * design).T @ design + prior
@@ -162,22 +187,30 @@ def fit_sphere(
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:
-    """True if points of this total weight determine the centre in every direction, whatever the radius: those of a
-    circle leave it free across its plane, to first order."""
+    """True if points of this total weight determine the centre in every direction, whatever the
+    radius: those of a circle leave it free across its plane, to first order."""
     centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
     return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
-    """Ratio of the variance of sums over patches to that of independent scores: 1 when neighbours err each on its own,
-    the number of points that err alike otherwise. Mean over shifted patches; 3 fitted unknowns counted."""
+    """Ratio of the variance of sums over patches to that of independent scores: 1 when neighbours
+    err each on its own, the number of points that err alike otherwise. Mean over shifted patches; 3
+    fitted unknowns counted."""
     ratios = []
     if not score.any():
         return 1.0
     for shift in product((0.0, 0.5), repeat=3):
         patch = _cells(points_m, patch_m, np.array(shift))
-        patches = len(patch) ** 2 / (np.bincount(patch) ** 2).sum()  # that count, for they are not equally full
-        ratios.append((np.bincount(patch, score) ** 2).sum() / (score**2).sum() * patches / max(patches - 3, 1))
+        patches = (
+            len(patch) ** 2 / (np.bincount(patch) ** 2).sum()
+        )  # that count, for they are not equally full
+        ratios.append(
+            (np.bincount(patch, score) ** 2).sum()
+            / (score**2).sum()
+            * patches
+            / max(patches - 3, 1)
+        )
     return max(1.0, float(np.mean(ratios)))
 
 
@@ -190,13 +223,18 @@ def _consistent(cloud: Cloud, centre_m: np.ndarray, radius_m: float) -> np.ndarr
     """Points near the sphere's surface whose normal is the sphere's."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)
-    cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(distance, np.finfo(float).tiny)
+    cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(
+        distance, np.finfo(float).tiny
+    )
     cosine = cosine if cloud.oriented else np.abs(cosine)
     return (np.abs(distance - radius_m) < GATE * radius_m) & (cosine > np.cos(MAX_NORMAL_ANGLE_RAD))
 
 
-def _free_radius(points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray, radius_m: float) -> float:
-    """Radius of the weighted least-squares sphere, from |p|² − 2 p·c = R² − |c|² (linear in c and R² − |c|²)."""
+def _free_radius(
+    points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray, radius_m: float
+) -> float:
+    """Radius of the weighted least-squares sphere, from |p|² − 2 p·c = R² − |c|² (linear in c and
+    R² − |c|²)."""
     p = (points_m - centre_m) / radius_m
     root = np.sqrt(weight)[:, None]
     design = np.concatenate([2 * p, np.ones((len(p), 1))], axis=1)
@@ -205,29 +243,43 @@ def _free_radius(points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray,
 
 
 def _coverage(outward: np.ndarray) -> float:
-    """Part of the sphere on which unit directions [n, 3] lie, counted over a Fibonacci lattice of directions."""
+    """Part of the sphere on which unit directions [n, 3] lie, counted over a Fibonacci lattice of
+    directions."""
     n = 200
     i = np.arange(n) + 0.5
     z, azimuth = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
-    lattice = np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
+    lattice = np.stack(
+        [np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1
+    )
     return len(np.unique(cKDTree(lattice).query(outward)[1])) / n
 
 
 def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Number [n] of the occupied cubic cell that holds each point, counted from 0; shift in cells."""
+    """Number [n] of the occupied cubic cell that holds each point, counted from 0; shift in
+    cells."""
     index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
-    key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[:, 2]
+    key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[
+        :, 2
+    ]
     return np.unique(key, return_inverse=True)[1]
 
 
 def _mean_by(owner: np.ndarray, count: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.stack([np.bincount(owner, values[:, axis]) for axis in range(3)], axis=1) / count[:, None]
+    return (
+        np.stack([np.bincount(owner, values[:, axis]) for axis in range(3)], axis=1)
+        / count[:, None]
+    )
 
 
 def _check(points_m: np.ndarray, normals: np.ndarray | None) -> None:
     if points_m.ndim != 2 or points_m.shape[1] != 3 or len(points_m) < NEIGHBOURS:
-        raise HandbenchError(f"points_m: has shape {points_m.shape}; expected [n, 3] with n ≥ {NEIGHBOURS}, in metres")
+        raise HandbenchError(
+            f"points_m: has shape {points_m.shape}; expected [n, 3] with n ≥ {NEIGHBOURS}, in "
+            "metres"
+        )
     if not np.isfinite(points_m).all():
         raise HandbenchError("points_m: holds NaN or infinite numbers; remove those points first")
     if normals is not None and (normals.shape != points_m.shape or not np.isfinite(normals).all()):
-        raise HandbenchError(f"normals: expected finite numbers of shape {points_m.shape}, got {normals.shape}")
+        raise HandbenchError(
+            f"normals: expected finite numbers of shape {points_m.shape}, got {normals.shape}"
+        )

@@ -1,9 +1,10 @@
 """The target's steel balls in the radar image.
 
 A ball's echo comes from its near surface through the foam: over the channel (t, r) its path is
-|t − c| + |c − r| − 2a·cos β + 2δ, with the ball's radius a, half the bistatic angle β and the foam's one-way delay δ.
-Peaks of the image are found one after another, each in what the others leave over (RELAX, Li & Stoica 1996), so that
-side lobes are neither taken for balls nor pull at them; then each peak is carried to the centre of a ball.
+|t − c| + |c − r| − 2a·cos β + 2δ, with the ball's radius a, half the bistatic angle β and the
+foam's one-way delay δ. Peaks of the image are found one after another, each in what the others
+leave over (RELAX, Li & Stoica 1996), so that side lobes are neither taken for balls nor pull at
+them; then each peak is carried to the centre of a ball.
 """
 
 from dataclasses import dataclass
@@ -26,11 +27,16 @@ from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 REACH_M = 0.006  # a seed is at most this far from its peak, per axis
-STENCIL_STEPS_M = (5e-4, 1e-4)  # the wide one walks to the summit, the narrow one is not misled by its skew
+STENCIL_STEPS_M = (
+    5e-4,
+    1e-4,
+)  # the wide one walks to the summit, the narrow one is not misled by its skew
 MAX_STEPS = 20
 STENCIL = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
 _X, _Y, _Z = STENCIL.T
-QUADRATIC = np.linalg.pinv(np.stack([_X * 0 + 1, _X, _Y, _Z, _X**2, _Y**2, _Z**2, _X * _Y, _X * _Z, _Y * _Z], axis=1))
+QUADRATIC = np.linalg.pinv(
+    np.stack([_X * 0 + 1, _X, _Y, _Z, _X**2, _Y**2, _Z**2, _X * _Y, _X * _Z, _Y * _Z], axis=1)
+)
 
 
 class EchoSearch(Config):
@@ -39,9 +45,13 @@ class EchoSearch(Config):
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     y: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     z: Axis = Axis(start_m=0.2, stop_m=0.45, step_m=0.006)
-    threshold_db: float = Field(default=-26.0, lt=0)  # low: the foam's weak faces pull at the balls unless explained
+    threshold_db: float = Field(
+        default=-26.0, lt=0
+    )  # low: the foam's weak faces pull at the balls unless explained
     max_peaks: int = Field(default=16, ge=1)
-    relaxations: int = Field(default=3, ge=0)  # times that each echo is refined in what the others leave over
+    relaxations: int = Field(
+        default=3, ge=0
+    )  # times that each echo is refined in what the others leave over
 
     @property
     def threshold(self) -> float:
@@ -51,7 +61,8 @@ class EchoSearch(Config):
 
 @dataclass(frozen=True)
 class Peak:
-    """A point-like echo: the image's maximum [3] in metres, its strength (norm of its samples), its covariance."""
+    """A point-like echo: the image's maximum [3] in metres, its strength (norm of its samples), its
+    covariance."""
 
     position_m: np.ndarray
     strength: float
@@ -60,15 +71,19 @@ class Peak:
 
 @dataclass(frozen=True)
 class Ball(Candidate):
-    """A steel ball. peak_m: where the image has its maximum; level_db: against the strongest echo."""
+    """A steel ball. peak_m: where the image has its maximum; level_db: against the strongest
+    echo."""
 
     peak_m: np.ndarray
     level_db: float
 
 
-def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None = None) -> list[Ball]:
-    """Every echo that could be one of the target's balls, the strongest first; an echo appears once for each size of
-    element, since its centre depends on it. Raises HandbenchError when the capture has no MIMO array."""
+def find_balls(
+    capture: RadarCapture, target: Target, search: EchoSearch | None = None
+) -> list[Ball]:
+    """Every echo that could be one of the target's balls, the strongest first; an echo appears once
+    for each size of element, since its centre depends on it. Raises HandbenchError when the capture
+    has no MIMO array."""
     search = search or EchoSearch()
     samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
     depth_m = search.z.stop_m - search.z.start_m
@@ -76,7 +91,8 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
     if SPEED_OF_LIGHT_M_S / (2 * spacing_hz) < depth_m:
         raise HandbenchError(
             f"capture: its {len(frequencies_hz)} tones leave the range open beyond "
-            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the {1e3 * depth_m:.0f} mm searched; "
+            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the "
+            f"{1e3 * depth_m:.0f} mm searched; "
             "record the target with a sweep of finer steps"
         )
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
@@ -92,12 +108,19 @@ def find_balls(capture: RadarCapture, target: Target, search: EchoSearch | None 
 
 
 def mimo_array(capture: RadarCapture) -> AntennaArray:
-    """The capture's antennas; HandbenchError for a scan, where pairs are missing, and in a medium."""
+    """The capture's antennas; HandbenchError for a scan, where pairs are missing, and in a
+    medium."""
     array = capture.aperture
     if not isinstance(array, AntennaArray):
-        raise HandbenchError("capture: a planar scan cannot see the calibration target; expected a MIMO array's echoes")
+        raise HandbenchError(
+            "capture: a planar scan cannot see the calibration target; expected a MIMO array's "
+            "echoes"
+        )
     if array.measured is not None or capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
-        raise HandbenchError("capture: lacks pairs, or is of a medium; the calibration target needs all pairs, in air")
+        raise HandbenchError(
+            "capture: lacks pairs, or is of a medium; the calibration target needs all pairs, in "
+            "air"
+        )
     return array
 
 
@@ -106,8 +129,12 @@ def coarse_peaks(
 ) -> np.ndarray:
     """Local maxima [n, 3] of the image's magnitude above the threshold, metres."""
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
-    half = AntennaArray(array.tx_m[::2], array.rx_m[::2])  # enough for seeds; `separate` refuses a false one
-    magnitude = np.abs(image_volume(samples[:, ::2, ::2], frequencies_hz, half, grid, tolerance=1e-2))
+    half = AntennaArray(
+        array.tx_m[::2], array.rx_m[::2]
+    )  # enough for seeds; `separate` refuses a false one
+    magnitude = np.abs(
+        image_volume(samples[:, ::2, ::2], frequencies_hz, half, grid, tolerance=1e-2)
+    )
     loud = magnitude > max(search.threshold * magnitude.max(), 1e-30)
     return grid.points_m()[loud & (magnitude == maximum_filter(magnitude, size=3))]
 
@@ -120,7 +147,8 @@ def separate(
     search: EchoSearch,
     radius_m: float,
 ) -> list[Peak]:
-    """The echoes of balls of radius_m near seeds_m [n, 3] that explain samples [f, t, r] together."""
+    """The echoes of balls of radius_m near seeds_m [n, 3] that explain samples [f, t, r]
+    together."""
     rest = samples
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
     least = least_seen = 0.0
@@ -135,7 +163,9 @@ def separate(
             continue
         if not found:
             least = search.threshold * float(np.linalg.norm(echo))
-            least_seen = 0.5 * search.threshold * seen[loudest]  # the half: a seed lies beside its peak
+            least_seen = (
+                0.5 * search.threshold * seen[loudest]
+            )  # the half: a seed lies beside its peak
         found.append((position_m, echo))
         rest = rest - echo
     for _ in range(search.relaxations):
@@ -147,23 +177,35 @@ def separate(
     peaks = []
     for position_m, echo in found:
         strength, spread = np.linalg.norm(echo), _phase_spread(position_m, frequencies_hz, array)[0]
-        peaks.append(Peak(position_m, float(strength), noise / 2 * np.linalg.inv(strength**2 * spread)))
+        peaks.append(
+            Peak(position_m, float(strength), noise / 2 * np.linalg.inv(strength**2 * spread))
+        )
     return sorted(peaks, key=lambda peak: -peak.strength)
 
 
 def fit_echo(
-    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, seed_m: np.ndarray, radius_m: float
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    seed_m: np.ndarray,
+    radius_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image's maximum near seed_m and the echo of the ball that peaks there: position [3], samples [f, t, r].
+    """The image's maximum near seed_m and the echo of the ball that peaks there: position [3],
+    samples [f, t, r].
 
-    Newton's method on log|O|, whose gradient and curvature come from a quadratic through a 3×3×3 stencil.
+    Newton's method on log|O|, whose gradient and curvature come from a quadratic through a 3×3×3
+    stencil.
     """
     tones = ToneSkeleton(frequencies_hz, array, seed_m - REACH_M, seed_m + REACH_M, tolerance=1e-6)
     few = tones.compress(samples)
     position_m = np.asarray(seed_m, np.float64)
     for spacing_m in STENCIL_STEPS_M:
         for _ in range(MAX_STEPS):
-            image = np.abs(exact_images(few, tones.frequencies_hz, array, position_m + spacing_m * STENCIL, False)[0])
+            image = np.abs(
+                exact_images(
+                    few, tones.frequencies_hz, array, position_m + spacing_m * STENCIL, False
+                )[0]
+            )
             step_m = spacing_m * _summit(np.log(np.maximum(image, np.finfo(np.float32).tiny)))
             position_m = np.clip(position_m + step_m, seed_m - REACH_M, seed_m + REACH_M)
             if np.linalg.norm(step_m) < 0.01 * spacing_m:
@@ -174,12 +216,17 @@ def fit_echo(
 
 
 def ball_centre(
-    peak_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float
+    peak_m: np.ndarray,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    radius_m: float,
+    delay_m: float,
 ) -> np.ndarray:
     """Centre [3] of the ball whose image peaks at peak_m, metres.
 
-    The peak is the point whose paths follow the ball's best: it minimises the variance of k·(path difference) over
-    tones and channels (the common phase is free). Gauss–Newton on the centre; radius_m: ball; delay_m: foam, one way.
+    The peak is the point whose paths follow the ball's best: it minimises the variance of k·(path
+    difference) over tones and channels (the common phase is free). Gauss–Newton on the centre;
+    radius_m: ball; delay_m: foam, one way.
     """
     centre_m = np.array(peak_m, np.float64)
     for _ in range(4):
@@ -191,17 +238,25 @@ def ball_centre(
     return centre_m
 
 
-def specular_echo(centre_m: np.ndarray, radius_m: float, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a sphere without foam by its specular point alone (radius_m 0: of a point), as
-    strong at all frequencies; the channels' amplitudes sum to 1."""
+def specular_echo(
+    centre_m: np.ndarray, radius_m: float, frequencies_hz: np.ndarray, array: AntennaArray
+) -> np.ndarray:
+    """Samples complex64 [f, t, r] of a sphere without foam by its specular point alone (radius_m 0:
+    of a point), as strong at all frequencies; the channels' amplitudes sum to 1."""
     phase = phasor(ball_path(centre_m, array, radius_m, 0.0), frequencies_hz[:, None, None], -1)
     return (phase * channel_amplitudes(centre_m, array)).astype(np.complex64)
 
 
-def ball_path(centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float) -> np.ndarray:
-    """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β + 2δ; the neglected
-    term is a²·sin²β/|c − t|, about 1 µm here."""
-    return path_lengths(array, centre_m) - 2 * radius_m * half_angle_cosine(centre_m, array) + 2 * delay_m
+def ball_path(
+    centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float
+) -> np.ndarray:
+    """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β +
+    2δ; the neglected term is a²·sin²β/|c − t|, about 1 µm here."""
+    return (
+        path_lengths(array, centre_m)
+        - 2 * radius_m * half_angle_cosine(centre_m, array)
+        + 2 * delay_m
+    )
 
 
 def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
@@ -214,8 +269,9 @@ def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 def _phase_spread(
     point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> tuple[np.ndarray, float, float, np.ndarray, np.ndarray]:
-    """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with what it is made of: the means
-    of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t, r]."""
+    """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with what it
+    is made of: the means of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t,
+    r]."""
     k = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     g = path_gradients(point_m, array)
     weight = channel_amplitudes(point_m, array)
@@ -226,7 +282,8 @@ def _phase_spread(
 
 
 def _summit(values: np.ndarray) -> np.ndarray:
-    """Step [3], in spacings, from the stencil's middle to the top of the quadratic through its 27 values; at most 2."""
+    """Step [3], in spacings, from the stencil's middle to the top of the quadratic through its 27
+    values; at most 2."""
     _, x, y, z, xx, yy, zz, xy, xz, yz = QUADRATIC @ values
     hessian = np.array([[2 * xx, xy, xz], [xy, 2 * yy, yz], [xz, yz, 2 * zz]])
     value, vector = np.linalg.eigh(hessian)

@@ -15,16 +15,18 @@ CHESSBOARD = -1  # stands for the ChArUco board where the others stand by their 
 
 
 class Marker(Config):
-    """One marker: its id and its four corners [4][x, y, z] in metres, OpenCV's order (clockwise from top left)."""
+    """One marker: its id and its four corners [4][x, y, z] in metres, OpenCV's order (clockwise
+    from top left)."""
 
     id: int = Field(ge=0)
     corners_m: tuple[tuple[float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 class Charuco(Config):
-    """A chessboard with a marker in each white square, as OpenCV draws it: `columns` × `rows` squares of side
-    `square_m`, markers of side `marker_m`; legacy: the pattern of OpenCV before 4.6. Its frame: origin at the top left
-    corner, x along the upper edge, y upwards, z out of the print."""
+    """A chessboard with a marker in each white square, as OpenCV draws it: `columns` × `rows`
+    squares of side `square_m`, markers of side `marker_m`; legacy: the pattern of OpenCV before
+    4.6. Its frame: origin at the top left corner, x along the upper edge, y upwards, z out of the
+    print."""
 
     columns: int = Field(ge=3, le=100)
     rows: int = Field(ge=3, le=100)
@@ -36,11 +38,14 @@ class Charuco(Config):
     @model_validator(mode="after")
     def _fits(self) -> "Charuco":
         if self.marker_m >= self.square_m:
-            raise ValueError(f"marker_m is {self.marker_m}; a marker is smaller than its square, {self.square_m}")
+            raise ValueError(
+                f"marker_m is {self.marker_m}; a marker is smaller than its square, {self.square_m}"
+            )
         return self
 
     def corners_m(self) -> np.ndarray:
-        """Inner corners [(rows − 1)(columns − 1), 3] of the chessboard, metres, row by row from the top left."""
+        """Inner corners [(rows − 1)(columns − 1), 3] of the chessboard, metres, row by row from the
+        top left."""
         column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         corners = np.stack([column, -row, np.zeros_like(row)], axis=-1)
         return self.square_m * corners.reshape(-1, 3).astype(np.float64)
@@ -53,15 +58,19 @@ class Charuco(Config):
         needed, there = self.columns * self.rows // 2, len(dictionary.bytesList)
         if needed > there:
             raise HandbenchError(
-                f"board: charuco has {needed} markers, the dictionary '{self.dictionary}' {there}; use a larger one"
+                f"board: charuco has {needed} markers, the dictionary '{self.dictionary}' "
+                f"{there}; use a larger one"
             )
-        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+        board = cv2.aruco.CharucoBoard(
+            (self.columns, self.rows), self.square_m, self.marker_m, dictionary
+        )
         board.setLegacyPattern(self.legacy)
         return board
 
 
 class Board(Config):
-    """A rigid set of ArUco markers, a ChArUco board, or both; its frame is the photographs' world frame."""
+    """A rigid set of ArUco markers, a ChArUco board, or both; its frame is the photographs' world
+    frame."""
 
     dictionary: str = "DICT_4X4_50"
     marker: tuple[Marker, ...] = ()
@@ -79,13 +88,19 @@ class Board(Config):
         if not self.marker and self.charuco is None:
             raise ValueError("names neither a [[marker]] nor a [charuco] board")
         if self.charuco is not None and self.charuco.dictionary == self.dictionary:
-            taken = [m.id for m in self.marker if m.id < self.charuco.columns * self.charuco.rows // 2]
+            taken = [
+                m.id for m in self.marker if m.id < self.charuco.columns * self.charuco.rows // 2
+            ]
             if taken:
-                raise ValueError(f"marker {taken[0]} is in the charuco board too; use other ids or another dictionary")
+                raise ValueError(
+                    f"marker {taken[0]} is in the charuco board too; use other ids or another "
+                    "dictionary"
+                )
         return self
 
     def corners_m(self) -> dict[int, np.ndarray]:
-        """Marker id → corners [4, 3], and CHESSBOARD → the ChArUco board's corners [n, 3], metres."""
+        """Marker id → corners [4, 3], and CHESSBOARD → the ChArUco board's corners [n, 3],
+        metres."""
         corners = {m.id: np.array(m.corners_m, dtype=np.float64) for m in self.marker}
         return corners if self.charuco is None else corners | {CHESSBOARD: self.charuco.corners_m()}
 
@@ -98,7 +113,9 @@ class Board(Config):
         ids = sorted(marker.id for marker in self.marker)
         markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
         c = self.charuco
-        return " and ".join(markers + ([] if c is None else [f"{c.columns} × {c.rows} squares with {c.dictionary}"]))
+        return " and ".join(
+            markers + ([] if c is None else [f"{c.columns} × {c.rows} squares with {c.dictionary}"])
+        )
 
 
 def cv_dictionary(name: str) -> Any:
@@ -107,7 +124,9 @@ def cv_dictionary(name: str) -> Any:
 
     number = getattr(cv2.aruco, name, None)
     if not name.startswith("DICT_") or number is None:
-        raise HandbenchError(f"board: unknown dictionary '{name}'; use one of OpenCV's, as DICT_4X4_50")
+        raise HandbenchError(
+            f"board: unknown dictionary '{name}'; use one of OpenCV's, as DICT_4X4_50"
+        )
     return cv2.aruco.getPredefinedDictionary(number)
 
 

@@ -1,8 +1,8 @@
 """The board's corners in photographs.
 
-A corner detector finds the corner of a blurred square inside it, and a photograph's tone curve (sRGB) shifts every
-edge into the dark: together half a pixel. A straight line through the middle of an edge's slope has neither error,
-once the tones are proportional to light.
+A corner detector finds the corner of a blurred square inside it, and a photograph's tone curve
+(sRGB) shifts every edge into the dark: together half a pixel. A straight line through the middle of
+an edge's slope has neither error, once the tones are proportional to light.
 """
 
 import cv2
@@ -21,7 +21,9 @@ FAINTEST = 0.5  # of the typical slope along the edge
 CLEAR = 0.6  # of the edge's length that must lie on the line
 STRAIGHT_PX = 0.25  # median distance from the line
 
-Corners = dict[tuple[int, int], np.ndarray]  # (marker, or CHESSBOARD, and its corner) → pixel [2], COLMAP's convention
+Corners = dict[
+    tuple[int, int], np.ndarray
+]  # (marker, or CHESSBOARD, and its corner) → pixel [2], COLMAP's convention
 
 
 def detect_corners(photo: Photo, board: Board) -> Corners:
@@ -31,14 +33,18 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
     found = _chessboard_corners(picture, board)
     if board.marker:
         found |= _marker_corners(picture, to_light(tones), board)
-    return {name: at + 0.5 for name, at in found.items()}  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
+    return {
+        name: at + 0.5 for name, at in found.items()
+    }  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
     """Intersections of the markers' edges; a marker seen twice is a mistake."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(picture)
+    found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(
+        picture
+    )
     known = board.corners_m()
     names = [] if ids is None else ids.ravel().tolist()
     return {
@@ -67,16 +73,19 @@ def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
         raise HandbenchError(
-            f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} photographs, each at most "
+            f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
+            "photographs, each at most "
             "once; some must be in two: check dictionary, ids and focus"
         )
     return seen
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
-    """Focal length from one view of the board, within a few per cent; None where the photograph shows too little.
+    """Focal length from one view of the board, within a few per cent; None where the photograph
+    shows too little.
 
-    A plane under a slant fixes one focal length when the principal point is taken to be the middle (Zhang, TPAMI 2000).
+    A plane under a slant fixes one focal length when the principal point is taken to be the middle
+    (Zhang, TPAMI 2000).
     """
     if len(corners) < FEWEST_CORNERS:
         return None
@@ -86,8 +95,16 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
         return None
     pixels = np.array(list(corners.values()), dtype=np.float32) - 0.5
     size = (photo.width, photo.height)
-    guess = np.array([[1.2 * max(size), 0, size[0] / 2 - 0.5], [0, 1.2 * max(size), size[1] / 2 - 0.5], [0, 0, 1]])
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+    guess = np.array(
+        [
+            [1.2 * max(size), 0, size[0] / 2 - 0.5],
+            [0, 1.2 * max(size), size[1] / 2 - 0.5],
+            [0, 0, 1],
+        ]
+    )
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+    )
     flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     _, K, *_ = cv2.calibrateCamera([points_m], [pixels], size, guess, None, flags=flags)
     return float(K[0, 0]) if is_plausible(K[0, 0], *size) else None
@@ -95,30 +112,43 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
 
 def to_light(tones: np.ndarray) -> np.ndarray:
     """sRGB tones in 0 … 1 as amounts of light in 0 … 1 (IEC 61966-2-1), float32."""
-    return np.where(tones < 0.04045, tones / 12.92, ((tones + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.where(tones < 0.04045, tones / 12.92, ((tones + 0.055) / 1.055) ** 2.4).astype(
+        np.float32
+    )
 
 
 def refined(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
-    """The corners [4, 2] of a dark square on white as indices (column, row), clockwise, from a guess `quad` within two
-    pixels or so; NaN beside an edge that is covered, faint or not straight. light [height, width] float32."""
+    """The corners [4, 2] of a dark square on white as indices (column, row), clockwise, from a
+    guess `quad` within two pixels or so; NaN beside an edge that is covered, faint or not straight.
+    light [height, width] float32."""
     for reach_px in REACHES_PX:
-        reach_px = min(reach_px, REACH * np.linalg.norm(quad - np.roll(quad, -1, axis=0), axis=1).min())
-        edges = [_edge(light, a, b, reach_px) for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True)]
+        reach_px = min(
+            reach_px, REACH * np.linalg.norm(quad - np.roll(quad, -1, axis=0), axis=1).min()
+        )
+        edges = [
+            _edge(light, a, b, reach_px)
+            for a, b in zip(quad, np.roll(quad, -1, axis=0), strict=True)
+        ]
         quad = np.array([_crossing(edges[k - 1], edges[k]) for k in range(4)])
         if np.isnan(quad).any():
             break
     return quad
 
 
-def _edge(light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point [2] on the edge from about a to about b, and its direction [2]; light grows to its left."""
+def _edge(
+    light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """A point [2] on the edge from about a to about b, and its direction [2]; light grows to its
+    left."""
     length_px = np.linalg.norm(b - a)
     along = (b - a) / length_px
     across = np.array([along[1], -along[0]])
     t = np.linspace(INNER, 1 - INNER, max(8, int(length_px))) * length_px
     s = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     at = (a + t[:, None, None] * along + s[:, None] * across).astype(np.float32)
-    profile = cv2.remap(light, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    profile = cv2.remap(
+        light, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     slope = np.clip(np.diff(profile, axis=1), 0, None)
     height = slope.sum(axis=1)
     offset = slope @ ((s[1:] + s[:-1]) / 2) / np.maximum(height, 1e-6)
@@ -133,7 +163,9 @@ def _edge(light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float) -> t
     return None if typical > STRAIGHT_PX else (a + middle * across, along + tilt * across)
 
 
-def _crossing(first: tuple[np.ndarray, np.ndarray] | None, second: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+def _crossing(
+    first: tuple[np.ndarray, np.ndarray] | None, second: tuple[np.ndarray, np.ndarray] | None
+) -> np.ndarray:
     """Intersection [2] of two lines; NaN when one is missing."""
     if first is None or second is None:
         return np.full(2, np.nan)

@@ -1,6 +1,7 @@
 """Cameras that something else has found: handbench's cameras.json, a COLMAP model, Metashape's XML.
 
-COLMAP's binary models are walked through first: its own reader believes every count in them, and counts for ever.
+COLMAP's binary models are walked through first: its own reader believes every count in them, and
+counts for ever.
 """
 
 import struct
@@ -11,7 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import Camera, camera_in, load_cameras, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import (
+    Camera,
+    camera_in,
+    load_cameras,
+    pycolmap,
+    registered,
+)
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
 from handbench.support.errors import HandbenchError
@@ -20,27 +27,53 @@ from handbench.support.limits import MODEL_BYTES
 from handbench.support.progress import say
 
 FEWEST_POINTS = 20  # that a photograph of a model must see
-TURNABLE = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}  # what a lens may have
-PLAUSIBLE = (0.1, 20.0, 100.0)  # least and largest focal length over the picture's longer side, largest distortion
+TURNABLE = {
+    "f",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "k",
+    "k1",
+    "k2",
+    "k3",
+    "k4",
+    "k5",
+    "k6",
+    "p1",
+    "p2",
+}  # what a lens may have
+PLAUSIBLE = (
+    0.1,
+    20.0,
+    100.0,
+)  # least and largest focal length over the picture's longer side, largest distortion
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 
 def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
-    """Each photograph's camera, of its stored pixels, from a cameras.json, a COLMAP model's folder or Metashape's XML.
+    """Each photograph's camera, of its stored pixels, from a cameras.json, a COLMAP model's folder
+    or Metashape's XML.
 
-    metric: the poses of the COLMAP model are in metres; without it they are left out, since COLMAP's own have no unit.
+    metric: the poses of the COLMAP model are in metres; without it they are left out, since
+    COLMAP's own have no unit.
     """
     if path.is_dir():
         known = cameras_in(read_model(path))
         if not metric:
-            say(f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; --metric if they are metres")
+            say(
+                f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; --metric "
+                "if they are metres"
+            )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:
         known = read_metashape(path) if path.suffix.lower() == ".xml" else load_cameras(path)
     cameras = []
     for photo, camera in _pairs(photos, known, path):
         if camera is None:
-            raise HandbenchError(f"{path}: has no camera for {photo.name}; add one, or remove the photograph")
+            raise HandbenchError(
+                f"{path}: has no camera for {photo.name}; add one, or remove the photograph"
+            )
         if sides_swapped(photo, camera.width, camera.height):
             camera = stored_camera(photo, camera)
         _require_size(photo, camera.width, camera.height, path)
@@ -50,17 +83,22 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
 
 
 def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruction":
-    """A COLMAP model (text or binary) of these photographs, its images under the photographs' names; images without a
-    photograph, and images that see next to nothing of the model's points, are left out, and said.
+    """A COLMAP model (text or binary) of these photographs, its images under the photographs'
+    names; images without a photograph, and images that see next to nothing of the model's points,
+    are left out, and said.
 
     A HandbenchError when fewer than three photographs remain, or one has another size in the model.
     """
     model = read_model(folder)
     images = registered(model)
     if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
-        raise HandbenchError(f"{folder}: has rigs of several cameras; expected single ones: export it without rigs")
+        raise HandbenchError(
+            f"{folder}: has rigs of several cameras; expected single ones: export it without rigs"
+        )
     empty = not model.num_points3D()
-    photo_of = {image.name: photo for photo, image in _pairs(photos, images, folder) if image is not None}
+    photo_of = {
+        image.name: photo for photo, image in _pairs(photos, images, folder) if image is not None
+    }
     for image in images:
         photo = photo_of.get(image.name)
         if photo is not None:
@@ -68,14 +106,19 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
         if not image.has_pose:  # gone with another image of its rig
             continue
         if photo is None or (image.num_points3D < FEWEST_POINTS and not empty):
-            why = "is not among the photographs" if photo is None else f"sees {image.num_points3D} points only"
+            why = (
+                "is not among the photographs"
+                if photo is None
+                else f"sees {image.num_points3D} points only"
+            )
             say(f"{folder}: {image.name} {why}; left out")
             model.deregister_frame(image.frame_id)
         else:
             image.name = photo.name
     if len(registered(model)) < FEWEST:
         raise HandbenchError(
-            f"{folder}: holds {len(registered(model))} of the {len(photos)} photographs; expected at least {FEWEST}, "
+            f"{folder}: holds {len(registered(model))} of the {len(photos)} photographs; "
+            f"expected at least {FEWEST}, "
             "by the same names"
         )
     return model
@@ -91,7 +134,8 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
         registered(model)  # by their names, which are text
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
-            f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected cameras, images and points3D, "
+            f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected "
+            "cameras, images and points3D, "
             ".bin or .txt"
         ) from error
     finally:
@@ -99,15 +143,20 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     numbers = [image.cam_from_world().matrix() for image in registered(model)]
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
-    broken = not all(np.isfinite(part).all() for part in numbers) or not all(map(_is_rigid, registered(model)))
+    broken = not all(np.isfinite(part).all() for part in numbers) or not all(
+        map(_is_rigid, registered(model))
+    )
     lenses = model.cameras.values()
     if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
-        raise HandbenchError(f"{folder}: its cameras, poses or points are no sensible numbers; make the model again")
+        raise HandbenchError(
+            f"{folder}: its cameras, poses or points are no sensible numbers; make the model again"
+        )
     return model
 
 
 def _is_rigid(image: "pycolmap.Image") -> bool:
-    """True if the image's pose holds a rotation: a quaternion that is not of unit length does not give one."""
+    """True if the image's pose holds a rotation: a quaternion that is not of unit length does not
+    give one."""
     R = image.cam_from_world().rotation.matrix()
     return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
@@ -131,22 +180,33 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
 
 
 def stored_camera(photo: Photo, camera: Camera) -> Camera:
-    """The camera of the stored pixels, from that of the upright picture; a HandbenchError for a lens model that is not
-    the same when turned. With each turn by 90° clockwise what was at (x, y) went to (height − y, x)."""
+    """The camera of the stored pixels, from that of the upright picture; a HandbenchError for a
+    lens model that is not the same when turned. With each turn by 90° clockwise what was at (x, y)
+    went to (height − y, x)."""
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
         raise HandbenchError(
-            f"camera {camera.name}: is of the upright picture, and the model {camera.model} cannot be turned; "
+            f"camera {camera.name}: is of the upright picture, and the model {camera.model} "
+            "cannot be turned; "
             "calibrate at the stored pixels, without EXIF orientation"
         )
     back = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for _ in range(QUARTER_TURNS[photo.orientation]):
         value = dict(zip(names, camera.params, strict=True))
         turned = dict(value, cx=value["cy"], cy=camera.width - value["cx"])
-        for name, source, sign in (("fx", "fy", 1), ("fy", "fx", 1), ("p1", "p2", -1), ("p2", "p1", 1)):
+        for name, source, sign in (
+            ("fx", "fy", 1),
+            ("fy", "fx", 1),
+            ("p1", "p2", -1),
+            ("p2", "p1", 1),
+        ):
             if name in value:
                 turned[name] = sign * value[source]
-        update = {"width": camera.height, "height": camera.width, "params": tuple(turned[name] for name in names)}
+        update = {
+            "width": camera.height,
+            "height": camera.width,
+            "params": tuple(turned[name] for name in names),
+        }
         if camera.R is not None:
             update["R"] = tuple(map(tuple, (back @ camera.rotation).tolist()))
         if camera.t is not None:
@@ -158,8 +218,8 @@ def stored_camera(photo: Photo, camera: Camera) -> Camera:
 def _pairs(
     photos: tuple[Photo, ...], named: "Sequence[Camera] | Sequence[pycolmap.Image]", where: Path
 ) -> list[tuple[Photo, Any]]:
-    """Each photograph with what bears its name: all of it, else without folders, else without suffix too (None:
-    nothing). A HandbenchError where two things do."""
+    """Each photograph with what bears its name: all of it, else without folders, else without
+    suffix too (None: nothing). A HandbenchError where two things do."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
     known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
@@ -167,7 +227,10 @@ def _pairs(
         same = ([n for name, n in those if name == cut(photo.name)] for cut, those in known)
         found = next(filter(None, same), [None])
         if len(found) > 1:
-            raise HandbenchError(f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; rename one")
+            raise HandbenchError(
+                f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; "
+                "rename one"
+            )
         pairs.append((photo, found[0]))
     return pairs
 
@@ -176,15 +239,20 @@ def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
     if (width, height) != (photo.width, photo.height):
         cure = "use what was made from these very files"
         if (height, width) == (photo.width, photo.height):
-            cure = "exchange width and height, and with them what else is exchanged: fx and fy, cx and cy"
+            cure = (
+                "exchange width and height, and with them what else is exchanged: fx and fy, "
+                "cx and cy"
+            )
         raise HandbenchError(
-            f"{where}: {photo.name} is {width} × {height} there, the photograph has {photo.width} × {photo.height} "
+            f"{where}: {photo.name} is {width} × {height} there, the photograph has "
+            f"{photo.width} × {photo.height} "
             f"pixels; {cure}"
         )
 
 
 def check_model(folder: Path) -> None:
-    """A HandbenchError where a binary file of a model is not exactly as long as what it counts, or one is too large."""
+    """A HandbenchError where a binary file of a model is not exactly as long as what it counts, or
+    one is too large."""
     for name in KINDS:
         file = folder / f"{name}.bin"
         if not file.is_file():
@@ -198,13 +266,15 @@ def check_model(folder: Path) -> None:
             end = -1
         if end != len(content):
             raise HandbenchError(
-                f"{folder}: is not readable as a COLMAP model ({file.name}: its {len(content)} bytes are not what it "
+                f"{folder}: is not readable as a COLMAP model ({file.name}: its {len(content)} "
+                "bytes are not what it "
                 "counts); copy it again"
             )
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Write a model, binary; an OSError where it was cut short, which COLMAP passes over in silence."""
+    """Write a model, binary; an OSError where it was cut short, which COLMAP passes over in
+    silence."""
     model.write_binary(folder)
     try:
         check_model(folder)
@@ -213,8 +283,8 @@ def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _length(content: bytes, kind: str) -> int:
-    """End of the records of a file, whose number stands at its head; struct.error, ValueError or KeyError where they
-    go beyond it, or name a lens model that there is not."""
+    """End of the records of a file, whose number stands at its head; struct.error, ValueError or
+    KeyError where they go beyond it, or name a lens model that there is not."""
 
     def number(form: str, at: int) -> int:
         return int(struct.unpack_from(form, content, at)[0])
@@ -244,5 +314,10 @@ def _length(content: bytes, kind: str) -> int:
 @cache
 def _parameters() -> dict[int, int]:
     """Number of parameters of each of COLMAP's lens models, by the model's number."""
-    models = [model for name, model in pycolmap.CameraModelId.__members__.items() if name != "INVALID"]
-    return {int(model): len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params) for model in models}
+    models = [
+        model for name, model in pycolmap.CameraModelId.__members__.items() if name != "INVALID"
+    ]
+    return {
+        int(model): len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 1, 1).params)
+        for model in models
+    }

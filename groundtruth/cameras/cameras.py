@@ -15,8 +15,8 @@ from handbench.support.files import read_json, write_json
 
 
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace); Python lets only the main
-    thread put the old one back, so import it there first."""
+    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace);
+    Python lets only the main thread put the old one back, so import it there first."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
@@ -47,8 +47,8 @@ Row = tuple[float, float, float]
 
 
 class Camera(Config):
-    """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera frame
-    (x right, y down, z forward); both may be unknown."""
+    """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera
+    frame (x right, y down, z forward); both may be unknown."""
 
     name: str
     width: int = Field(gt=0)
@@ -89,31 +89,40 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def colmap(self) -> "pycolmap.Camera":
-        """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP does not know."""
+        """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP
+        does not know."""
         try:
-            camera = pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+            camera = pycolmap.Camera(
+                model=self.model, width=self.width, height=self.height, params=list(self.params)
+            )
         except (ValueError, RuntimeError, KeyError):
             camera = None
         if camera is None or not camera.verify_params():
             raise HandbenchError(
-                f"camera {self.name}: COLMAP has no model '{self.model}' with {len(self.params)} parameters; use one "
+                f"camera {self.name}: COLMAP has no model '{self.model}' with {len(self.params)} "
+                "parameters; use one "
                 "of its models, as OPENCV with fx, fy, cx, cy, k1, k2, p1, p2"
             )
         return camera
 
     def project(self, points_m: np.ndarray) -> np.ndarray:
         """World points [n, 3] to pixels [n, 2], lens distortion included."""
-        return np.asarray(self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m))
+        return np.asarray(
+            self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m)
+        )
 
     def ray_directions(self, rows: slice = slice(None)) -> np.ndarray:
-        """World-frame unit directions [rows, width, 3] through every pixel's centre (distortion undone)."""
+        """World-frame unit directions [rows, width, 3] through every pixel's centre (distortion
+        undone)."""
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height)[rows] + 0.5)
         return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(*u.shape, 3)
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:
         """World-frame unit directions [n, 3] through pixels [n, 2] (distortion undone)."""
         xy = np.asarray(self.colmap().cam_from_img(pixels))
-        rays = xy @ self.rotation[:2] + self.rotation[2]  # of (x, y, 1), in place: there are millions
+        rays = (
+            xy @ self.rotation[:2] + self.rotation[2]
+        )  # of (x, y, 1), in place: there are millions
         rays *= 1 / np.sqrt(1 + np.einsum("ij,ij->i", xy, xy))[:, None]
         return rays
 
@@ -133,7 +142,9 @@ class CameraFile(Config):
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
     """Read `cameras.json`."""
-    return parse(CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)).cameras
+    return parse(
+        CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)
+    ).cameras
 
 
 def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
@@ -143,7 +154,9 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
 
 def registered(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
     """The registered photographs, by name."""
-    return sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    return sorted(
+        (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
+    )
 
 
 def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":

@@ -1,17 +1,18 @@
 """Cameras that Metashape exported as XML (File > Export > Export Cameras; MAROON's `cams.xml`).
 
-Metashape's frame camera (user manual, appendix "Camera models"): a point (X, Y, Z) of the camera frame (x right, y
-down, z forward) has x = X / Z, y = Y / Z, r² = x² + y² and is seen at the pixel
+Metashape's frame camera (user manual, appendix "Camera models"): a point (X, Y, Z) of the camera
+frame (x right, y down, z forward) has x = X / Z, y = Y / Z, r² = x² + y² and is seen at the pixel
 
     x' = x (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P1 (r² + 2 x²) + 2 P2 x y
     y' = y (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P2 (r² + 2 y²) + 2 P1 x y
     u = 0.5 w + cx + x' f + x' B1 + y' B2
     v = 0.5 h + cy + y' f
 
-with the first pixel's centre at (0.5, 0.5), as in COLMAP. So cx and cy count from the picture's middle, P1 and P2 are
-COLMAP's p2 and p1, f + B1 is the focal length along x, and K3 needs COLMAP's FULL_OPENCV. A camera's 4 × 4 `transform`
-(row order) carries its frame to the chunk's; the `transform` of the chunk, or of the camera's component, carries that
-to the world by X ↦ scale · rotation · X + translation, in metres where the project has a scale.
+with the first pixel's centre at (0.5, 0.5), as in COLMAP. So cx and cy count from the picture's
+middle, P1 and P2 are COLMAP's p2 and p1, f + B1 is the focal length along x, and K3 needs COLMAP's
+FULL_OPENCV. A camera's 4 × 4 `transform` (row order) carries its frame to the chunk's; the
+`transform` of the chunk, or of the camera's component, carries that to the world by X ↦ scale ·
+rotation · X + translation, in metres where the project has a scale.
 """
 
 from pathlib import Path, PureWindowsPath
@@ -33,23 +34,30 @@ Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], tra
 
 
 def read_metashape(path: str | Path) -> tuple[Camera, ...]:
-    """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras that were not aligned
-    have no pose, and none has one in a project without a scale. A HandbenchError for lenses that COLMAP does not have.
+    """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras
+    that were not aligned have no pose, and none has one in a project without a scale. A
+    HandbenchError for lenses that COLMAP does not have.
     """
     root = _parse(path)
     chunks = root.findall("chunk")
     if root.tag != "document" or len(chunks) != 1:
-        raise HandbenchError(f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again")
+        raise HandbenchError(
+            f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again"
+        )
     try:
         sensors = {_id(s, "id"): s for s in chunks[0].iterfind("sensors/sensor")}
-        components = {_id(c, "id"): _similarity(c) for c in chunks[0].iterfind("components/component")}
+        components = {
+            _id(c, "id"): _similarity(c) for c in chunks[0].iterfind("components/component")
+        }
         whole = _similarity(chunks[0])
         return tuple(
             _camera(camera, sensors, components.get(camera.get("component_id", "")) or whole)
             for camera in chunks[0].iterfind("cameras//camera")
         )
     except (ValueError, KeyError, TypeError) as error:
-        raise HandbenchError(f"{path}: is no cameras file of Metashape ({error}); export the cameras again") from error
+        raise HandbenchError(
+            f"{path}: is no cameras file of Metashape ({error}); export the cameras again"
+        ) from error
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {error}") from error
 
@@ -64,10 +72,14 @@ def _parse(path: str | Path) -> ElementTree.Element:
             raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
         return ElementTree.fromstring(text)
     except (ValueError, ElementTree.ParseError) as error:
-        raise HandbenchError(f"{path}: is not readable as XML ({error}); export the cameras again") from error
+        raise HandbenchError(
+            f"{path}: is not readable as XML ({error}); export the cameras again"
+        ) from error
 
 
-def _camera(element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None) -> Camera:
+def _camera(
+    element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None
+) -> Camera:
     label = PureWindowsPath(element.get("label", "")).name  # cuts at / and at \
     sensor = sensors[_id(element, "sensor_id")]
     width, height, params = _intrinsics(sensor, label)
@@ -78,32 +90,45 @@ def _camera(element: ElementTree.Element, sensors: dict[str, ElementTree.Element
         R = (rotation @ matrix[:3, :3]).T
         centre_m = scale * rotation @ matrix[:3, 3] + translation_m
         pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
-    return Camera(name=label, width=width, height=height, model="FULL_OPENCV", params=params, **pose)
+    return Camera(
+        name=label, width=width, height=height, model="FULL_OPENCV", params=params, **pose
+    )
 
 
 def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tuple[float, ...]]:
     """Width, height and FULL_OPENCV's parameters of a sensor."""
     calibrations = {c.get("class", "adjusted"): c for c in sensor.iterfind("calibration")}
     calibration = calibrations.get("adjusted", calibrations.get("initial"))
-    if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {"frame"}:
-        raise HandbenchError(f"camera {label}: has no calibration of type 'frame'; handbench reads no other")
+    if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {
+        "frame"
+    }:
+        raise HandbenchError(
+            f"camera {label}: has no calibration of type 'frame'; handbench reads no other"
+        )
     if max(len(sensor), len(calibration)) > MOST_PARTS:  # each camera goes through them
         raise ValueError(f"a sensor has more than {MOST_PARTS} parts")
     size = calibration.find("resolution")
     size = sensor.find("resolution") if size is None else size
     width, height = int(_id(size, "width")), int(_id(size, "height"))
-    value = {child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"}
+    value = {
+        child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"
+    }
     unknown = [name for name in NOT_IN_COLMAP if value.get(name, 0) != 0]
     skew_px = abs(value.get("b2", 0)) * height / 2 / value["f"] if value["f"] else np.inf
     if unknown or skew_px > SMALLEST_SKEW_PX:
         raise HandbenchError(
-            f"camera {label}: has {' and '.join(unknown) or 'b2'}, which no lens model of COLMAP has; optimise the "
+            f"camera {label}: has {' and '.join(unknown) or 'b2'}, which no lens model of COLMAP "
+            "has; optimise the "
             f"cameras in Metashape with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
         )
     f, cx, cy, k1, k2, k3, p1, p2, b1 = (
         value.get(name, 0.0) for name in ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2", "b1")
     )
-    return width, height, (f + b1, f, width / 2 + cx, height / 2 + cy, k1, k2, p2, p1, k3, 0.0, 0.0, 0.0)
+    return (
+        width,
+        height,
+        (f + b1, f, width / 2 + cx, height / 2 + cy, k1, k2, p2, p1, k3, 0.0, 0.0, 0.0),
+    )
 
 
 def _similarity(element: ElementTree.Element) -> Similarity | None:

@@ -1,7 +1,8 @@
 """Further looks at every view, which start from what all of them have found.
 
-A thin column that the sweep missed in one view was found in another. Its points, rendered into the first, are where
-PatchMatch starts there, and the pixels of every view are matched and filtered again as before.
+A thin column that the sweep missed in one view was found in another. Its points, rendered into the
+first, are where PatchMatch starts there, and the pixels of every view are matched and filtered
+again as before.
 """
 
 import numpy as np
@@ -18,28 +19,36 @@ STEEPEST = 8.0  # disparities per pixel
 
 
 def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
-    """The depth maps made again, from their own depths and, where these have none, from the others'. sources: of each
-    view."""
+    """The depth maps made again, from their own depths and, where these have none, from the
+    others'. sources: of each view."""
     for _ in range(LOOKS):
         cloud, again = fuse(maps, None, CONFIRMATIONS), []
         for m, used in zip(track(maps, "another look"), sources, strict=True):
             stereo = Stereo.of(m.view, [maps[s].view for s in used])
             depth_m, normals = rendered(cloud, m.view)
             known = np.isfinite(m.depth_m)
-            depth_m, normals = np.where(known, m.depth_m, depth_m), np.where(known[..., None], m.normals, normals)
-            planes = _filled(planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST))
+            depth_m, normals = (
+                np.where(known, m.depth_m, depth_m),
+                np.where(known[..., None], m.normals, normals),
+            )
+            planes = _filled(
+                planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST)
+            )
             again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
         maps = again
     return maps
 
 
 def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the view at each pixel."""
+    """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the
+    view at each pixel."""
     h, w = view.gray.shape
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
     local = cloud.points_m @ view.R.T + view.t
     faces = (((cloud.points_m - view.centre_m) * cloud.normals).sum(axis=1) < 0) & (local[:, 2] > 0)
-    order = np.flatnonzero(faces)[np.argsort(-local[faces, 2], kind="stable")]  # the nearest is written last
+    order = np.flatnonzero(faces)[
+        np.argsort(-local[faces, 2], kind="stable")
+    ]  # the nearest is written last
     pixels = local[order] @ view.K.T
     column, row = np.floor(pixels[:, :2] / pixels[:, 2:] + 0.5).T
     shown = (column >= 0) & (column < w) & (row >= 0) & (row < h)

@@ -1,17 +1,19 @@
 """Depth maps on a CUDA device: COLMAP's PatchMatch searches, our own last step measures.
 
-Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP replaces the sweep
-and the iterations of `groundtruth.dense.dense`, from the same views, with the same sources and windows. Its planes then
-go through `dense.refined` without iterations: a polish with curved windows and the same limits of cost, incidence and
-jumps (COLMAP writes no costs), so that maps from either machine mean the same to the fusion and its uncertainty.
-COLMAP's random numbers are the same in every run; there is no seed to set.
+Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP
+replaces the sweep and the iterations of `groundtruth.dense.dense`, from the same views, with the
+same sources and windows. Its planes then go through `dense.refined` without iterations: a polish
+with curved windows and the same limits of cost, incidence and jumps (COLMAP writes no costs), so
+that maps from either machine mean the same to the fusion and its uncertainty. COLMAP's random
+numbers are the same in every run; there is no seed to set.
 
-COLMAP's workspace is made of our views and not by its `undistort_images`: they are cropped to the box, and its stereo
-puts pixels' centres at whole numbers, as our K does and its own models do not (colmap issue 1515: half a pixel). All
-pictures are filled up with black to one size: some versions shear what is narrower (colmap pull request 4634).
+COLMAP's workspace is made of our views and not by its `undistort_images`: they are cropped to the
+box, and its stereo puts pixels' centres at whole numbers, as our K does and its own models do not
+(colmap issue 1515: half a pixel). All pictures are filled up with black to one size: some versions
+shear what is narrower (colmap pull request 4634).
 
-COLMAP's `stereo_fusion` is left out. It takes depths for equal within 1 % (5 mm on a hand, `fusion` within 1.7 pixels)
-and gives medians, without the views' spread that `uncertainty` is made of.
+COLMAP's `stereo_fusion` is left out. It takes depths for equal within 1 % (5 mm on a hand, `fusion`
+within 1.7 pixels) and gives medians, without the views' spread that `uncertainty` is made of.
 """
 
 import json
@@ -32,12 +34,13 @@ from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say, track
 
-# Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree: COLMAP's lowest, its
-# default.
+# Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree:
+# COLMAP's lowest, its default.
 SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True), "thorough": (5, True)}
 CHILD = """
 import json, sys, pycolmap
-pycolmap.patch_match_stereo(sys.argv[1], options=pycolmap.PatchMatchOptions(**json.loads(sys.argv[2])))
+options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
+pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
 INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
 TELLING = ("Check failed", "rror")  # lines that name what went wrong
@@ -60,12 +63,22 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
         }
         search(folder, options)
         suffix = "geometric.bin" if geometric else "photometric.bin"
-        return [_depth_map(folder, views, i, sources[i], suffix) for i in track(range(len(views)), "depth maps")]
+        return [
+            _depth_map(folder, views, i, sources[i], suffix)
+            for i in track(range(len(views)), "depth maps")
+        ]
 
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
-    """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes them."""
-    for part in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
+    """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes
+    them."""
+    for part in (
+        "images",
+        "sparse",
+        "stereo/depth_maps",
+        "stereo/normal_maps",
+        "stereo/consistency_graphs",
+    ):
         (folder / part).mkdir(parents=True)
     height, width = _size(views)
     model = pycolmap.Reconstruction()
@@ -73,7 +86,13 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
         (fx, _, cx), (_, fy, cy), _ = view.K
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.R), view.t)
         model.add_camera_with_trivial_rig(
-            pycolmap.Camera(camera_id=i + 1, model="PINHOLE", width=width, height=height, params=[fx, fy, cx, cy])
+            pycolmap.Camera(
+                camera_id=i + 1,
+                model="PINHOLE",
+                width=width,
+                height=height,
+                params=[fx, fy, cx, cy],
+            )
         )
         model.add_image_with_trivial_frame(pycolmap.Image(_name(i), [], i + 1, i + 1), pose)
         picture = np.zeros((height, width), dtype=np.uint8)
@@ -86,21 +105,25 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
 
 
 def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """A depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in ASCII, then float32 by
-    channel, row, column. A HandbenchError when it is not of that shape."""
+    """A depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in ASCII,
+    then float32 by channel, row, column. A HandbenchError when it is not of that shape."""
     content = file.read_bytes() if file.is_file() else b""
     h, w, channels = shape
     head = f"{w}&{h}&{channels}&".encode()
     if not content.startswith(head) or len(content) != len(head) + 4 * h * w * channels:
         raise HandbenchError(
-            f"{file.parent.name}/{file.name}: is missing or broken ({len(content)} bytes; expected {channels} channels "
+            f"{file.parent.name}/{file.name}: is missing or broken ({len(content)} bytes; "
+            f"expected {channels} channels "
             f"of {w} × {h}), COLMAP did not finish; is there memory and disk left? {INSTEAD}"
         )
-    return np.moveaxis(np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1)
+    return np.moveaxis(
+        np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1
+    )
 
 
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
-    """COLMAP's PatchMatch with these of its options, in a process of its own: it ends the process when it fails."""
+    """COLMAP's PatchMatch with these of its options, in a process of its own: it ends the process
+    when it fails."""
     done = subprocess.run(
         [sys.executable, "-P", "-c", CHILD, str(workspace), json.dumps(options)],
         stdin=subprocess.DEVNULL,
@@ -109,20 +132,30 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         errors="replace",
     )
     if done.returncode != 0:
-        told = [line.strip() for line in done.stderr.splitlines() if any(word in line for word in TELLING)]
+        told = [
+            line.strip()
+            for line in done.stderr.splitlines()
+            if any(word in line for word in TELLING)
+        ]
         reason = told[-1] if told else f"exit code {done.returncode}"
         raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
 
 
-def _depth_map(folder: Path, views: list[View], i: int, sources: list[int], suffix: str) -> DepthMap:
+def _depth_map(
+    folder: Path, views: list[View], i: int, sources: list[int], suffix: str
+) -> DepthMap:
     view = views[i]
     h, w = view.gray.shape
     depth_m, normals = (
-        read_map(folder / "stereo" / kind / f"{_name(i)}.{suffix}", (*_size(views), channels))[:h, :w]
+        read_map(folder / "stereo" / kind / f"{_name(i)}.{suffix}", (*_size(views), channels))[
+            :h, :w
+        ]
         for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
     )
     stereo = Stereo.of(view, [views[s] for s in sources])
-    return refined(view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0)
+    return refined(
+        view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0
+    )
 
 
 def _size(views: list[View]) -> tuple[int, int]:

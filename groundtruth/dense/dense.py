@@ -1,7 +1,7 @@
 """Dense stage: a depth map for every view, on the CPU.
 
-Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a façade and an unscaled
-scene are treated alike.
+Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a
+façade and an unscaled scene are treated alike.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,9 @@ FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
 LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
-BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])  # between a view and a good source
+BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad(
+    [12, 6, 25]
+)  # between a view and a good source
 USUAL = Limits(cost=0.3, cosine=0.35)
 THOROUGH = Limits(cost=0.4, cosine=0.15)
 JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface
@@ -39,7 +41,8 @@ JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surf
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3], world frame."""
+    """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3],
+    world frame."""
 
     view: View
     depth_m: np.ndarray
@@ -54,9 +57,9 @@ def open_views(
     masks: Masks,
     target_m: np.ndarray | None,
 ) -> tuple[list[View], list[list[int]]]:
-    """The registered photographs as views of the region of interest, box_m [2, 3], and each one's sources (see
-    `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one is known to hold the target and
-    little else."""
+    """The registered photographs as views of the region of interest, box_m [2, 3], and each one's
+    sources (see `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one
+    is known to hold the target and little else."""
     by_name = {photo.name: photo for photo in photos}
     images = registered(model)
     points = list(model.points3D.values())
@@ -70,12 +73,18 @@ def open_views(
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
         near, far = np.quantile((pose * points_m[seen])[:, 2], DEPTH_QUANTILES)
         range_m = float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
-        views.append(open_view(photo, camera, pose, shrink, range_m, box_m, masks.of(photo, camera, pose, target_m)))
+        views.append(
+            open_view(
+                photo, camera, pose, shrink, range_m, box_m, masks.of(photo, camera, pose, target_m)
+            )
+        )
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(
-            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, {FEWEST_VIEWS} are "
-            "needed; it is in metres in the frame of the board (or of the camera poses): check its numbers"
+            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, "
+            f"{FEWEST_VIEWS} are "
+            "needed; it is in metres in the frame of the board (or of the camera poses): check "
+            "its numbers"
         )
     shown = [view for view in views if view is not None]
     return shown, choose_sources(shown, tracks[:, showing], points_m)
@@ -84,26 +93,35 @@ def open_views(
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
 ) -> list[DepthMap]:
-    """Depth of every view from its sources; thorough: sweep in several directions, and keep surfaces that are seen at
-    low angles."""
+    """Depth of every view from its sources; thorough: sweep in several directions, and keep
+    surfaces that are seen at low angles."""
     coarse = [view.halved() for view in views]
     counts = [
-        planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2] for i, half in enumerate(coarse)
+        planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
+        for i, half in enumerate(coarse)
     ]
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
     rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
-    say(predicted(views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)).describe())
+    say(
+        predicted(
+            views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)
+        ).describe()
+    )
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
-        planes = first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough)
-        maps.append(refined(views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL))
+        planes = first_guess(
+            views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough
+        )
+        maps.append(
+            refined(views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL)
+        )
     return maps
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """For each view, the others that share most sparse points under a useful angle (Yao et al., ECCV 2018). tracks
-    [n, views]: which view saw which of the sparse points_m [n, 3]."""
+    """For each view, the others that share most sparse points under a useful angle (Yao et al.,
+    ECCV 2018). tracks [n, views]: which view saw which of the sparse points_m [n, 3]."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []
@@ -113,15 +131,23 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
         use = np.exp(-(((angle - BEST_ANGLE_RAD) / spread) ** 2) / 2)
         score = (use * (1e-3 + tracks.T * tracks[:, i])).sum(axis=1)
         score[i] = -1
-        chosen.append([int(s) for s in np.argsort(-score, kind="stable")[: min(SOURCES, len(views) - 1)]])
+        chosen.append(
+            [int(s) for s in np.argsort(-score, kind="stable")[: min(SOURCES, len(views) - 1)]]
+        )
     return chosen
 
 
 def refined(
-    view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0, limits: Limits = USUAL
+    view: View,
+    stereo: Stereo,
+    planes: np.ndarray,
+    iterations: int,
+    seed: int = 0,
+    limits: Limits = USUAL,
 ) -> DepthMap:
-    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by PatchMatch, a polish
-    with curved windows, and the filters. No iterations: polish and filters alone."""
+    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by
+    PatchMatch, a polish with curved windows, and the filters. No iterations: polish and filters
+    alone."""
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
@@ -133,7 +159,8 @@ def refined(
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine of incidence [h, w].
+    """Unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine of incidence
+    [h, w].
 
     ω(x) = m·x over pixels x = K X / z is the plane (Kᵀ m)·X = 1.
     """
@@ -148,12 +175,14 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beside_jump(planes: np.ndarray) -> np.ndarray:
-    """Pixels [h, w] whose neighbour does not continue their plane: a window there has seen two surfaces, and depth is
-    fattened."""
+    """Pixels [h, w] whose neighbour does not continue their plane: a window there has seen two
+    surfaces, and depth is fattened."""
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):
-        here, there = ((slice(None),) * axis + (part,) for part in (slice(None, -1), slice(1, None)))
+        here, there = (
+            (slice(None),) * axis + (part,) for part in (slice(None, -1), slice(1, None))
+        )
         jump = np.abs(np.diff(disparity, axis=axis) - (slope[here] + slope[there]) / 2) > JUMP_PX
         beside[here] |= jump
         beside[there] |= jump

@@ -1,8 +1,9 @@
 """A first plane for every pixel, from plane sweeps at half the resolution.
 
-Gallup et al., "Real-time plane-sweeping stereo with multiple sweeping directions", CVPR 2007: windows on planes that
-face the camera do not match on a floor that it sees at a low angle, and PatchMatch, which starts from the guess, does
-not get there by itself. Of several sweeps each pixel takes the one whose planes match best.
+Gallup et al., "Real-time plane-sweeping stereo with multiple sweeping directions", CVPR 2007:
+windows on planes that face the camera do not match on a floor that it sees at a low angle, and
+PatchMatch, which starts from the guess, does not get there by itself. Of several sweeps each pixel
+takes the one whose planes match best.
 """
 
 import cv2
@@ -14,9 +15,17 @@ from handbench.groundtruth.dense.views import Stereo, View
 FEWEST_PLANES, MOST_PLANES = 16, 320
 STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the disparities
 MEDIAN_PX = 5
-SLOPE_PX = 3.0  # standard deviation, in the full view, of the smoothing before disparities are differentiated
-INCIDENCES = (1.5, 4.0)  # tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
-SLANTS = tuple((a * tangent, b * tangent) for tangent in INCIDENCES for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)))
+# standard deviation, in the full view, of the smoothing before disparities are differentiated
+SLOPE_PX = 3.0
+INCIDENCES = (
+    1.5,
+    4.0,
+)  # tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
+SLANTS = tuple(
+    (a * tangent, b * tangent)
+    for tangent in INCIDENCES
+    for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+)
 MERIT_PX = 5  # side of the window whose mean cost tells the sweeps apart
 
 
@@ -26,9 +35,11 @@ def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
     return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
 
-def first_guess(view: View, half: View, sources: list[View], unit: float, slanted: bool) -> np.ndarray:
-    """Planes [h, w, 3] float32 in units of the full view, from a sweep with planes that face the camera; slanted: and
-    from others whose planes it sees at low angles from each side."""
+def first_guess(
+    view: View, half: View, sources: list[View], unit: float, slanted: bool
+) -> np.ndarray:
+    """Planes [h, w, 3] float32 in units of the full view, from a sweep with planes that face the
+    camera; slanted: and from others whose planes it sees at low angles from each side."""
     stereo = Stereo.of(half, sources)
     scale, (h, w) = stereo.unit / unit, view.gray.shape
     facing = _sweep(half, stereo, (0.0, 0.0), unit)
@@ -39,7 +50,9 @@ def first_guess(view: View, half: View, sources: list[View], unit: float, slante
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
     slope = 1 / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel, at 45°
     for a, b in SLANTS:
-        candidates.append(_planes(_sweep(half, stereo, (a * slope, b * slope), stereo.unit), a * slope, b * slope))
+        candidates.append(
+            _planes(_sweep(half, stereo, (a * slope, b * slope), stereo.unit), a * slope, b * slope)
+        )
     y, x = np.mgrid[:h, :w]  # of the full view, whose pixels are half as wide
     planes = _best(half, stereo, candidates)[y // 2, x // 2] * np.array([1, 0.5, 0.5]) * scale
     planes[..., 0] += planes[..., 1] * (x % 2 - 0.5) + planes[..., 2] * (y % 2 - 0.5)
@@ -58,7 +71,9 @@ def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarra
     return np.take_along_axis(np.stack(candidates), best, axis=0)[0]
 
 
-def _planes(disparity: np.ndarray, slope_x: np.ndarray | float, slope_y: np.ndarray | float) -> np.ndarray:
+def _planes(
+    disparity: np.ndarray, slope_x: np.ndarray | float, slope_y: np.ndarray | float
+) -> np.ndarray:
     parts = np.broadcast_arrays(disparity, slope_x, slope_y)
     return np.ascontiguousarray(np.stack(parts, axis=-1), dtype=np.float32)
 
@@ -70,11 +85,14 @@ def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.nda
 
 
 def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) -> np.ndarray:
-    """Disparity [h, w] float32, in steps of `unit` (1/m), from planes of one slope (disparities per column and row)."""
+    """Disparity [h, w] float32, in steps of `unit` (1/m), from planes of one slope (disparities per
+    column and row)."""
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
-    row = np.array([*slope, -slope[0] * w / 2 - slope[1] * h / 2])  # of the disparity, as a function of x
+    row = np.array(
+        [*slope, -slope[0] * w / 2 - slope[1] * h / 2]
+    )  # of the disparity, as a function of x
     swept = stereo._replace(A=stereo.A + stereo.b[:, :, None] * row, b=stereo.b * step)
     found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * (
         step * stereo.unit / unit
@@ -86,8 +104,9 @@ def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) 
 def planes_through(
     view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float, steepest: float = STEEPEST
 ) -> np.ndarray:
-    """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with unit normals
-    [h, w, 3] in the camera frame; NaN where the depth is not of interest or the normal looks away.
+    """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with
+    unit normals [h, w, 3] in the camera frame; NaN where the depth is not of interest or the normal
+    looks away.
 
     n·X = d is 1/z = (n·K⁻¹x)/d.
     """
@@ -96,5 +115,7 @@ def planes_through(
     known = (view.near_m <= depth_m) & (depth_m <= view.far_m) & (towards < 0)
     depth_m, towards = np.where(known, depth_m, np.nan), np.where(known, towards, np.nan)
     slopes = normals[..., :2] / view.K[[0, 1], [0, 1]] / (depth_m * towards * unit)[..., None]
-    planes = np.concatenate([1 / (depth_m * unit)[..., None], np.clip(slopes, -steepest, steepest)], axis=-1)
+    planes = np.concatenate(
+        [1 / (depth_m * unit)[..., None], np.clip(slopes, -steepest, steepest)], axis=-1
+    )
     return np.ascontiguousarray(planes, dtype=np.float32)

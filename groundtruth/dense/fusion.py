@@ -15,7 +15,10 @@ from handbench.support.cost import require_free
 from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
-CONFIRMATIONS, FEW_VIEWS = 2, 5  # other views that must agree; 1 where there are no more than a few views
+CONFIRMATIONS, FEW_VIEWS = (
+    2,
+    5,
+)  # other views that must agree; 1 where there are no more than a few views
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
 AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many
@@ -25,9 +28,10 @@ AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixel
 class Cloud:
     """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
 
-    views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation, along the normal, of
-    one view's depth from the others', each the mean over as many pixels as a surface averages: what varies from pixel
-    to pixel it does not keep. pixel_m: what one pixel of the depth maps measures on the surface (median).
+    views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation,
+    along the normal, of one view's depth from the others', each the mean over as many pixels as a
+    surface averages: what varies from pixel to pixel it does not keep. pixel_m: what one pixel of
+    the depth maps measures on the surface (median).
     """
 
     points_m: np.ndarray
@@ -49,12 +53,19 @@ class Cloud:
     @classmethod
     def load(cls, file: Path) -> "Cloud":
         """Read what `save` wrote."""
-        found: dict[str, Any] = read_npz(file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES)
-        return cls(**{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])})
+        found: dict[str, Any] = read_npz(
+            file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES
+        )
+        return cls(
+            **{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])}
+        )
 
 
-def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS) -> Cloud:
-    """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of all that agree."""
+def fuse(
+    maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
+) -> Cloud:
+    """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of
+    all that agree."""
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
@@ -73,16 +84,28 @@ def fuse(maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CO
             kept &= ((point >= box_m[0]) & (point <= box_m[1])).all(axis=-1)
         columns = point, normal, agreeing, _spread(offset, agreeing), depths[i] / K[i, 0, 0]
         parts.append([column[kept] for column in columns])
-    points_m, normals, agreeing, spread_m, pixel_m = (np.concatenate(column) for column in zip(*parts, strict=True))
+    points_m, normals, agreeing, spread_m, pixel_m = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
     names = tuple(m.view.name for m in maps)
-    return Cloud(points_m, normals, agreeing, spread_m, names, float(np.median(pixel_m)) if len(pixel_m) else np.nan)
+    return Cloud(
+        points_m,
+        normals,
+        agreeing,
+        spread_m,
+        names,
+        float(np.median(pixel_m)) if len(pixel_m) else np.nan,
+    )
 
 
 def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
-    """Standard deviation [h, w] of the local means of agreeing views, from their offsets [h, w, views]."""
+    """Standard deviation [h, w] of the local means of agreeing views, from their offsets [h, w,
+    views]."""
     size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
     for s in range(offset.shape[-1]):
-        total, count = (cv2.blur(np.where(agreeing[..., s], a, 0), size) for a in (offset[..., s], np.ones(1)))
+        total, count = (
+            cv2.blur(np.where(agreeing[..., s], a, 0), size) for a in (offset[..., s], np.ones(1))
+        )
         near[..., s] = total / np.maximum(count, 0.5 / AVERAGED_PX**2)
     votes = agreeing.sum(axis=-1)
     near -= (np.where(agreeing, near, 0).sum(axis=-1) / np.maximum(votes, 1))[..., None]
@@ -92,10 +115,16 @@ def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
 
 @njit(parallel=True, cache=True)
 def _agree(
-    reference: int, depths: np.ndarray, normals: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray
+    reference: int,
+    depths: np.ndarray,
+    normals: np.ndarray,
+    K: np.ndarray,
+    R: np.ndarray,
+    t: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are [h, w, views],
-    itself among them, and how far their points lie before its own, along its normal [h, w, views]."""
+    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are
+    [h, w, views], itself among them, and how far their points lie before its own, along its normal
+    [h, w, views]."""
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
     agreeing = np.zeros((h, w, count), dtype=np.bool_)
@@ -137,7 +166,9 @@ def _agree(
 
 
 @njit(cache=True)
-def _world(x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray) -> None:
+def _world(
+    x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray
+) -> None:
     """The world point that pixel (x, y) sees at a depth."""
     a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
     b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
@@ -147,7 +178,9 @@ def _world(x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.nda
 
 
 @njit(cache=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
-def _project(point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray) -> None:
+def _project(
+    point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
+) -> None:
     """Column, row and depth at which a view sees a world point."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
     b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]

@@ -1,4 +1,5 @@
-"""Compiling photogrammetry's kernels before they are needed: some twenty seconds, once per machine; then cached."""
+"""Compiling photogrammetry's kernels before they are needed: some twenty seconds, once per machine;
+then cached."""
 
 import numpy as np
 
@@ -10,7 +11,13 @@ from handbench.support.compiled import compile_once
 
 def compile_kernels() -> None:
     """Have the kernels compiled where they are not."""
-    kernels = planesweep._correlate, planesweep._smooth, patchmatch._pass, patchmatch._polish, fusion._agree
+    kernels = (
+        planesweep._correlate,
+        planesweep._smooth,
+        patchmatch._pass,
+        patchmatch._polish,
+        fusion._agree,
+    )
     compile_once("handbench.groundtruth.dense.kernels", *kernels)
 
 
@@ -19,7 +26,9 @@ def run_every_kernel() -> None:
     K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
     gray = np.random.default_rng(0).random((3, 40, 40), dtype=np.float32)
     steps_m = np.array([[0.0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])
-    views = [View("", gray[i], K, np.eye(3), steps_m[i], 0.9 * depth_m, 1.1 * depth_m) for i in range(3)]
+    views = [
+        View("", gray[i], K, np.eye(3), steps_m[i], 0.9 * depth_m, 1.1 * depth_m) for i in range(3)
+    ]
     fusion.fuse(depth_maps(views, [[1, 2], [0, 2], [0, 1]], 1, 0), None)
 
 

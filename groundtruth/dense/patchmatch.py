@@ -1,12 +1,13 @@
 """PatchMatch multi-view stereo with slanted windows.
 
-Bleyer, Rhemann & Rother, "PatchMatch Stereo", BMVC 2011; red-black order after Galliani, Lasinger & Schindler,
-"Massively parallel multiview stereopsis by surface normal diffusion", ICCV 2015; bilaterally weighted NCC after
-Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016.
+Bleyer, Rhemann & Rother, "PatchMatch Stereo", BMVC 2011; red-black order after Galliani, Lasinger &
+Schindler, "Massively parallel multiview stereopsis by surface normal diffusion", ICCV 2015;
+bilaterally weighted NCC after Schönberger et al., "Pixelwise view selection for unstructured
+multi-view stereo", ECCV 2016.
 
-A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its slope per column and
-row. Pixels of one colour of the chessboard read only those of the other, and randomness is a hash of the pixel, so that
-the result does not depend on the number of threads.
+A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its
+slope per column and row. Pixels of one colour of the chessboard read only those of the other, and
+randomness is a hash of the pixel, so that the result does not depend on the number of threads.
 """
 
 import cv2
@@ -15,43 +16,66 @@ import numpy as np
 from handbench.groundtruth.dense.views import Stereo
 from handbench.support.compiled import njit, prange
 
-RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
+RADIUS = (
+    3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
+)
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
 ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row
-ROW = np.repeat(np.append(ORDER, 0), LANES).astype(np.float32)  # and one without weight, for whole pairs of vectors
+ROW = np.repeat(np.append(ORDER, 0), LANES).astype(
+    np.float32
+)  # and one without weight, for whole pairs of vectors
 COLUMN = np.tile(np.append(np.arange(-RADIUS, RADIUS + 1), 0), len(ORDER) + 1).astype(np.float32)
 NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2)).astype(np.float32)
 NEARNESS[2 * RADIUS + 1 :: LANES] = NEARNESS[len(ORDER) * LANES :] = 0
-SAMPLES, SEARCHED = len(NEARNESS), 4 * LANES  # of the window that polishes, and of that which compares hypotheses
+SAMPLES, SEARCHED = (
+    len(NEARNESS),
+    4 * LANES,
+)  # of the window that polishes, and of that which compares hypotheses
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
 POLISHES = 2
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
 BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
-MOST_BENT = 0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
+MOST_BENT = (
+    0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
+)
 WORST = 2.0  # a hypothesis that a source does not see
-HOPEFUL, SHARE = 0.4, 0.02  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+HOPEFUL, SHARE = (
+    0.4,
+    0.02,
+)  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
 UNMATCHED = 0.6  # cost from which a plane is not polished
 
-Window = tuple[int, int, np.ndarray, np.ndarray, np.float32]  # column, row; values about their mean, weights, variance
+Window = tuple[
+    int, int, np.ndarray, np.ndarray, np.float32
+]  # column, row; values about their mean, weights, variance
 Triple = tuple[float, float, float]
 
 
 def refine(
-    stereo: Stereo, planes: np.ndarray, low: np.ndarray, high: np.ndarray, iterations: int, seed: int
+    stereo: Stereo,
+    planes: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    iterations: int,
+    seed: int,
 ) -> np.ndarray:
-    """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place; returns the cost
-    [h, w] float32, 1 − NCC averaged over the better half of the sources.
+    """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place;
+    returns the cost [h, w] float32, 1 − NCC averaged over the better half of the sources.
 
-    low, high [h, w]: allowed disparities, NaN where there is nothing to do. After a first evaluation only those pixels
-    are worked on whose neighbours match: a box shows more than its content, and what lies behind it fits nowhere in it.
+    low, high [h, w]: allowed disparities, NaN where there is nothing to do. After a first
+    evaluation only those pixels
+    are worked on whose neighbours match: a box shows more than its content, and what lies behind it
+    fits nowhere in it.
     """
     wanted = low <= high
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
     sides = (RADIUS, RADIUS + 1, RADIUS, RADIUS + 1)
-    stereo = stereo._replace(reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE))
+    stereo = stereo._replace(
+        reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE)
+    )
     for iteration in range(iterations + 1):  # the first only evaluates what is there
         matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
         lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
@@ -64,11 +88,12 @@ def refine(
 
 
 def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the slopes of planes
-    [h, w, 3] around each pixel.
+    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the
+    slopes of planes [h, w, 3] around each pixel.
 
-    A plane that is matched over a window on a convex surface lies below its middle, by half the curvature times the
-    window's mean square: some hundredths of a millimetre on a finger. A paraboloid does not.
+    A plane that is matched over a window on a convex surface lies below its middle, by half the
+    curvature times the window's mean square: some hundredths of a millimetre on a finger. A
+    paraboloid does not.
     """
     weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
     smooth = [
@@ -76,13 +101,17 @@ def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         for slope in np.moveaxis(planes[..., 1:], -1, 0)
     ]
     (xy, xx), (yy, yx) = (np.gradient(slope) for slope in smooth)
-    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(np.float32)
+    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(
+        np.float32
+    )
 
 
 @njit(cache=True)
 def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     """Uniform in −1 … 1 from counters (the finaliser of MurmurHash3)."""
-    k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(0xBF58476D1CE4E5B9)
+    k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(
+        0xBF58476D1CE4E5B9
+    )
     k += np.uint64(draw) * np.uint64(0x94D049BB133111EB) + np.uint64(seed)
     k ^= k >> np.uint64(33)
     k *= np.uint64(0xFF51AFD7ED558CCD)
@@ -92,9 +121,17 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
 
 
-@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int) -> Window:
-    """The window about a pixel of the padded reference; its first so many values and weights [SAMPLES] are written."""
+@njit(
+    cache=True,
+    forceinline=True,
+    error_model="numpy",
+    fastmath={"contract", "reassoc", "nsz", "arcp"},
+)
+def _window(
+    reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int
+) -> Window:
+    """The window about a pixel of the padded reference; its first so many values and weights
+    [SAMPLES] are written."""
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
     for k in range(samples):
@@ -116,12 +153,18 @@ def _window(reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: 
     return x, y, values[:samples], weights[:samples], variance
 
 
-@njit(cache=True, forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(
+    cache=True,
+    forceinline=True,
+    error_model="numpy",
+    fastmath={"contract", "reassoc", "nsz", "arcp"},
+)
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
-    """1 − NCC between the window and source s under the plane, WORST where the source does not see all of it.
+    """1 − NCC between the window and source s under the plane, WORST where the source does not see
+    all of it.
 
-    The plane's homography is taken as affine across the window. bend: second derivatives of the disparity (per column²,
-    column and row, row²), which make a paraboloid of the plane.
+    The plane's homography is taken as affine across the window. bend: second derivatives of the
+    disparity (per column², column and row, row²), which make a paraboloid of the plane.
     """
     x, y, values, weights, variance = window
     sources, A, b = stereo.sources, stereo.A, stereo.b
@@ -133,17 +176,35 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
     u = (A[s, 0, 0] * x + A[s, 0, 1] * y + A[s, 0, 2] + b[s, 0] * disparity) / q
     v = (A[s, 1, 0] * x + A[s, 1, 1] * y + A[s, 1, 2] + b[s, 1] * disparity) / q
     qx, qy = A[s, 2, 0] + b[s, 2] * slope_x, A[s, 2, 1] + b[s, 2] * slope_y
-    ux, uy = (A[s, 0, 0] + b[s, 0] * slope_x - u * qx) / q, (A[s, 0, 1] + b[s, 0] * slope_y - u * qy) / q
-    vx, vy = (A[s, 1, 0] + b[s, 1] * slope_x - v * qx) / q, (A[s, 1, 1] + b[s, 1] * slope_y - v * qy) / q
+    ux, uy = (
+        (A[s, 0, 0] + b[s, 0] * slope_x - u * qx) / q,
+        (A[s, 0, 1] + b[s, 0] * slope_y - u * qy) / q,
+    )
+    vx, vy = (
+        (A[s, 1, 0] + b[s, 1] * slope_x - v * qx) / q,
+        (A[s, 1, 1] + b[s, 1] * slope_y - v * qy) / q,
+    )
     reach_u, reach_v = RADIUS * (abs(ux) + abs(uy)), RADIUS * (abs(vx) + abs(vy))
     if bend is not None:
         rise = RADIUS * RADIUS * (0.5 * abs(bend[0]) + 0.5 * abs(bend[2]) + abs(bend[1]))
         rise_u, rise_v = (b[s, 0] - u * b[s, 2]) / q, (b[s, 1] - v * b[s, 2]) / q
         reach_u, reach_v = reach_u + rise * abs(rise_u), reach_v + rise * abs(rise_v)
-    if not (u - reach_u >= 0 and u + reach_u < columns - 1 and v - reach_v >= 0 and v + reach_v < rows - 1):
+    if not (
+        u - reach_u >= 0
+        and u + reach_u < columns - 1
+        and v - reach_v >= 0
+        and v + reach_v < rows - 1
+    ):
         return WORST
     origin = sources[s, int(v), int(u)]  # sums about a value nearby do not cancel
-    u, v, ux, uy, vx, vy = np.float32(u), np.float32(v), np.float32(ux), np.float32(uy), np.float32(vx), np.float32(vy)
+    u, v, ux, uy, vx, vy = (
+        np.float32(u),
+        np.float32(v),
+        np.float32(ux),
+        np.float32(uy),
+        np.float32(vx),
+        np.float32(vy),
+    )
     if bend is not None:
         xx, xy, yy = np.float32(0.5 * bend[0]), np.float32(bend[1]), np.float32(0.5 * bend[2])
         rise_u, rise_v = np.float32(rise_u), np.float32(rise_v)
@@ -154,7 +215,10 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         if bend is not None:
             rise = xx * dx * dx + yy * dy * dy + xy * dx * dy
             su, sv = su + rise * rise_u, sv + rise * rise_v
-        i, j = np.uint32(np.int32(sv)), np.uint32(np.int32(su))  # which no index from the end needs to be told from
+        i, j = (
+            np.uint32(np.int32(sv)),
+            np.uint32(np.int32(su)),
+        )  # which no index from the end needs to be told from
         fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
         top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
         bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
@@ -180,8 +244,9 @@ def _cost(
     ranked: bool,
     most: float = np.inf,
 ) -> float:
-    """Mean mismatch of the better half of the sources under the plane; something above `most` where it is above that.
-    ranked: `chosen` has them, best first; else all are compared and `chosen` is written."""
+    """Mean mismatch of the better half of the sources under the plane; something above `most` where
+    it is above that. ranked: `chosen` has them, best first; else all are compared and `chosen` is
+    written."""
     used = max(1, len(chosen) // 2)
     total = 0.0
     for n in range(used if ranked else len(chosen)):
@@ -204,7 +269,8 @@ def _cost(
 
 @njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
-    """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the border."""
+    """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the
+    border."""
     h, w = cost.shape
     best_i, best_j, least = -1, -1, WORST
     for distance in range(1, REACH + 1, 2):
@@ -225,29 +291,42 @@ def _pass(
     seed: int,
     samples: int,
 ) -> None:
-    """One colour of one iteration: try the planes of neighbours, then random variations of the best.
+    """One colour of one iteration: try the planes of neighbours, then random variations of the
+    best.
 
-    The sources are ranked under the plane that a pixel has; what is tried is compared on the better half of them.
+    The sources are ranked under the plane that a pixel has; what is tried is compared on the better
+    half of them.
     """
     h, w = cost.shape
     iteration = step // 2
     for row in prange(h):
-        y = int(np.int64(row))  # prange's own is unsigned: what is called with it would be compiled twice
+        y = int(
+            np.int64(row)
+        )  # prange's own is unsigned: what is called with it would be compiled twice
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
-        mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
+        mismatch, chosen = (
+            np.empty(len(stereo.sources)),
+            np.zeros(len(stereo.sources), dtype=np.int64),
+        )
         for x in range((y + step) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, samples)
             best = plane = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
             least = np.inf
-            for n in range(-1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):  # first what the pixel has
+            for n in range(
+                -1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0
+            ):  # first what the pixel has
                 if 0 <= n < len(DIRECTIONS):
                     i, j = _best_neighbour(cost, y, x, n)
                     if i < 0:
                         continue
                     slope_x, slope_y = float(planes[i, j, 1]), float(planes[i, j, 2])
-                    plane = (planes[i, j, 0] + slope_x * (x - j) + slope_y * (y - i), slope_x, slope_y)
+                    plane = (
+                        planes[i, j, 0] + slope_x * (x - j) + slope_y * (y - i),
+                        slope_x,
+                        slope_y,
+                    )
                 elif n > 0:
                     reach = 2.0 ** (len(DIRECTIONS) + 1 - iteration - n)  # 1, 1/2, 1/4 … of a pixel
                     pixel = y * w + x
@@ -266,19 +345,29 @@ def _pass(
 
 
 @njit(parallel=True, cache=True)
-def _polish(stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray) -> None:
-    """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to either side."""
+def _polish(
+    stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray
+) -> None:
+    """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to
+    either side."""
     h, w = cost.shape
     for row in prange(h):
         y = int(np.int64(row))
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
-        mismatch, chosen = np.empty(len(stereo.sources)), np.zeros(len(stereo.sources), dtype=np.int64)
+        mismatch, chosen = (
+            np.empty(len(stereo.sources)),
+            np.zeros(len(stereo.sources), dtype=np.int64),
+        )
         costs = np.empty(3)  # a quarter of a pixel to one side, here, and to the other
         for x in range(w):
             if not wanted[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, SAMPLES)
-            disparity, slope_x, slope_y = float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2])
+            disparity, slope_x, slope_y = (
+                float(planes[y, x, 0]),
+                float(planes[y, x, 1]),
+                float(planes[y, x, 2]),
+            )
             bend = (float(bends[y, x, 0]), float(bends[y, x, 1]), float(bends[y, x, 2]))
             for side in (0, -1, 1):
                 plane = (disparity + SIDE * side, slope_x, slope_y)

@@ -1,9 +1,10 @@
-"""Plane sweep with normalised cross-correlation, and semi-global smoothing: a first depth for every pixel.
+"""Plane sweep with normalised cross-correlation, and semi-global smoothing: a first depth for every
+pixel.
 
-Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo processing by
-semiglobal matching and mutual information", TPAMI 2008. Disparity here is inverse depth in steps that move a pixel by
-one pixel in the source that sees it move most. Planes and lines write to places of their own, so that the result does
-not depend on the number of threads.
+Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo
+processing by semiglobal matching and mutual information", TPAMI 2008. Disparity here is inverse
+depth in steps that move a pixel by one pixel in the source that sees it move most. Planes and lines
+write to places of their own, so that the result does not depend on the number of threads.
 """
 
 from functools import partial
@@ -23,24 +24,37 @@ LINES = 32  # that one thread smooths along
 OUTSIDE, WORST = -1.0, 2.0
 FLAT = 1e-14  # product of both windows' variances below which there is no texture
 SMALL_JUMP, LARGE_JUMP = 6, 40  # P1 and P2, against costs of 0 … LARGEST_COST
-PATHS: tuple[tuple[int, int], ...] = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
+PATHS: tuple[tuple[int, int], ...] = (
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+    (1, 1),
+    (-1, -1),
+    (1, -1),
+    (-1, 1),
+)
 
 
 def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
-    """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane; these lie at first,
-    first + 1, …"""
+    """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane; these lie
+    at first, first + 1, …"""
     h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
     tone = stereo.reference.mean()  # sums about it do not cancel in single precision
     stereo = stereo._replace(reference=stereo.reference - tone, sources=stereo.sources - tone)
     moments = _moments(stereo.reference)
-    for_each(lambda plane: _correlate(stereo, moments, float(first) + plane, cost[plane]), range(planes))
+    for_each(
+        lambda plane: _correlate(stereo, moments, float(first) + plane, cost[plane]), range(planes)
+    )
     cost = np.ascontiguousarray(np.moveaxis(cost, 0, -1))
     total = np.zeros(cost.shape, dtype=np.uint16)
     for step in PATHS:
         starts = _starts(h, w, *step)
-        for_each(partial(_smooth, cost, total, *step), np.array_split(starts, len(starts) // LINES + 1))
+        for_each(
+            partial(_smooth, cost, total, *step), np.array_split(starts, len(starts) // LINES + 1)
+        )
     return (first + _lowest(total)).astype(np.float32)
 
 
@@ -48,7 +62,10 @@ def _moments(picture: np.ndarray) -> np.ndarray:
     """Number of pixels n, sum Σa, and n Σa² − (Σa)² [3, h, w] of the windows of a picture."""
     sides = (2 * WINDOW_RADIUS + 1, 2 * WINDOW_RADIUS + 1)
     parts = (np.ones_like(picture), picture, picture**2)
-    n, a, aa = (cv2.boxFilter(p, cv2.CV_64F, sides, normalize=False, borderType=cv2.BORDER_CONSTANT) for p in parts)
+    n, a, aa = (
+        cv2.boxFilter(p, cv2.CV_64F, sides, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for p in parts
+    )
     return np.stack([n, a, np.maximum(n * aa - a * a, 0)]).astype(np.float32)
 
 
@@ -61,10 +78,14 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
-def _warp(stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray) -> None:
-    """A row of source s as the reference would see it if everything lay at one disparity; OUTSIDE where it ends.
+def _warp(
+    stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
+) -> None:
+    """A row of source s as the reference would see it if everything lay at one disparity; OUTSIDE
+    where it ends.
 
-    places [2, w] are what the columns and rows are written to: a loop of its own, whose arithmetic becomes vectors.
+    places [2, w] are what the columns and rows are written to: a loop of its own, whose arithmetic
+    becomes vectors.
     """
     sources, A, b = stereo.sources, stereo.A, stereo.b
     rows, columns = np.float32(stereo.sizes[s, 0] - 1), np.float32(stereo.sizes[s, 1] - 1)
@@ -91,7 +112,8 @@ def _warp(stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, 
 
 @njit(cache=True)
 def _across(columns: np.ndarray, sums: np.ndarray) -> None:
-    """Sums [w] over windows of a row, of columns' sums [w + 2 WINDOW_RADIUS] that are 0 beyond the picture."""
+    """Sums [w] over windows of a row, of columns' sums [w + 2 WINDOW_RADIUS] that are 0 beyond the
+    picture."""
     for x in range(len(sums)):
         total = columns[x]
         for k in range(1, 2 * WINDOW_RADIUS + 1):
@@ -100,9 +122,11 @@ def _across(columns: np.ndarray, sums: np.ndarray) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
-def _mismatch(first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray) -> None:
-    """1 − NCC [h, w] of two pictures over square windows, the first one's moments [3, h, w] known; 1 where one of them
-    has no texture, WORST where the second is OUTSIDE."""
+def _mismatch(
+    first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray
+) -> None:
+    """1 − NCC [h, w] of two pictures over square windows, the first one's moments [3, h, w] known;
+    1 where one of them has no texture, WORST where the second is OUTSIDE."""
     h, w = first.shape
     columns = np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)  # of b, b² and a b
     inner = columns[:, WINDOW_RADIUS : w + WINDOW_RADIUS]
@@ -172,7 +196,9 @@ def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _smooth(cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray) -> None:
+def _smooth(
+    cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray
+) -> None:
     """Add the smoothed cost along lines of one direction to `total`."""
     h, w, planes = cost.shape
     previous, current = np.empty(planes + 2, dtype=np.int32), np.empty(planes + 2, dtype=np.int32)
@@ -196,9 +222,15 @@ def _smooth(cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, start
 
 
 def _lowest(total: np.ndarray) -> np.ndarray:
-    """Plane [h, w] of the smallest cost, moved to the vertex of the parabola through its neighbours."""
+    """Plane [h, w] of the smallest cost, moved to the vertex of the parabola through its
+    neighbours."""
     place = total.argmin(axis=-1)
     inner = np.clip(place, 1, total.shape[-1] - 2)
-    left, here, right = (np.take_along_axis(total, inner[..., None] + k, -1)[..., 0].astype(float) for k in (-1, 0, 1))
+    left, here, right = (
+        np.take_along_axis(total, inner[..., None] + k, -1)[..., 0].astype(float)
+        for k in (-1, 0, 1)
+    )
     bend = left - 2 * here + right
-    return place + np.where((place == inner) & (bend > 0), 0.5 * (left - right) / np.maximum(bend, 1), 0)
+    return place + np.where(
+        (place == inner) & (bend > 0), 0.5 * (left - right) / np.maximum(bend, 1), 0
+    )

@@ -1,4 +1,5 @@
-"""The cost of depth maps, predicted: work counted on the views, times this machine's rates measured on a small part."""
+"""The cost of depth maps, predicted: work counted on the views, times this machine's rates measured
+on a small part."""
 
 import time
 from collections.abc import Callable
@@ -11,17 +12,25 @@ from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.compiled import get_num_threads, set_num_threads
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
-HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS  # that an iteration tries at a pixel
-SWEPT, MATCHED = 1.4, 0.19  # of the trial's processor time: what large pictures take, measured on three dense stages
-MAP_BYTES, VIEW_BYTES = 32, 15  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
+HYPOTHESES = (
+    len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS
+)  # that an iteration tries at a pixel
+SWEPT, MATCHED = (
+    1.4,
+    0.19,
+)  # of the trial's processor time: what large pictures take, measured on three dense stages
+MAP_BYTES, VIEW_BYTES = (
+    32,
+    15,
+)  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
 SWEEP_BYTES = 4  # a plane and pixel
 FUSED_BYTES, FUSED_ALONE = 58, 72  # a pixel of each map, and of the one that is fused
 LIBRARY_BYTES = 3e8  # kernels, and what is imported for the cloud
 
 
 class Prediction(NamedTuple):
-    """The cost of the depth maps: processor time, summed over threads, since other work on the machine leaves it alone;
-    bytes_: what they and their fusion take in addition at their peak."""
+    """The cost of the depth maps: processor time, summed over threads, since other work on the
+    machine leaves it alone; bytes_: what they and their fusion take in addition at their peak."""
 
     pixels: int
     views: int
@@ -32,16 +41,23 @@ class Prediction(NamedTuple):
     def describe(self) -> str:
         """The prediction in a line."""
         return (
-            f"dense: {self.views} views, {self.pixels / 1e6:.2f} MP to match, up to {self.most_planes} planes: about "
+            f"dense: {self.views} views, {self.pixels / 1e6:.2f} MP to match, up to "
+            f"{self.most_planes} planes: about "
             f"{self.seconds:.0f} s of processor time and {self.bytes_ / 1e9:.2g} GB"
         )
 
 
 def predicted(
-    views: list[View], stereo: Stereo, sources: int, planes: list[int], iterations: list[int], sweeps: int = 1
+    views: list[View],
+    stereo: Stereo,
+    sources: int,
+    planes: list[int],
+    iterations: list[int],
+    sweeps: int = 1,
 ) -> Prediction:
-    """The cost of depth maps of views from so many sources each, with so many planes swept at half the resolution in
-    each of `sweeps` directions; iterations: of PatchMatch, each time that it runs; stereo: of the first view."""
+    """The cost of depth maps of views from so many sources each, with so many planes swept at half
+    the resolution in each of `sweeps` directions; iterations: of PatchMatch, each time that it
+    runs; stereo: of the first view."""
     sizes = np.array([view.gray.size for view in views])
     wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
     sweep_s, match_s = _rates(views[0], stereo)
@@ -57,29 +73,40 @@ def predicted(
 
 
 def _matches(sources: int, iterations: int) -> int:
-    """Windows that PatchMatch compares at a pixel: all sources under what it has, the better half under what it
-    tries, were it worked on in all iterations."""
+    """Windows that PatchMatch compares at a pixel: all sources under what it has, the better half
+    under what it tries, were it worked on in all iterations."""
     half = max(1, sources // 2)
-    return sources + iterations * (sources + HYPOTHESES * half) + patchmatch.POLISHES * (sources + 2 * half)
+    return (
+        sources
+        + iterations * (sources + HYPOTHESES * half)
+        + patchmatch.POLISHES * (sources + 2 * half)
+    )
 
 
 def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
-    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that PatchMatch compares,
-    each measured after a first go that loads or compiles the kernels."""
+    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that
+    PatchMatch compares, each measured after a first go that loads or compiles the kernels."""
     y, x = np.median(np.argwhere(np.isfinite(view.near_m)), axis=0).astype(int)
     top, left = (max(0, middle - TRIAL_PX // 2) for middle in (y, x))
     shift = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])
     part = (slice(top, top + TRIAL_PX), slice(left, left + TRIAL_PX))
-    small = stereo._replace(reference=np.ascontiguousarray(stereo.reference[part]), A=stereo.A @ shift)
+    small = stereo._replace(
+        reference=np.ascontiguousarray(stereo.reference[part]), A=stereo.A @ shift
+    )
     depths_m = (float(np.nanmedian(depth_m)) for depth_m in (view.far_m, view.near_m))
-    low, high = (np.full(small.reference.shape, 1 / (z * stereo.unit), np.float32) for z in depths_m)
+    low, high = (
+        np.full(small.reference.shape, 1 / (z * stereo.unit), np.float32) for z in depths_m
+    )
     disparity = float((low[0, 0] + high[0, 0]) / 2)
     planes = np.zeros((*small.reference.shape, 3), np.float32)
     planes[..., 0] = disparity
     sources = len(stereo.sources)
     sweep_s = _fastest(lambda: planesweep.swept_disparity(small, disparity, TRIAL_PLANES))
     match_s = _fastest(lambda: patchmatch.refine(small, planes.copy(), low, high, 0, 0))
-    return (sweep_s / (small.reference.size * TRIAL_PLANES * sources), match_s / (small.reference.size * sources))
+    return (
+        sweep_s / (small.reference.size * TRIAL_PLANES * sources),
+        match_s / (small.reference.size * sources),
+    )
 
 
 def _fastest(work: Callable[[], object]) -> float:

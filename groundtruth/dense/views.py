@@ -1,8 +1,9 @@
 """Undistorted, cropped and shrunk photographs: what the dense stage works on.
 
-Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω = 1/z, because a
-plane in space is exactly an affine function of the pixel in ω, and because a source view sees a pixel x move along a
-line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
+Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω
+= 1/z, because a plane in space is exactly an affine function of the pixel in ω, and because a
+source view sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman,
+section 13.1).
 """
 
 from dataclasses import dataclass
@@ -15,16 +16,18 @@ import numpy as np
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.photos.photos import Photo
 
-BORDER_PX = 8  # kept around the region of interest, so that a matching window never leaves the picture
+BORDER_PX = (
+    8  # kept around the region of interest, so that a matching window never leaves the picture
+)
 
 
 @dataclass(frozen=True)
 class View:
     """A pinhole picture of a part of the scene.
 
-    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first pixel's centre is at
-    0. R, t (metres): camera from world. near_m, far_m [h, w] float32: depths between which the surface may lie at a
-    pixel, NaN where it is of no interest.
+    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first
+    pixel's centre is at 0. R, t (metres): camera from world. near_m, far_m [h, w] float32: depths
+    between which the surface may lie at a pixel, NaN where it is of no interest.
     """
 
     name: str
@@ -45,7 +48,9 @@ class View:
         with np.errstate(invalid="ignore"):
             near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
         K = self.K / 2
-        K[:2, 2] -= 0.25  # index i of the half picture is centred at index 2 i + 1/2 of the whole one
+        K[:2, 2] -= (
+            0.25  # index i of the half picture is centred at index 2 i + 1/2 of the whole one
+        )
         K[2, 2] = 1
         return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
 
@@ -54,15 +59,16 @@ class View:
         return _rays(self.K, *self.gray.shape)
 
     def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:
-        """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x + b ω."""
+        """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x
+        + b ω."""
         R = source.R @ self.R.T
         return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
 
 
 class Stereo(NamedTuple):
-    """A reference [h, w] and its sources [s, H, W], float32, padded, as the kernels want them; sizes [s, 2]: rows and
-    columns of their content. A pixel x at disparity δ, of `unit` inverse depth (1/m), is seen by source s at
-    A[s] x + b[s] δ."""
+    """A reference [h, w] and its sources [s, H, W], float32, padded, as the kernels want them;
+    sizes [s, 2]: rows and columns of their content. A pixel x at disparity δ, of `unit` inverse
+    depth (1/m), is seen by source s at A[s] x + b[s] δ."""
 
     reference: np.ndarray
     sources: np.ndarray
@@ -73,15 +79,22 @@ class Stereo(NamedTuple):
 
     @classmethod
     def of(cls, view: View, others: list[View]) -> "Stereo":
-        """A view and its sources; a disparity moves a pixel by one pixel in the source that sees it move most."""
+        """A view and its sources; a disparity moves a pixel by one pixel in the source that sees it
+        move most."""
         sizes = np.array([other.gray.shape for other in others])
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
         for padded, other in zip(sources, others, strict=True):
             padded[: other.gray.shape[0], : other.gray.shape[1]] = other.gray
-        A, b = (np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True))
+        A, b = (
+            np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True)
+        )
         h, w = view.gray.shape
-        q = A @ [w / 2, h / 2, 1] + b * np.nanmean(2 / (view.near_m + view.far_m))  # in the middle of view and depths
-        unit = 1 / float(np.linalg.norm((b[:, :2] - b[:, 2:] * q[:, :2] / q[:, 2:]) / q[:, 2:], axis=1).max())
+        q = A @ [w / 2, h / 2, 1] + b * np.nanmean(
+            2 / (view.near_m + view.far_m)
+        )  # in the middle of view and depths
+        unit = 1 / float(
+            np.linalg.norm((b[:, :2] - b[:, 2:] * q[:, :2] / q[:, 2:]) / q[:, 2:], axis=1).max()
+        )
         return cls(view.gray, sources, sizes, A, b * unit, unit)
 
 
@@ -96,39 +109,51 @@ def open_view(
 ) -> View | None:
     """Read a photograph, shrink it by a whole number and undo its distortion.
 
-    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
-    of interest; it crops the picture and replaces the depth range. mask: True at the photograph's pixels
-    [height, width] that are of interest. None when the picture shows nothing of interest.
+    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world
+    frame, of the region of interest; it crops the picture and replaces the depth range. mask: True
+    at the photograph's pixels [height, width] that are of interest. None when the picture shows
+    nothing of interest.
     """
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
     K[0, 1] = 0
     K[:2] /= shrink
     width, height = camera.width // shrink, camera.height // shrink
-    left, top, right, bottom = (0, 0, width, height) if box_m is None else _extent(box_m, K, R, t, width, height)
+    left, top, right, bottom = (
+        (0, 0, width, height) if box_m is None else _extent(box_m, K, R, t, width, height)
+    )
     right, bottom = right - (right - left) % 2, bottom - (bottom - top) % 2
     if right - left < 4 * BORDER_PX or bottom - top < 4 * BORDER_PX:
         return None
     K[:2, 2] -= (left + 0.5, top + 0.5)  # COLMAP's corner origin to indices of the crop
     rays = _rays(K, bottom - top, right - left)
-    seen = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(*rays.shape[:2], 2) / shrink - 0.5
+    seen = (
+        np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(*rays.shape[:2], 2) / shrink
+        - 0.5
+    )
     columns, rows = np.moveaxis(seen.astype(np.float32), -1, 0)
     shrunk = _shrink(photo.gray(), shrink)
     gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     near, far = (np.full(gray.shape, z) for z in depth_range_m)
     if box_m is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):  # where each ray enters and leaves: the slab method
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # where each ray enters and leaves: the slab method
             crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
         near, far = crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)
         near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     if mask is not None:
-        column, row = np.moveaxis(np.floor((seen + 0.5) * shrink).astype(int), -1, 0)  # beyond its edges: what is there
+        column, row = np.moveaxis(
+            np.floor((seen + 0.5) * shrink).astype(int), -1, 0
+        )  # beyond its edges: what is there
         outside |= ~mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
     near[outside] = far[outside] = np.nan
     if outside.all():
         return None
-    return View(photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32))
+    return View(
+        photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32)
+    )
 
 
 def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
@@ -137,7 +162,8 @@ def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
-    """[h, w] as [h / factor, factor, w / factor, factor]; what does not fill a block at the end is dropped."""
+    """[h, w] as [h / factor, factor, w / factor, factor]; what does not fill a block at the end is
+    dropped."""
     h, w = (n // factor for n in picture.shape)
     return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
 

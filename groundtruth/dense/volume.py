@@ -1,6 +1,6 @@
-"""The volume that the dense stage works in: given, or found from the board, the cameras' common field and the sparse
-points, so that a background does not take the time; and the plane of a board, which tells the target from
-what it stands before or lies on."""
+"""The volume that the dense stage works in: given, or found from the board, the cameras' common
+field and the sparse points, so that a background does not take the time; and the plane of a board,
+which tells the target from what it stands before or lies on."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -15,14 +15,16 @@ from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.progress import say
 
-FLATTEST = 0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
+FLATTEST = (
+    0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
+)
 FINEST_M = 1e-3  # no board is flatter, and known better
 
 
 class Plane(NamedTuple):
-    """A board's plane in the mesh's frame. axes [3, 3]: unit vectors along rows, two in the plane and its normal on the
-    cameras' side. extent_m [2, 2]: lowest and highest corner along the first two. rough_m: how far the board may lie
-    from the plane."""
+    """A board's plane in the mesh's frame. axes [3, 3]: unit vectors along rows, two in the plane
+    and its normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first
+    two. rough_m: how far the board may lie from the plane."""
 
     origin_m: np.ndarray
     axes: np.ndarray
@@ -40,18 +42,20 @@ class Plane(NamedTuple):
 
 
 def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | None:
-    """The plane of the board that gave the scale: the one given, or that beside the photographs. None without a board,
-    and for one whose corners lie in several planes."""
+    """The plane of the board that gave the scale: the one given, or that beside the photographs.
+    None without a board, and for one whose corners lie in several planes."""
     if sparse.scale.source != "board":
         return None
     corners = load_board(board or photos / "board.toml").corners_m()
     centres_m = np.array([camera.centre_m for camera in sparse.cameras()])
-    return plane_through(np.concatenate(list(corners.values())), centres_m, sparse.scale.residual_m or 0.0)
+    return plane_through(
+        np.concatenate(list(corners.values())), centres_m, sparse.scale.residual_m or 0.0
+    )
 
 
 def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: float) -> Plane | None:
-    """The plane of corners [n, 3] (None: they do not lie in one), its normal towards the cameras' centres [m, 3];
-    residual_m: how far the corners are from where they were found."""
+    """The plane of corners [n, 3] (None: they do not lie in one), its normal towards the cameras'
+    centres [m, 3]; residual_m: how far the corners are from where they were found."""
     origin_m = corners_m.mean(axis=0)
     _, _, axes = np.linalg.svd(corners_m - origin_m, full_matrices=False)
     axes[2] = np.cross(axes[0], axes[1])
@@ -66,7 +70,8 @@ def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: floa
 
 FEWEST_POINTS = 30  # that tell where the target is; of fewer, the whole surroundings are taken
 BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
-GROWN = 0.5  # of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
+# of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
+GROWN = 0.5
 REACH_M = 0.3  # of a board's surroundings, or its diagonal where that is longer
 STANDS_M = 5e-3  # above the board: no point of the board
 BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
@@ -79,7 +84,8 @@ AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside o
 
 @dataclass(frozen=True)
 class Volume:
-    """box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: everything); source: what it is from."""
+    """box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: everything); source:
+    what it is from."""
 
     box_m: tuple[float, ...] | None
     source: str
@@ -100,8 +106,8 @@ class Volume:
 
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
-    """The given box, or one about what the photographs show: with a board's plane, about what stands off it in its
-    surroundings."""
+    """The given box, or one about what the photographs show: with a board's plane, about what
+    stands off it in its surroundings."""
     if given is not None:
         return Volume(given, "given")
     points_m = _seen(sparse)
@@ -118,17 +124,25 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
 
 def _seen(sparse: Sparse) -> np.ndarray:
     """The features [n, 3] that enough photographs show."""
-    seen = [point.xyz for point in sparse.model.points3D.values() if point.track.length() >= FEWEST_VIEWS]
+    seen = [
+        point.xyz
+        for point in sparse.model.points3D.values()
+        if point.track.length() >= FEWEST_VIEWS
+    ]
     return np.array(seen).reshape(-1, 3)
 
 
 def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
-    """The box [2, 3] along a board's axes about the points [n, 3] that stand off it in its surroundings, or these where
-    hardly any do; and what it is from."""
+    """The box [2, 3] along a board's axes about the points [n, 3] that stand off it in its
+    surroundings, or these where hardly any do; and what it is from."""
     reach_m = max(REACH_M, float(np.linalg.norm(plane.extent_m[1] - plane.extent_m[0])))
     lowest_camera_m = float(plane.local(centres_m)[:, 2].min())
-    ceiling_m = min(reach_m, NEAREST * lowest_camera_m) if lowest_camera_m > 2 * STANDS_M else reach_m
-    low, high = np.array([[*(plane.extent_m[0] - reach_m), -BELOW_M], [*(plane.extent_m[1] + reach_m), ceiling_m]])
+    ceiling_m = (
+        min(reach_m, NEAREST * lowest_camera_m) if lowest_camera_m > 2 * STANDS_M else reach_m
+    )
+    low, high = np.array(
+        [[*(plane.extent_m[0] - reach_m), -BELOW_M], [*(plane.extent_m[1] + reach_m), ceiling_m]]
+    )
     local = plane.local(points_m)
     stands = ((local > low) & (local < high)).all(axis=1) & (local[:, 2] > STANDS_M + plane.rough_m)
     if stands.sum() < FEWEST_POINTS:
@@ -140,22 +154,28 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
 
 
 def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
-    """A volume that was found, cut to what a coarse cloud and the features show off the board, with room; the volume
-    itself where either shows hardly any."""
+    """A volume that was found, cut to what a coarse cloud and the features show off the board, with
+    room; the volume itself where either shows hardly any."""
     box = found.box()
     if box is None:
         return found
     least_m = max(STANDS_M + plane.rough_m, COARSE_ROOM_PX * cloud.pixel_m)
     features_m = _seen(sparse)
     features_m = features_m[((features_m > box[0]) & (features_m < box[1])).all(axis=1)]
-    dense, few = (local[local[:, 2] > least_m] for local in map(plane.local, (cloud.points_m, features_m)))
+    dense, few = (
+        local[local[:, 2] > least_m] for local in map(plane.local, (cloud.points_m, features_m))
+    )
     if min(len(dense), len(few)) < FEWEST_POINTS:
         return found
-    sides = np.stack([np.quantile(dense, COARSE_BETWEEN, axis=0), np.quantile(few, BETWEEN, axis=0)])
+    sides = np.stack(
+        [np.quantile(dense, COARSE_BETWEEN, axis=0), np.quantile(few, BETWEEN, axis=0)]
+    )
     low, high = sides[:, 0].min(axis=0), sides[:, 1].max(axis=0)
     room_m = COARSE_ROOM * np.linalg.norm(high - low) + COARSE_ROOM_PX * cloud.pixel_m
     sides = np.stack([[*(low - room_m)[:2], -BELOW_M], high + room_m])
-    return Volume.found(np.clip(plane.around(sides), *box), f"{found.source}, and coarse depth maps")
+    return Volume.found(
+        np.clip(plane.around(sides), *box), f"{found.source}, and coarse depth maps"
+    )
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:
@@ -168,7 +188,9 @@ def _about(points_m: np.ndarray) -> np.ndarray:
 def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
     """The part of a box [2, 3] whose cells enough photographs show; the box, if they show none."""
     steps = (np.arange(CELLS) + 0.5) / CELLS
-    cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * np.ptp(box_m, axis=0)
+    cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(
+        -1, 3
+    ) * np.ptp(box_m, axis=0)
     shown = np.zeros(len(cells_m), dtype=int)
     for camera in cameras:
         ahead = (cells_m @ camera.rotation.T + camera.translation_m)[:, 2] > 0
@@ -179,12 +201,15 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
     common_m = cells_m[shown >= FEWEST_VIEWS]
     if not len(common_m):
         return box_m
-    cell_m = np.ptp(box_m, axis=0) / CELLS  # a half of it, and as much again for what is cut by a picture's edge
+    cell_m = (
+        np.ptp(box_m, axis=0) / CELLS
+    )  # a half of it, and as much again for what is cut by a picture's edge
     return np.clip(np.stack([common_m.min(axis=0) - cell_m, common_m.max(axis=0) + cell_m]), *box_m)
 
 
 def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
-    """Say where the surface seems to run on beyond a volume that nobody has given; a board does so by nature."""
+    """Say where the surface seems to run on beyond a volume that nobody has given; a board does so
+    by nature."""
     box_m = found.box()
     if box_m is None or found.source == "given":
         return

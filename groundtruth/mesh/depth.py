@@ -10,18 +10,25 @@ from handbench.support.errors import HandbenchError
 from handbench.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
-LARGEST_M = np.array([50.0, 50.0, 250.0])  # beside a radar, and in depth, which single precision tells to 0.06 mm
+LARGEST_M = np.array(
+    [50.0, 50.0, 250.0]
+)  # beside a radar, and in depth, which single precision tells to 0.06 mm
 EDGE_ON = 1e-4  # cosine between a triangle's normal and z below which rays along z must miss it
-STEEPEST = 0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
+STEEPEST = (
+    0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
+)
 
 
 class Reference(NamedTuple):
-    """Depth z [ny, nx] of a surface, metres (NaN: none that was seen), and what is known of its error along z.
+    """Depth z [ny, nx] of a surface, metres (NaN: none that was seen), and what is known of its
+    error along z.
 
-    mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not know. leverage
-    [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the surface here; its error
-    is common to all pixels. Both are None where the registration tells no covariance. met [ny, nx]: whether a pixel's
-    ray meets any surface, seen or invented; None: not told.
+    mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not
+    know. leverage
+    [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the
+    surface here; its error is common to all pixels. Both are None where the registration tells no
+    covariance. met [ny, nx]: whether a pixel's ray meets any surface, seen or invented; None: not
+    told.
     """
 
     z_m: np.ndarray
@@ -32,24 +39,32 @@ class Reference(NamedTuple):
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN: unknown."""
+        """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN:
+        unknown."""
         if self.leverage is None or self.registration is None:
             return np.full(self.z_m.shape, np.nan)
-        variance = np.einsum("yxi,yxi->yx", self.leverage @ self.registration.require_covariance(), self.leverage)
-        return np.sqrt(np.maximum(variance, 0))  # rounding may leave a covariance not quite positive
+        variance = np.einsum(
+            "yxi,yxi->yx", self.leverage @ self.registration.require_covariance(), self.leverage
+        )
+        return np.sqrt(
+            np.maximum(variance, 0)
+        )  # rounding may leave a covariance not quite positive
 
     @property
     def sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent; NaN: unknown."""
+        """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent;
+        NaN: unknown."""
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
 def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the radar (from −z).
+    """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the
+    radar (from −z).
 
-    NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a mesh that spans more
-    than anything before a radar does, as one in millimetres. The ray caster works in single precision: rays start just
-    in front of the mesh, and the depth is computed again in double precision on the triangle that was hit.
+    NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a
+    mesh that spans more than anything before a radar does, as one in millimetres. The ray caster
+    works in single precision: rays start just in front of the mesh, and the depth is computed again
+    in double precision on the triangle that was hit.
     """
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
     unknown_m, seen = np.full(len(vertices_m), np.nan), np.ones(len(vertices_m), dtype=bool)
@@ -59,12 +74,13 @@ def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np
 def reference_on_grid(
     surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
 ) -> Reference:
-    """As `depth_on_grid`, with its uncertainty. Where a ray meets invented surface nothing is known, neither of that
-    nor of what lies behind it.
+    """As `depth_on_grid`, with its uncertainty. Where a ray meets invented surface nothing is
+    known, neither of that nor of what lies behind it.
 
-    surface: in the radar frame already; registration: the transform that carried it there, for its covariance. Along
-    its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n, moves by δ: σ/|n_z| for an error σ along
-    the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of first order.
+    surface: in the radar frame already; registration: the transform that carried it there, for its
+    covariance. Along its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n,
+    moves by δ: σ/|n_z| for an error σ along the normal, and n·J(p)·ξ/n_z for an error ξ of the
+    registration, of first order.
     """
     met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     faces = surface.faces[triangle]
@@ -74,19 +90,27 @@ def reference_on_grid(
     corners = surface.vertices_m[faces]
     z, normal = _depth_of_plane(corners, x, y), _normal(corners)
     least = STEEPEST * np.linalg.norm(normal, axis=1, keepdims=True)
-    slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])  # n/n_z, ≤ 1/STEEPEST long
+    slant = normal / np.copysign(
+        np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:]
+    )  # n/n_z, ≤ 1/STEEPEST long
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
     found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
     if registration is None or registration.covariance is None:
         return found
-    jacobian = perturbation_jacobian(np.stack([x, y, z], axis=1))[..., : len(registration.covariance)]
+    jacobian = perturbation_jacobian(np.stack([x, y, z], axis=1))[
+        ..., : len(registration.covariance)
+    ]
     leverage = np.einsum("ni,nij->nj", slant, jacobian)
     return found._replace(leverage=_spread(hit, leverage, np.nan), registration=registration)
 
 
-def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mask [ny, nx] of the rays along +z that hit, and the number [n] of the triangle that each of these hits first."""
-    # Of a triangle on edge a ray can tell no depth: rounding would choose it before its neighbours, and any z of it.
+def _cast(
+    vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mask [ny, nx] of the rays along +z that hit, and the number [n] of the triangle that each of
+    these hits first."""
+    # Of a triangle on edge a ray can tell no depth: rounding would choose it before its neighbours,
+    # and any z of it.
     normal = _normal(vertices_m[faces])
     shown = np.flatnonzero(np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1))
     used_m = vertices_m[faces[shown].ravel()]
@@ -95,10 +119,12 @@ def _cast(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.nd
     spans_m = np.ptp(used_m, axis=0)
     if (spans_m > LARGEST_M).any():
         raise HandbenchError(
-            f"mesh: spans {_by(spans_m)} m in the radar's frame; expected at most {_by(LARGEST_M)} m: is it in "
+            f"mesh: spans {_by(spans_m)} m in the radar's frame; expected at most "
+            f"{_by(LARGEST_M)} m: is it in "
             "millimetres? `handbench groundtruth --unit` carries it over"
         )
-    # Single precision counts from the middle of the grid and the front of the mesh, wherever these are.
+    # Single precision counts from the middle of the grid and the front of the mesh, wherever these
+    # are.
     origin_m = np.array([np.mean(x_m), np.mean(y_m), used_m[:, 2].min()])
     rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
@@ -126,7 +152,11 @@ def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a steep triangle)."""
+    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a steep
+    triangle)."""
     origin, normal = corners[:, 0], _normal(corners)
-    z = origin[:, 2] - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
+    z = (
+        origin[:, 2]
+        - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
+    )
     return np.clip(z, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))

@@ -1,7 +1,8 @@
 """Triangle meshes on disk: the one place that reads mesh files of strangers.
 
-They are read with numpy alone. The libraries that know more formats believe what a file says of itself (open3d: a
-header that lies crashes it), or read past it in silence (trimesh: text with numbers missing, OBJ's relative indices).
+They are read with numpy alone. The libraries that know more formats believe what a file says of
+itself (open3d: a header that lies crashes it), or read past it in silence (trimesh: text with
+numbers missing, OBJ's relative indices).
 """
 
 from collections.abc import Callable
@@ -22,7 +23,8 @@ SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
-    """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from outside."""
+    """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from
+    outside."""
     o3d = load_open3d()
     return o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
@@ -45,16 +47,17 @@ def read_mesh(path: str | Path) -> TriangleMesh:
 
 
 def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
-    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres, repaired and its triangles
-    turned alike; a HandbenchError for one without triangles, with broken numbers, or of a size that tells of another
-    unit."""
+    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres,
+    repaired and its triangles turned alike; a HandbenchError for one without triangles, with broken
+    numbers, or of a size that tells of another unit."""
     surface = read_mesh(path)
     surface.scale(unit_m, center=np.zeros(3))
     repair(surface)
     longest_m = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
     if not SMALLEST_M < longest_m < LONGEST_M:
         raise HandbenchError(
-            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m: is --unit right?"
+            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m: is "
+            "--unit right?"
         )
     if surface.is_orientable():
         surface.orient_triangles()
@@ -62,47 +65,67 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
 
 
 def repair(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles without area, edges of
-    more than two triangles, vertices of none."""
-    for kind in ("duplicated_vertices", "degenerate_triangles", "duplicated_triangles", "non_manifold_edges"):
+    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles
+    without area, edges of more than two triangles, vertices of none."""
+    for kind in (
+        "duplicated_vertices",
+        "degenerate_triangles",
+        "duplicated_triangles",
+        "non_manifold_edges",
+    ):
         getattr(mesh, f"remove_{kind}")()
     return mesh.remove_unreferenced_vertices()
 
 
 def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64 (polygons are cut into
-    fans), and what else each vertex of a PLY carries, [n] by name.
+    """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64
+    (polygons are cut into fans), and what else each vertex of a PLY carries, [n] by name.
 
-    Raises HandbenchError for a file that is cut short, that is not what its header promises, without triangles, with
-    NaN, infinite or absurdly far vertices, or with faces that name vertices that there are not.
+    Raises HandbenchError for a file that is cut short, that is not what its header promises,
+    without triangles, with NaN, infinite or absurdly far vertices, or with faces that name vertices
+    that there are not.
     """
     path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
     readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
     if path.suffix.lower() not in readers:
-        raise HandbenchError(f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them")
-    read, times = readers[path.suffix.lower()]  # the memory that reading takes, over the file's size
+        raise HandbenchError(
+            f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them"
+        )
+    read, times = readers[
+        path.suffix.lower()
+    ]  # the memory that reading takes, over the file's size
     require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
     require_size(path, "a triangle mesh", MESH_BYTES)
     try:
         told, faces = read(path)
     except ValueError as error:
-        raise HandbenchError(f"{path}: holds no triangles to read: {error}; copy or export it again") from None
+        raise HandbenchError(
+            f"{path}: holds no triangles to read: {error}; copy or export it again"
+        ) from None
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or "too large for this machine's memory"
         raise HandbenchError(f"{path}: cannot be read ({reason}); check the file") from None
     vertices_m = np.stack([told.pop(axis) for axis in "xyz"], axis=1)
     if len(faces) == 0:
-        raise HandbenchError(f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)")
+        raise HandbenchError(
+            f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
+        )
     if not np.isfinite(vertices_m).all():
         bad = int((~np.isfinite(vertices_m)).any(axis=1).sum())
         raise HandbenchError(f"{path}: {bad} vertices are NaN or infinite; clean the mesh first")
     if np.abs(vertices_m).max(initial=0) > LARGEST_M:
-        raise HandbenchError(f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres")
+        raise HandbenchError(
+            f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres"
+        )
     if faces.min() < 0 or faces.max() >= len(vertices_m):
         named = faces.min() if faces.min() < 0 else faces.max()
-        raise HandbenchError(f"{path}: a face names vertex {named}, but there are {len(vertices_m)}")
+        raise HandbenchError(
+            f"{path}: a face names vertex {named}, but there are {len(vertices_m)}"
+        )
     if len(faces) > MOST:
-        raise HandbenchError(f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh")
+        raise HandbenchError(
+            f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh"
+        )
     return vertices_m.astype(np.float64), faces, told
 
 
@@ -123,7 +146,9 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
                         raise ValueError
             except ValueError:
                 shown = line.decode("latin-1").strip()[:60]
-                raise ValueError(f"line {number} is '{shown}', which is no vertex or face") from None
+                raise ValueError(
+                    f"line {number} is '{shown}', which is no vertex or face"
+                ) from None
     return _by_axis(np.array(vertices, np.float64)), np.array(faces, np.int64).reshape(-1, 3)
 
 
@@ -136,7 +161,8 @@ def _corner(word: bytes, vertices: int) -> int:
 
 
 def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """An STL file, binary if it is as long as its count says, else ASCII; equal corners become one vertex."""
+    """An STL file, binary if it is as long as its count says, else ASCII; equal corners become one
+    vertex."""
     content = path.read_bytes()
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
@@ -169,7 +195,10 @@ def _text_corners(content: bytes) -> np.ndarray:
                 last = word
                 ends += word == b"endfacet"
     if len(corners) != 3 * ends or last != b"endsolid":
-        raise ValueError(f"it has {len(corners)} corners and {ends} whole triangles, and should end with 'endsolid'")
+        raise ValueError(
+            f"it has {len(corners)} corners and {ends} whole triangles, and should end with "
+            "'endsolid'"
+        )
     return np.array(corners, np.float64).reshape(-1, 3)
 
 
@@ -194,9 +223,12 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
         try:
             read_ply(temporary)
         except ValueError as error:  # open3d does not mind a full disk
-            raise OSError("what was written is cut short; is there space left on the disk?") from error
+            raise OSError(
+                "what was written is cut short; is there space left on the disk?"
+            ) from error
 
 
 def raycasting_scene(surface: TriangleMesh) -> RaycastingScene:
-    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32, metres)."""
+    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32,
+    metres)."""
     return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

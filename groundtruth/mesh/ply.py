@@ -1,4 +1,5 @@
-"""PLY files, read with numpy alone: what a header promises is compared with the file before anything is believed."""
+"""PLY files, read with numpy alone: what a header promises is compared with the file before
+anything is believed."""
 
 import struct
 import warnings
@@ -9,19 +10,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-MOST = 50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
+MOST = (
+    50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
+)
 MOST_CORNERS = 1000  # of a polygon
 LONGEST_HEADER = 65_536  # bytes
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 LETTERS = "bBhHiIfd"  # of struct and numpy, for:
-TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "float", "double"], LETTERS, strict=True))
-TYPES |= dict(zip(["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"], LETTERS, strict=True))
+TYPES = dict(
+    zip(
+        ["char", "uchar", "short", "ushort", "int", "uint", "float", "double"], LETTERS, strict=True
+    )
+)
+TYPES |= dict(
+    zip(
+        ["int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"],
+        LETTERS,
+        strict=True,
+    )
+)
 CORNERS = ("vertex_indices", "vertex_index")
 
 
 class Property(NamedTuple):
-    """A column: the type of its values and, if each row has a list of them, that of the list's length. Types are a byte
-    order and a letter that `struct` and numpy read alike."""
+    """A column: the type of its values and, if each row has a list of them, that of the list's
+    length. Types are a byte order and a letter that `struct` and numpy read alike."""
 
     name: str
     type: str
@@ -50,9 +63,9 @@ class Element:
 
 
 def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """The numbers [n] that each vertex of a PLY file carries, by name (x, y, z among them), and its faces' vertices
-    [m, 3], polygons cut into fans; ASCII or binary. Raises ValueError unless the file holds exactly what its header
-    promises. What the numbers are is the caller's to check."""
+    """The numbers [n] that each vertex of a PLY file carries, by name (x, y, z among them), and its
+    faces' vertices [m, 3], polygons cut into fans; ASCII or binary. Raises ValueError unless the
+    file holds exactly what its header promises. What the numbers are is the caller's to check."""
     content = path.read_bytes()
     order, elements, start = _header(content)
     body = _numbers(content[start:]).tobytes() if order == ORDERS["ascii"] else content[start:]
@@ -71,12 +84,19 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 
 def _header(content: bytes) -> tuple[str, list[Element], int]:
-    """The byte order, the elements (all numbers of an ASCII file are read as doubles), and where their rows begin."""
+    """The byte order, the elements (all numbers of an ASCII file are read as doubles), and where
+    their rows begin."""
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
     start = content.find(b"\n", len(head) + 1) + 1
     lines = head.decode("latin-1").split("\n")
-    if not found or content[len(head) + 1 : start].strip() != b"end_header" or lines[0].strip() != "ply":
-        raise ValueError(f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes")
+    if (
+        not found
+        or content[len(head) + 1 : start].strip() != b"end_header"
+        or lines[0].strip() != "ply"
+    ):
+        raise ValueError(
+            f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes"
+        )
     order, known = "", TYPES
     elements: list[Element] = []
     for number, line in enumerate(lines[1:], 2):
@@ -85,23 +105,36 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
                 pass
             case ["format", name, "1.0"] if name in ORDERS and not order and not elements:
                 order, known = ORDERS[name], dict.fromkeys(TYPES, "d") if name == "ascii" else TYPES
-            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) < 10:
+            case ["element", name, count] if (
+                count.isascii() and count.isdigit() and len(count) < 10
+            ):
                 elements.append(Element(name, int(count), []))
-            case ["property", "list", length, kind, name] if elements and {length, kind} <= TYPES.keys():
+            case ["property", "list", length, kind, name] if (
+                elements and {length, kind} <= TYPES.keys()
+            ):
                 if TYPES[length] in "fd":
-                    raise ValueError(f"a list of element '{elements[-1].name}' has a length that is no whole number")
-                elements[-1].properties.append(Property(name, order + known[kind], order + known[length]))
+                    raise ValueError(
+                        f"a list of element '{elements[-1].name}' has a length that is no whole "
+                        "number"
+                    )
+                elements[-1].properties.append(
+                    Property(name, order + known[kind], order + known[length])
+                )
             case ["property", kind, name] if elements and kind in TYPES:
                 elements[-1].properties.append(Property(name, order + known[kind], None))
             case _:
-                raise ValueError(f"line {number} of its header is '{line.strip()[:60]}', which is no PLY")
+                raise ValueError(
+                    f"line {number} of its header is '{line.strip()[:60]}', which is no PLY"
+                )
     if not order:
         raise ValueError(f"its header names no format; expected one of {', '.join(ORDERS)}")
     for element in elements:
         if len({p.name for p in element.properties}) < len(element.properties):
             raise ValueError(f"a property of element '{element.name}' is declared twice")
         if element.count > MOST:
-            raise ValueError(f"its header promises {element.count} of '{element.name}'; at most {MOST} are read")
+            raise ValueError(
+                f"its header promises {element.count} of '{element.name}'; at most {MOST} are read"
+            )
     if len({element.name for element in elements}) < len(elements):
         raise ValueError("an element is declared twice")
     return order, elements, start
@@ -109,7 +142,9 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
 
 def _numbers(text: bytes) -> np.ndarray:
     """All numbers of a text, float64."""
-    with warnings.catch_warnings(action="error", category=DeprecationWarning):  # older numpy only warns of words
+    with warnings.catch_warnings(
+        action="error", category=DeprecationWarning
+    ):  # older numpy only warns of words
         try:
             return np.fromstring(text, sep=" ") if text.strip() else np.zeros(0)
         except (DeprecationWarning, ValueError):
@@ -117,13 +152,14 @@ def _numbers(text: bytes) -> np.ndarray:
 
 
 def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
-    """The columns of an element whose rows begin at `offset`, and where they end. Lists of one length are an array
-    [rows, length], others a list of tuples."""
+    """The columns of an element whose rows begin at `offset`, and where they end. Lists of one
+    length are an array [rows, length], others a list of tuples."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
     room = len(body) - offset
     if element.count * least > room:
         raise ValueError(
-            f"its header promises {element.count} of '{element.name}', at least {element.count * least} bytes, "
+            f"its header promises {element.count} of '{element.name}', at least "
+            f"{element.count * least} bytes, "
             f"but {room} follow"
         )
     if element.count == 0 or least == 0:
@@ -136,13 +172,21 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
         if all((rows[f"length of {name}"] == length).all() for name, length in lengths.items()):
             return {p.name: rows[p.name] for p in element.properties}, offset + rows.nbytes
     if element.count > 500_000:  # each is read by itself
-        raise ValueError(f"its {element.count} of '{element.name}' have lists of different lengths: triangulate it")
+        raise ValueError(
+            f"its {element.count} of '{element.name}' have lists of different lengths: "
+            "triangulate it"
+        )
     walked, ends = zip(*_walk(element, body, offset, element.count), strict=True)
     columns = {p.name: [row[p.name] for row in walked] for p in element.properties}
-    return {p.name: columns[p.name] if p.length else np.array(columns[p.name]) for p in element.properties}, ends[-1]
+    return {
+        p.name: columns[p.name] if p.length else np.array(columns[p.name])
+        for p in element.properties
+    }, ends[-1]
 
 
-def _walk(element: Element, body: bytes, offset: int, count: int) -> Iterator[tuple[dict[str, Any], int]]:
+def _walk(
+    element: Element, body: bytes, offset: int, count: int
+) -> Iterator[tuple[dict[str, Any], int]]:
     """Row for row, each with where it ends."""
     for _ in range(count):
         row = {}
@@ -159,20 +203,30 @@ def _walk(element: Element, body: bytes, offset: int, count: int) -> Iterator[tu
                 row[name] = values[0] if length is None else values
                 offset += struct.calcsize(form)
         except struct.error:
-            raise ValueError(f"it ends amid the {element.count} of '{element.name}' that its header promises") from None
+            raise ValueError(
+                f"it ends amid the {element.count} of '{element.name}' that its header promises"
+            ) from None
         yield row, offset
 
 
 def _fans(polygons: np.ndarray | list[tuple[float, ...]]) -> np.ndarray:
-    """Polygons' corners as triangles [m, 3], each polygon a fan about its first corner; shorter polygons come first."""
+    """Polygons' corners as triangles [m, 3], each polygon a fan about its first corner; shorter
+    polygons come first."""
     parts = [np.zeros((0, 3), np.int64)]
     whole = isinstance(polygons, np.ndarray) and polygons.ndim == 2
     lengths = {polygons.shape[1]} if whole else {len(corners) for corners in polygons}
     for length in sorted(lengths):
-        corners = polygons if whole else np.array([corners for corners in polygons if len(corners) == length])
+        corners = (
+            polygons
+            if whole
+            else np.array([corners for corners in polygons if len(corners) == length])
+        )
         if not 3 <= length <= MOST_CORNERS:
             raise ValueError(f"a face has {length} corners; expected 3 to {MOST_CORNERS}")
-        if corners.dtype.kind == "f" and not ((np.abs(corners) < 2**53) & (corners == np.floor(corners))).all():
+        if (
+            corners.dtype.kind == "f"
+            and not ((np.abs(corners) < 2**53) & (corners == np.floor(corners))).all()
+        ):
             raise ValueError("a face names a vertex by what is no whole number")
         ends = [corners[:, (0, k, k + 1)] for k in range(1, length - 1)]
         parts.append(np.stack(ends, axis=1).reshape(-1, 3).astype(np.int64))

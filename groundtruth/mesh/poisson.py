@@ -1,7 +1,7 @@
 """From a cloud of points to a clean surface.
 
-Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every point, is cut off
-again. Thresholds are in pixels of the depth maps.
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every
+point, is cut off again. Thresholds are in pixels of the depth maps.
 """
 
 from dataclasses import replace
@@ -24,12 +24,15 @@ FEWEST_POINTS = 500
 
 
 def clean(cloud: Cloud) -> Cloud:
-    """One point per voxel, without outliers, its normal from its neighbours and towards the cameras."""
+    """One point per voxel, without outliers, its normal from its neighbours and towards the
+    cameras."""
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
         raise HandbenchError(
-            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} are needed; take "
-            "sharper photographs with more overlap, project a speckle pattern, or check the crop box"
+            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} "
+            "are needed; take "
+            "sharper photographs with more overlap, project a speckle pattern, or check the crop "
+            "box"
         )
     cloud = _one_per_voxel(cloud)
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
@@ -43,13 +46,21 @@ def clean(cloud: Cloud) -> Cloud:
 
 
 def _one_per_voxel(cloud: Cloud) -> Cloud:
-    """Means over the points of each voxel; a view that agrees on one of them agrees on their mean."""
-    voxel = np.floor((cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)).astype(np.int64)
+    """Means over the points of each voxel; a view that agrees on one of them agrees on their
+    mean."""
+    voxel = np.floor(
+        (cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)
+    ).astype(np.int64)
     size = voxel.max(axis=0) + 1
-    _, place, count = np.unique(np.ravel_multi_index(voxel.T, size), return_inverse=True, return_counts=True)
+    _, place, count = np.unique(
+        np.ravel_multi_index(voxel.T, size), return_inverse=True, return_counts=True
+    )
 
     def mean(values: np.ndarray) -> np.ndarray:
-        columns = [np.bincount(place, weights=column) / count for column in values.reshape(len(place), -1).T]
+        columns = [
+            np.bincount(place, weights=column) / count
+            for column in values.reshape(len(place), -1).T
+        ]
         return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
 
     points_m, normals, views = mean(cloud.points_m), mean(cloud.normals), mean(cloud.views) > 0
@@ -62,9 +73,13 @@ def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)
-    extent = np.ptp(cloud.points_m, axis=0).max() * 1.1  # Poisson's cube is 1.1 times the points' box
+    extent = (
+        np.ptp(cloud.points_m, axis=0).max() * 1.1
+    )  # Poisson's cube is 1.1 times the points' box
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
-    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(points, depth=depth, n_threads=1)
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+        points, depth=depth, n_threads=1
+    )
     distance_m, _ = KDTree(cloud.points_m).query(np.asarray(mesh.vertices))
     mesh.remove_vertices_by_mask(distance_m > FARTHEST_PX * cloud.pixel_m)
     if box_m is not None:

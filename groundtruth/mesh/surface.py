@@ -10,7 +10,9 @@ from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles
 from handbench.support.files import atomic_path
 from handbench.support.rays import TriangleMesh
 
-VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")])
+VERTEX = np.dtype(
+    [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")]
+)
 FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
 PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 
@@ -19,8 +21,8 @@ PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 class Surface:
     """Triangles over vertices [n, 3] (metres), faces [m, 3] counter-clockwise seen from outside.
 
-    sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]: False where no two
-    views saw the surface, which is invented then and must not be scored.
+    sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]:
+    False where no two views saw the surface, which is invented then and must not be scored.
     """
 
     vertices_m: np.ndarray
@@ -34,7 +36,8 @@ class Surface:
         return mesh(self.vertices_m, self.faces)
 
     def moved(self, transform: Transform) -> "Surface":
-        """The surface in the transform's target frame; the transform's own uncertainty is not added."""
+        """The surface in the transform's target frame; the transform's own uncertainty is not
+        added."""
         sigma_m = self.sigma_m * abs(transform.scale)
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
 
@@ -46,18 +49,22 @@ class Surface:
         vertices["sigma_m"], vertices["observed"] = self.sigma_m, self.observed
         faces = np.empty(len(self.faces), dtype=FACE)
         faces["count"], faces["vertices"] = 3, self.faces
-        properties = "".join(f"property {PLY_NAMES[VERTEX[name].str]} {name}\n" for name in VERTEX.names)
+        properties = "".join(
+            f"property {PLY_NAMES[VERTEX[name].str]} {name}\n" for name in VERTEX.names
+        )
         header = (
-            f"ply\nformat binary_little_endian 1.0\ncomment handbench, metres\nelement vertex {len(vertices)}\n"
-            f"{properties}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+            "ply\nformat binary_little_endian 1.0\ncomment handbench, metres\nelement vertex "
+            f"{len(vertices)}\n"
+            f"{properties}element face {len(faces)}\nproperty list uchar int "
+            "vertex_indices\nend_header\n"
         )
         with atomic_path(file) as temporary:
             temporary.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
 
 
 def read_surface(file: str | Path) -> "Surface":
-    """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and observed was observed
-    everywhere, with unknown uncertainty."""
+    """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and
+    observed was observed everywhere, with unknown uncertainty."""
     vertices_m, faces, told = read_triangles(file)
     sigma_m = np.asarray(told.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
     observed = np.asarray(told.get("observed", np.ones(len(vertices_m)))) > 0

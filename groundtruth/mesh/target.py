@@ -21,8 +21,9 @@ Components = Literal["target", "largest", "all"]
 
 @dataclass(frozen=True)
 class Target:
-    """The parts kept: in words; the share of the cloud's points that were dropped with the board's plane; the shares of
-    the surface's area of the parts kept, largest first; the number of other parts, and their share."""
+    """The parts kept: in words; the share of the cloud's points that were dropped with the board's
+    plane; the shares of the surface's area of the parts kept, largest first; the number of other
+    parts, and their share."""
 
     kept: str
     on_board: float
@@ -37,22 +38,30 @@ def margin_m(plane: Plane, pixel_m: float) -> float:
 
 
 def off_board(cloud: Cloud, plane: Plane) -> Cloud:
-    """The cloud's points that stand off the board's plane on the cameras' side; a HandbenchError where there are
-    none."""
+    """The cloud's points that stand off the board's plane on the cameras' side; a HandbenchError
+    where there are none."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
     off = height_m > least_m
     if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
         raise _nothing_off(RISES * least_m)
     if not off.all():
-        say(f"target: {1 - off.mean():.1%} of the points lie less than {1e3 * least_m:.1f} mm above the board: dropped")
+        say(
+            f"target: {1 - off.mean():.1%} of the points lie less than {1e3 * least_m:.1f} mm "
+            "above the board: dropped"
+        )
     return cloud.at(off)
 
 
-def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float) -> Target:
-    """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against the largest; with the
-    board's plane, those too that nowhere rise above it far beyond least_m."""
+def keep_target(
+    mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
+) -> Target:
+    """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against
+    the largest; with the board's plane, those too that nowhere rise above it far beyond least_m."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
-    wanted, kept = np.ones(len(triangles), dtype=bool), "the largest part" if components == "largest" else "all parts"
+    wanted, kept = (
+        np.ones(len(triangles), dtype=bool),
+        "the largest part" if components == "largest" else "all parts",
+    )
     if plane is not None:
         kept = "what stands off the board"
         height_m = plane.local(np.asarray(mesh.vertices))[:, 2]
@@ -61,7 +70,9 @@ def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None,
         wanted = highest_m > RISES * least_m
         if not wanted.any():
             raise _nothing_off(RISES * least_m)
-    wanted &= triangles >= triangles[wanted].max() * (1 if components == "largest" else SMALLEST_PART)
+    wanted &= triangles >= triangles[wanted].max() * (
+        1 if components == "largest" else SMALLEST_PART
+    )
     mesh.remove_triangles_by_mask(~wanted[label])
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
@@ -70,12 +81,17 @@ def keep_target(mesh: TriangleMesh, components: Components, plane: Plane | None,
     listed = ", ".join(f"{share:.1%}" for share in target.parts)
     say(f"target: {kept}, {len(target.parts)} of {len(shares)} parts, with {listed} of the surface")
     if target.dropped_parts:
-        say(f"target: {target.dropped_parts} parts dropped, with {target.dropped:.1%} of the surface")
+        say(
+            f"target: {target.dropped_parts} parts dropped, with {target.dropped:.1%} of the "
+            "surface"
+        )
     return target
 
 
 def _nothing_off(height_m: float) -> HandbenchError:
     return HandbenchError(
-        f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; expected a target before or "
-        "on the board: check --box and the photographs, or give --components all for the board itself"
+        f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; "
+        "expected a target before or "
+        "on the board: check --box and the photographs, or give --components all for the board "
+        "itself"
     )

@@ -1,15 +1,18 @@
-"""The standard deviation of a surface: matching, cameras, distance to what was seen, and what windows do to all maps.
+"""The standard deviation of a surface: matching, cameras, distance to what was seen, and what
+windows do to all maps.
 
-Independent parts are added as variances. *Matching*: n views agree on a point, and their depths differ by s along the
-normal. They are not n independent measurements: a depth map is matched between images, so that two maps out of n have
-one of their images in common with a chance that makes their errors correlated by ρ = 1/(n − 1); two maps of the same
-pair are the same measurement. Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps
-(1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
-map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on fine strong textures.
-*Cameras*: `adjust.point_covariance`. *Distance*: where the surface runs on beyond the points that were seen, its
-slope is known to SLOPE only. *Windows*: where a surface bends or is seen aslant they shift all maps alike, by SHARED_PX
-of a pixel, and where the seen surface ends, mostly at a silhouette, they see what lies behind it too: by FATTENED_PX at
-the border, and less up to the reach of a window. No spread shows either; both are measured.
+Independent parts are added as variances. *Matching*: n views agree on a point, and their depths
+differ by s along the normal. They are not n independent measurements: a depth map is matched
+between images, so that two maps out of n have one of their images in common with a chance that
+makes their errors correlated by ρ = 1/(n − 1); two maps of the same pair are the same measurement.
+Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps (1 + (n − 1) ρ)/n of
+it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
+map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on
+fine strong textures. *Cameras*: `adjust.point_covariance`. *Distance*: where the surface runs on
+beyond the points that were seen, its slope is known to SLOPE only. *Windows*: where a surface bends
+or is seen aslant they shift all maps alike, by SHARED_PX of a pixel, and where the seen surface
+ends, mostly at a silhouette, they see what lies behind it too: by FATTENED_PX at the border, and
+less up to the reach of a window. No spread shows either; both are measured.
 """
 
 import numpy as np
@@ -31,17 +34,23 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 def surface_sigma(
     cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of a cloud's points,
-    and whether [n] they were seen."""
-    distance_m, near = KDTree(cloud.points_m).query(vertices_m, k=min(NEIGHBOURS, len(cloud.points_m)))
+    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of
+    a cloud's points, and whether [n] they were seen."""
+    distance_m, near = KDTree(cloud.points_m).query(
+        vertices_m, k=min(NEIGHBOURS, len(cloud.points_m))
+    )
     beyond_m = np.maximum(distance_m[:, 0] - REACH_PX * cloud.pixel_m, 0)
     variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)
-    return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[:, 0] <= OBSERVED_PX * cloud.pixel_m
+    return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[
+        :, 0
+    ] <= OBSERVED_PX * cloud.pixel_m
 
 
-def window_sigma(vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float) -> np.ndarray:
-    """Standard deviation [n], metres, that matching windows give to vertices [n, 3] of triangles [m, 3], more of it
-    beside the border of the observed [n] surface."""
+def window_sigma(
+    vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float
+) -> np.ndarray:
+    """Standard deviation [n], metres, that matching windows give to vertices [n, 3] of triangles
+    [m, 3], more of it beside the border of the observed [n] surface."""
     seen = faces[observed[faces].all(axis=1)]
     edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
@@ -49,22 +58,30 @@ def window_sigma(vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray
     shared = np.full(len(vertices_m), SHARED_PX)
     if len(border):
         distance_m, _ = KDTree(vertices_m[border]).query(vertices_m)
-        shared = np.hypot(shared, FATTENED_PX * np.maximum(1 - distance_m / (WINDOW_PX * pixel_m), 0))
+        shared = np.hypot(
+            shared, FATTENED_PX * np.maximum(1 - distance_m / (WINDOW_PX * pixel_m), 0)
+        )
     return shared * pixel_m
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:
-    """Variance [n] along the normals, m², of the mean of the views that agree on a cloud's points."""
+    """Variance [n] along the normals, m², of the mean of the views that agree on a cloud's
+    points."""
     n = cloud.views.sum(axis=1)
     by_many = n > 2
     spread_m = cloud.spread_m
-    if by_many.any():  # two maps of one pair agree however wrong they are: they take the others' spread
+    if (
+        by_many.any()
+    ):  # two maps of one pair agree however wrong they are: they take the others' spread
         spread_m = np.where(by_many, spread_m, np.sqrt(np.mean(spread_m[by_many] ** 2)))
     return np.where(by_many, 2 * (n - 1) / (n * np.maximum(n - 2, 1)), 2.0) * spread_m**2
 
 
-def camera_variance(cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance) -> np.ndarray:
-    """Variance [n] along the normals, m², that the cameras' own uncertainty gives to a cloud's points."""
+def camera_variance(
+    cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance
+) -> np.ndarray:
+    """Variance [n] along the normals, m², that the cameras' own uncertainty gives to a cloud's
+    points."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
     unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)

@@ -25,16 +25,21 @@ SMALLEST = 0.002  # share of the picture below which nothing was found
 
 @dataclass(frozen=True)
 class Masks:
-    """files: each photograph's mask, by the photograph's name; by_colour: cut the target out where there are none."""
+    """files: each photograph's mask, by the photograph's name; by_colour: cut the target out where
+    there are none."""
 
     files: dict[str, Path] = field(default_factory=dict)
     by_colour: bool = False
 
     def of(
-        self, photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
+        self,
+        photo: Photo,
+        camera: pycolmap.Camera,
+        pose: pycolmap.Rigid3d,
+        box_m: np.ndarray | None,
     ) -> np.ndarray | None:
-        """True [height, width] at the pixels that show the target; None where every pixel may. box_m [2, 3]: region of
-        interest in the frame that `pose` starts from."""
+        """True [height, width] at the pixels that show the target; None where every pixel may.
+        box_m [2, 3]: region of interest in the frame that `pose` starts from."""
         if self.files:
             return read_mask(self.files[photo.name], photo)
         if not self.by_colour:
@@ -46,8 +51,8 @@ class Masks:
 
 
 def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
-    """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the target; all are
-    read once. A HandbenchError where one is missing, empty or of another size."""
+    """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the
+    target; all are read once. A HandbenchError where one is missing, empty or of another size."""
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
     masks = {}
     for photo in photos:
@@ -57,26 +62,30 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
     missing = [photo.name for photo in photos if photo.name not in masks]
     if missing:
         raise HandbenchError(
-            f"{folder}: has no mask for {', '.join(missing)}; expected {missing[0]}.png or {Path(missing[0]).stem}.png "
+            f"{folder}: has no mask for {', '.join(missing)}; expected {missing[0]}.png or "
+            f"{Path(missing[0]).stem}.png "
             "with nonzero pixels on the target"
         )
     for photo in photos:
         read_mask(masks[photo.name], photo)
         if photo.orientation == 3:
-            say(f"{photo.name}: EXIF turns it by 180°; its mask is taken to be of the stored pixels")
+            say(
+                f"{photo.name}: EXIF turns it by 180°; its mask is taken to be of the stored pixels"
+            )
     return masks
 
 
 def read_mask(path: Path, photo: Photo) -> np.ndarray:
-    """True [height, width] at the mask's nonzero pixels. One made for the upright picture of a photograph with an EXIF
-    orientation is turned to the stored pixels."""
+    """True [height, width] at the mask's nonzero pixels. One made for the upright picture of a
+    photograph with an EXIF orientation is turned to the stored pixels."""
     mask = read_gray(path) > 0
     height, width = mask.shape
     if sides_swapped(photo, width, height):
         mask = stored_picture(photo, mask)
     elif (width, height) != (photo.width, photo.height):
         raise HandbenchError(
-            f"{path}: is {width} × {height}, {photo.name} has {photo.width} × {photo.height} pixels; make the mask at "
+            f"{path}: is {width} × {height}, {photo.name} has {photo.width} × {photo.height} "
+            "pixels; make the mask at "
             "the photograph's size"
         )
     if not mask.any():
@@ -85,8 +94,9 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 
 
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
-    """The largest thing [height, width] within `candidates` [height, width] whose colours are not those around it, by
-    GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing stands out."""
+    """The largest thing [height, width] within `candidates` [height, width] whose colours are not
+    those around it, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing
+    stands out."""
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -109,7 +119,9 @@ def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
     return cv2.resize(target, (photo.width, photo.height), interpolation=cv2.INTER_LINEAR) > 0.5
 
 
-def _may_show(photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None) -> np.ndarray:
+def _may_show(
+    photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
+) -> np.ndarray:
     """True [height, width] where the box, or the ellipse in the picture's middle, is seen."""
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:

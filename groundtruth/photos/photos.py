@@ -1,8 +1,10 @@
-"""Photographs on disk: found, read with their EXIF data, and looked at: repeated, blurred and untextured ones.
+"""Photographs on disk: found, read with their EXIF data, and looked at: repeated, blurred and
+untextured ones.
 
-Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP, because intrinsics
-belong to the sensor, and a camera that was turned is nothing but another pose. A mask or a camera whose sides are
-swapped against the stored ones belongs to the upright picture and is turned instead; what has equal sides is taken to
+Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP,
+because intrinsics belong to the sensor, and a camera that was turned is nothing but another pose. A
+mask or a camera whose sides are swapped against the stored ones belongs to the upright picture and
+is turned instead; what has equal sides is taken to
 belong to the stored one: sizes cannot tell.
 """
 
@@ -29,12 +31,19 @@ DIAGONAL_35MM = math.hypot(36, 24)
 PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 FEWEST = 3
-QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}  # EXIF orientation: clockwise, from the stored to the upright picture
+QUARTER_TURNS = {
+    1: 0,
+    3: 2,
+    6: 1,
+    8: 3,
+}  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 LOOK_PX = 1000  # longer side at which photographs are looked at
 DIRECTIONS = 8
 FEWEST_FEATURES = 40  # of a photograph that may register
-BLURRED = 0.5  # sharpness, against the median's: a blur of about 1.2 px (standard deviation) at LOOK_PX
+BLURRED = (
+    0.5  # sharpness, against the median's: a blur of about 1.2 px (standard deviation) at LOOK_PX
+)
 
 Exif = dict[int, Any]  # tag → value
 
@@ -56,22 +65,28 @@ def orientation_of(exif: Exif) -> int:
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Equal for photographs of one camera at one focal length and size; None where the camera is not named."""
+    """Equal for photographs of one camera at one focal length and size; None where the camera is
+    not named."""
     if MODEL not in exif:
         return None
-    return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (str(size),)
+    return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
+        str(size),
+    )
 
 
 def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Focal length in pixels: from its equivalent on 35 mm film, whose diagonal stands for the picture's (as COLMAP
-    does), or in millimetres and pixels per millimetre (which COLMAP leaves); None when EXIF tells neither."""
+    """Focal length in pixels: from its equivalent on 35 mm film, whose diagonal stands for the
+    picture's (as COLMAP does), or in millimetres and pixels per millimetre (which COLMAP leaves);
+    None when EXIF tells neither."""
     equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
     if equivalent_mm > 0:
         focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)
     else:
         unit_mm = UNIT_MM.get(int(_number(exif, FOCAL_PLANE_UNIT)), UNIT_MM[2])
         shrunk = max(width, height) / (_number(exif, PIXELS_ACROSS) or max(width, height))
-        focal_px = _number(exif, FOCAL_LENGTH) * _number(exif, FOCAL_PLANE_RESOLUTION) / unit_mm * shrunk
+        focal_px = (
+            _number(exif, FOCAL_LENGTH) * _number(exif, FOCAL_PLANE_RESOLUTION) / unit_mm * shrunk
+        )
     return focal_px if is_plausible(focal_px, width, height) else None
 
 
@@ -92,9 +107,10 @@ def _number(exif: Exif, tag: int) -> float:
 
 @dataclass(frozen=True)
 class Photo:
-    """One photograph: `name` inside its folder, size in pixels, and what its EXIF data say: `body`, equal for
-    photographs of the same camera at the same focal length (None without such data), `orientation`, how a viewer turns
-    it (1, 3, 6 or 8), and `focal_px`, a first guess of the focal length (None without such data)."""
+    """One photograph: `name` inside its folder, size in pixels, and what its EXIF data say: `body`,
+    equal for photographs of the same camera at the same focal length (None without such data),
+    `orientation`, how a viewer turns it (1, 3, 6 or 8), and `focal_px`, a first guess of the focal
+    length (None without such data)."""
 
     path: Path
     name: str
@@ -115,33 +131,36 @@ class Photo:
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
-    """The photographs in `folder` or in `folder/images`, by name; every one is decoded once, so that a broken file is
-    reported before any work starts. At least three are needed."""
+    """The photographs in `folder` or in `folder/images`, by name; every one is decoded once, so
+    that a broken file is reported before any work starts. At least three are needed."""
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
     if len(paths) < FEWEST:
         raise HandbenchError(
-            f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in images/; "
+            f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in "
+            "images/; "
             f"at least {FEWEST} are needed, 5 to 12 from different sides are good"
         )
     return tuple(_open(path) for path in paths)
 
 
 def read_gray(path: Path) -> np.ndarray:
-    """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or CMYK, of 8 or 16
-    bits a channel; transparency is ignored, as in COLMAP."""
+    """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or
+    CMYK, of 8 or 16 bits a channel; transparency is ignored, as in COLMAP."""
     with opened_picture(path) as image:
         return _gray(image, path)
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """True if a size is that of the photograph's upright picture and not that of its stored pixels."""
+    """True if a size is that of the photograph's upright picture and not that of its stored
+    pixels."""
     turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
     return turned and (width, height) == (photo.height, photo.width)
 
 
 def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
-    """The upright picture [width, height, ...] turned back to the stored pixels [height, width, ...]."""
+    """The upright picture [width, height, ...] turned back to the stored pixels [height, width,
+    ...]."""
     return np.rot90(upright, QUARTER_TURNS[photo.orientation])
 
 
@@ -149,7 +168,9 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
     import cv2
 
     if image.mode in ("I", "F"):
-        raise HandbenchError(f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so")
+        raise HandbenchError(
+            f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so"
+        )
     if not is_deep(image):
         return np.asarray(image.convert("L"), dtype=np.float32) / 255
     image.load()  # complains of a truncated file, where OpenCV fills up
@@ -169,7 +190,9 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
 def _pictures(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    return sorted(
+        p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")
+    )
 
 
 def _open(path: Path) -> Photo:
@@ -178,16 +201,20 @@ def _open(path: Path) -> Photo:
     orientation = orientation_of(exif)
     if orientation in MIRRORED:
         raise HandbenchError(
-            f"{path}: its EXIF orientation {orientation} says that it is mirrored, and such a picture has no camera; "
+            f"{path}: its EXIF orientation {orientation} says that it is mirrored, and such a "
+            "picture has no camera; "
             "save it as it was taken"
         )
     body = body_of(exif, (width, height))
-    return Photo(path, path.name, width, height, body, orientation, focal_length_px(exif, width, height))
+    return Photo(
+        path, path.name, width, height, body, orientation, focal_length_px(exif, width, height)
+    )
 
 
 @dataclass(frozen=True)
 class Look:
-    """Measures of one photograph: hash of its pixels, sharpness, number of features (or of enough of them)."""
+    """Measures of one photograph: hash of its pixels, sharpness, number of features (or of enough
+    of them)."""
 
     pixels: str
     sharpness: float
@@ -195,8 +222,8 @@ class Look:
 
 
 def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
-    """The photographs without repetitions and without those that are blurred against the others; says which are left
-    out. A HandbenchError when fewer than three differ or show any texture."""
+    """The photographs without repetitions and without those that are blurred against the others;
+    says which are left out. A HandbenchError when fewer than three differ or show any texture."""
     looks = {photo.name: look_at(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
@@ -205,12 +232,16 @@ def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     photos = tuple(photo for photo in photos if first[looks[photo.name].pixels] == photo.name)
     folder = photos[0].path.parent
     if len(photos) < FEWEST:
-        raise HandbenchError(f"{folder}: only {len(photos)} photographs differ; at least {FEWEST} are needed")
+        raise HandbenchError(
+            f"{folder}: only {len(photos)} photographs differ; at least {FEWEST} are needed"
+        )
     textured = sum(looks[photo.name].features >= FEWEST_FEATURES for photo in photos)
     if textured < FEWEST:
         raise HandbenchError(
-            f"{folder}: {textured} of {len(photos)} photographs show enough texture ({FEWEST_FEATURES} features), "
-            f"{FEWEST} are needed; light the scene, focus, and put something printed with fine detail around the hand"
+            f"{folder}: {textured} of {len(photos)} photographs show enough texture "
+            f"({FEWEST_FEATURES} features), "
+            f"{FEWEST} are needed; light the scene, focus, and put something printed with fine "
+            "detail around the hand"
         )
     return _without_blurred(photos, looks)
 
@@ -220,14 +251,18 @@ def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple
     blurred = [photo for photo in photos if looks[photo.name].sharpness < BLURRED * typical]
     spared = len(photos) - len(blurred) >= FEWEST
     for photo in blurred:
-        share, what = looks[photo.name].sharpness / typical, "left out" if spared else "used, since there are few"
+        share, what = (
+            looks[photo.name].sharpness / typical,
+            "left out" if spared else "used, since there are few",
+        )
         say(f"{photo.name}: blurred ({share:.0%} of the others' sharpness); {what}")
     return tuple(photo for photo in photos if photo not in blurred) if spared else photos
 
 
 def look_at(photo: Photo) -> Look:
-    """Sharpness is the power of the picture's second derivative along a line over that of its first, in the direction
-    where this is least: contrast and plain surfaces cancel, and a camera that moved along a line is noticed too."""
+    """Sharpness is the power of the picture's second derivative along a line over that of its
+    first, in the direction where this is least: contrast and plain surfaces cancel, and a camera
+    that moved along a line is noticed too."""
     import cv2
 
     gray = photo.gray()
@@ -247,7 +282,8 @@ def look_at(photo: Photo) -> Look:
 
 
 def _features(gray: np.ndarray) -> int:
-    """Number of features: of the middle quarter, if it has enough of them, since the whole takes four times as long."""
+    """Number of features: of the middle quarter, if it has enough of them, since the whole takes
+    four times as long."""
     import cv2
 
     h, w = gray.shape

@@ -1,8 +1,9 @@
-"""Bundle adjustment of a model that lies in the board's frame; the joint covariance of the cameras after it, and the
-covariance that it gives to points in space.
+"""Bundle adjustment of a model that lies in the board's frame; the joint covariance of the cameras
+after it, and the covariance that it gives to points in space.
 
-Gauss–Newton steps on the cameras after the points have been eliminated (Schur's complement), damped after Levenberg and
-Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is not enough.
+Gauss–Newton steps on the cameras after the points have been eliminated (Schur's complement), damped
+after Levenberg and Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is
+not enough.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,9 @@ from handbench.support.parallel import one_blas_thread
 STEPS, CONVERGED = 50, 1e-5  # steps at most; relative fall of the cost at which they end
 SETTLED = 1e-6  # relative fall of the cost at which points have been triangulated
 ROUNDS = 3  # of adjusting with the noise that the last one left
-NOT_SEEN = 1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
+NOT_SEEN = (
+    1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
+)
 
 
 def adjust(
@@ -45,10 +48,14 @@ def _descend(bundle: Bundle) -> None:
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)
         diagonal = np.diag(matrix)
-        held = np.where(diagonal > 0, damping * diagonal, 1.0)  # what nothing tells stays where it is
+        held = np.where(
+            diagonal > 0, damping * diagonal, 1.0
+        )  # what nothing tells stays where it is
         step = np.linalg.solve(matrix + np.diag(held), right)
         points_step = np.einsum(
-            "pij,pj->pi", inverse, equations.points_right - np.einsum("pdi,d->pi", equations.coupling, step)
+            "pij,pj->pi",
+            inverse,
+            equations.points_right - np.einsum("pdi,d->pi", equations.coupling, step),
         )
         before = bundle.state()
         bundle.move(step, points_step)
@@ -67,7 +74,9 @@ def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
     for image in registered(model):
         config.add_image(image.image_id)
     options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = (
+        False
+    )
     options.refine_rig_from_world = options.refine_sensor_from_rig = False
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.solver_options.function_tolerance = SETTLED
@@ -78,8 +87,8 @@ def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
 
 @dataclass(frozen=True)
 class CameraCovariance:
-    """Joint covariance [d, d] of all cameras' parameters; places: photograph → its columns, its pose's six first; free:
-    the intrinsics that the others are, by their places."""
+    """Joint covariance [d, d] of all cameras' parameters; places: photograph → its columns, its
+    pose's six first; free: the intrinsics that the others are, by their places."""
 
     matrix: np.ndarray
     places: dict[str, np.ndarray]
@@ -88,7 +97,13 @@ class CameraCovariance:
     def save(self, file: Path) -> None:
         """Write as .npz."""
         names = tuple(self.places)
-        write_npz(file, matrix=self.matrix, names=names, places=np.array([*self.places.values()]), free=self.free)
+        write_npz(
+            file,
+            matrix=self.matrix,
+            names=names,
+            places=np.array([*self.places.values()]),
+            free=self.free,
+        )
 
     @classmethod
     def load(cls, file: Path) -> "CameraCovariance":
@@ -101,13 +116,16 @@ class CameraCovariance:
 def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
     """Covariance of a bundle's cameras where its model stands, in its frame.
 
-    The board's corners hold the frame if there are any, else known poses do, to scale.residual_m, else nothing: then it
-    is the covariance of least trace, about the frame of all photographs together (an inner constraint).
+    The board's corners hold the frame if there are any, else known poses do, to scale.residual_m,
+    else nothing: then it is the covariance of least trace, about the frame of all photographs
+    together (an inner constraint).
     """
     information, _, _ = bundle.normal().reduced(0.0)
     if scale.source == "poses" and scale.residual_m:
         for image in bundle.images:
-            columns = bundle.place[image.name][:3]  # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
+            columns = bundle.place[image.name][
+                :3
+            ]  # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
             information[columns, columns] += 1 / scale.residual_m**2
     return CameraCovariance(pseudo_inverse(information), bundle.place, bundle.free)
 
@@ -115,8 +133,9 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
 def point_covariance(
     images: "list[pycolmap.Image]", known: CameraCovariance, points_m: np.ndarray, seen: np.ndarray
 ) -> np.ndarray:
-    """Covariance [n, 3, 3] (m²) that the cameras' own uncertainty gives to points [n, 3] that the photographs
-    seen [n, images] see: the points move to where the rays of the moved cameras meet again, by least squares."""
+    """Covariance [n, 3, 3] (m²) that the cameras' own uncertainty gives to points [n, 3] that the
+    photographs seen [n, images] see: the points move to where the rays of the moved cameras meet
+    again, by least squares."""
     information = np.zeros((len(points_m), 3, 3))
     moved = np.zeros((len(points_m), 3, len(known.matrix)))
     for image, mask in zip(images, seen.T, strict=True):
@@ -124,6 +143,8 @@ def point_covariance(
         by_point, by_camera = pixel_jacobians(image, points_m[mask], known.free)
         information[mask] += np.einsum("nia,nib->nab", by_point, by_point)
         at = np.nonzero(mask)[0]
-        moved[at[:, None, None], np.arange(3)[:, None], columns] -= np.einsum("nia,nib->nab", by_point, by_camera)
+        moved[at[:, None, None], np.arange(3)[:, None], columns] -= np.einsum(
+            "nia,nib->nab", by_point, by_camera
+        )
     shift = np.linalg.pinv(information, rcond=NOT_SEEN, hermitian=True) @ moved
     return shift @ known.matrix @ np.swapaxes(shift, -1, -2)

@@ -1,11 +1,14 @@
-"""The normal equations of a bundle adjustment with the board in it, everything with a weight of its own.
+"""The normal equations of a bundle adjustment with the board in it, everything with a weight of its
+own.
 
-Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly. Large features are
-located worse than small ones, in proportion to their scale but for what all have in common. The board's corners
-are points whose places are known, seen some ten times sharper than features, which COLMAP cannot be told. They fix
-frame and scale, and tell what features tell badly: focal lengths and principal points. Features that only two of many
-photographs show are left out: nothing contradicts a false one, as where two contours seem to cross, and many of them
-bend the cameras. The normal matrix of the cameras, without the points, is the information on all of them together.
+Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly.
+Large features are located worse than small ones, in proportion to their scale but for what all have
+in common. The board's corners are points whose places are known, seen some ten times sharper than
+features, which COLMAP cannot be told. They fix frame and scale, and tell what features tell badly:
+focal lengths and principal points. Features that only two of many photographs show are left out:
+nothing contradicts a false one, as where two contours seem to cross, and many of them bend the
+cameras. The normal matrix of the cameras, without the points, is the information on all of them
+together.
 """
 
 from dataclasses import dataclass, field
@@ -18,11 +21,14 @@ from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import pycolmap, registered, set_pose
 from handbench.groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
-LOCATED_LIKE_PX = 2.0  # scale below which features are located alike: their noise goes as the root of both squares
+# scale below which features are located alike: their noise goes as the root of both squares
+LOCATED_LIKE_PX = 2.0
 LEAST_NOISE_PX = 0.03  # nothing is located better
-CAUCHY = 2.385  # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
+# standard deviations at which a residual weighs half: 95 % efficient where errors are normal
+CAUCHY = 2.385
 MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
-# What is known of any lens: standard deviation of principal point (of the width), fx/fy, and distortion k and p.
+# What is known of any lens: standard deviation of principal point (of the width), fx/fy, and
+# distortion k and p.
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
 LEAST_SHARE = 0.05  # of the residuals' numbers that must be left, for a noise to be told from them
 FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
@@ -30,8 +36,9 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 
 
 class Seen(NamedTuple):
-    """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the model's points and,
-    after these, the board's corners, and the pixels' standard deviations: noise_px times a spread [n, 1]."""
+    """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the
+    model's points and, after these, the board's corners, and the pixels' standard deviations:
+    noise_px times a spread [n, 1]."""
 
     image: "pycolmap.Image"
     pixels: np.ndarray
@@ -40,14 +47,17 @@ class Seen(NamedTuple):
     noise_px: float = 1.0
 
     def off(self, xyz: np.ndarray) -> np.ndarray:
-        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3] are all, in standard
-        deviations."""
-        return (self.pixels - project(self.image, xyz[self.numbers])) / (self.noise_px * self.spread)
+        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3]
+        are all, in standard deviations."""
+        return (self.pixels - project(self.image, xyz[self.numbers])) / (
+            self.noise_px * self.spread
+        )
 
 
 class Normal(NamedTuple):
-    """Normal equations of d camera parameters and p points: cameras [d, d] and their right side [d], the points' blocks
-    [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the cost."""
+    """Normal equations of d camera parameters and p points: cameras [d, d] and their right side
+    [d], the points' blocks [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the
+    cost."""
 
     cameras: np.ndarray
     right: np.ndarray
@@ -59,25 +69,38 @@ class Normal(NamedTuple):
     @classmethod
     def empty(cls, d: int, p: int) -> "Normal":
         """Nothing is seen yet."""
-        return cls(np.zeros((d, d)), np.zeros(d), np.zeros((p, 3, 3)), np.zeros((p, 3)), np.zeros((p, d, 3)), 0.0)
+        return cls(
+            np.zeros((d, d)),
+            np.zeros(d),
+            np.zeros((p, 3, 3)),
+            np.zeros((p, 3)),
+            np.zeros((p, d, 3)),
+            0.0,
+        )
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks [p, 3, 3]."""
+        """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks
+        [p, 3, 3]."""
         diagonal = np.einsum("pii->pi", self.points)
         inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
         eliminated = self.coupling @ inverse
-        rows = [np.swapaxes(part, 1, 2).reshape(-1, len(self.right)) for part in (eliminated, self.coupling)]
+        rows = [
+            np.swapaxes(part, 1, 2).reshape(-1, len(self.right))
+            for part in (eliminated, self.coupling)
+        ]
         matrix = self.cameras - rows[0].T @ rows[1]
         return matrix, self.right - np.einsum("pdi,pi->d", eliminated, self.points_right), inverse
 
 
 @dataclass
 class Bundle:
-    """A model, what its photographs show, and the intrinsics that are unknown, by their places among the parameters of
-    COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be held only as a whole.
+    """A model, what its photographs show, and the intrinsics that are unknown, by their places
+    among the parameters of COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be
+    held only as a whole.
 
     scales_px: photograph → the scales [n] of its features, where they are known.
-    place: photograph → its columns among all unknowns: its pose's six and then its camera's, which others may share.
+    place: photograph → its columns among all unknowns: its pose's six and then its camera's, which
+    others may share.
     """
 
     model: "pycolmap.Reconstruction"
@@ -93,14 +116,20 @@ class Bundle:
         self.size = first + k * len(cameras)
         self.intrinsics = {c: first + k * i + np.arange(k) for i, c in enumerate(cameras)}
         self.place = {
-            image.name: np.concatenate([POSE * i + np.arange(POSE), self.intrinsics[image.camera_id]])
+            image.name: np.concatenate(
+                [POSE * i + np.arange(POSE), self.intrinsics[image.camera_id]]
+            )
             for i, image in enumerate(self.images)
         }
         self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
         fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
         points = [point for _, point in sorted(self.model.points3D.items())]
-        self.points = [p for p in points if len({element.image_id for element in p.track.elements}) >= fewest]
-        self.points_m = np.reshape([point.xyz for point in self.points], (-1, 3))  # asking for each takes longer
+        self.points = [
+            p for p in points if len({element.image_id for element in p.track.elements}) >= fewest
+        ]
+        self.points_m = np.reshape(
+            [point.xyz for point in self.points], (-1, 3)
+        )  # asking for each takes longer
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
@@ -112,7 +141,9 @@ class Bundle:
         seen = []
         for image in (image for image in self.images if shown[image.image_id]):
             numbers, places = np.array(shown[image.image_id]).T
-            spread = np.ones(len(places))  # standard deviations of the features over that of the smallest
+            spread = np.ones(
+                len(places)
+            )  # standard deviations of the features over that of the smallest
             if image.name in self.scales_px:
                 spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
             pixels = np.array([image.points2D[k].xy for k in places.tolist()])
@@ -120,7 +151,9 @@ class Bundle:
         return self._with_noise(seen)
 
     def _known(self) -> list[Seen]:
-        names = [(name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))]
+        names = [
+            (name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))
+        ]
         number = {corner: len(self.points) + n for n, corner in enumerate(names)}
         seen = []
         for image in self.images:
@@ -130,18 +163,22 @@ class Bundle:
         return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Seen]) -> list[Seen]:
-        """The observations, save of points behind the camera, with the noise that what is left of them shows."""
+        """The observations, save of points behind the camera, with the noise that what is left of
+        them shows."""
         xyz = self._xyz()
         off = [s.off(xyz) for s in seen]
         before = [np.isfinite(each).all(axis=1) for each in off]
-        left = np.concatenate([np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off, before, strict=True))])
+        left = np.concatenate(
+            [np.empty(0), *(np.abs(o[b]).ravel() for o, b in zip(off, before, strict=True))]
+        )
         noise_px = max(MAD * float(np.median(left)), LEAST_NOISE_PX) if len(left) else np.nan
         shown = [(s, b) for s, b in zip(seen, before, strict=True) if b.any()]
         return [Seen(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px) for s, b in shown]
 
     def _count_unknowns(self) -> None:
-        """Make the noise larger by what the unknowns have fitted of it, each kind of observation its own share of them
-        (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
+        """Make the noise larger by what the unknowns have fitted of it, each kind of observation
+        its own share of them (Förstner, "Ein Verfahren zur Schätzung von Varianz- und
+        Kovarianzkomponenten", AVN 1979)."""
         information, _, _ = self.normal().reduced(0.0)
         of_known, xyz = Normal.empty(self.size, 0), self._xyz()
         for seen in self.known:
@@ -177,7 +214,11 @@ class Bundle:
         equations.right[columns] += np.einsum("nia,ni->a", by_camera, weight * off)
         at = seen.numbers
         if at[0] < len(self.points):  # the board's corners stay where they are
-            np.add.at(equations.coupling, (at[:, None], columns), np.einsum("nia,nij->naj", weighted, by_point))
+            np.add.at(
+                equations.coupling,
+                (at[:, None], columns),
+                np.einsum("nia,nij->naj", weighted, by_point),
+            )
             by_weight = by_point * (weight / sigma_px)[..., None]
             np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
@@ -189,7 +230,17 @@ class Bundle:
             camera = self.model.cameras[camera_id]
             value, start = np.array(camera.params), self.start[camera_id]
             middle = np.array([0, 0, camera.width / 2, camera.height / 2, 0, 0, 0, 0])
-            sigma = np.array([np.inf, np.inf, *[CENTRE * camera.width] * 2, RADIAL, RADIAL, TANGENTIAL, TANGENTIAL])
+            sigma = np.array(
+                [
+                    np.inf,
+                    np.inf,
+                    *[CENTRE * camera.width] * 2,
+                    RADIAL,
+                    RADIAL,
+                    TANGENTIAL,
+                    TANGENTIAL,
+                ]
+            )
             for column, k in zip(columns, self.free, strict=True):
                 equations.cameras[column, column] += 1 / sigma[k] ** 2
                 equations.right[column] += (middle[k] - value[k]) / sigma[k] ** 2
@@ -218,7 +269,9 @@ class Bundle:
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self.points_m
 
-    def restore(self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]") -> None:
+    def restore(
+        self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]"
+    ) -> None:
         """Go to a state."""
         poses, intrinsics, self.points_m = state
         for image, pose in zip(self.images, poses, strict=True):
@@ -233,11 +286,14 @@ def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
     """The pose after a step [6]: x → x + τ + ω × x."""
     tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()
-    return pycolmap.Rigid3d(pycolmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau)
+    return pycolmap.Rigid3d(
+        pycolmap.Rotation3d(turn @ pose.rotation.matrix()), turn @ pose.translation + tau
+    )
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix [d, d], in units of its own diagonal; what nothing determines is left out."""
+    """Inverse of an information matrix [d, d], in units of its own diagonal; what nothing
+    determines is left out."""
     unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     kept = values > GAUGE * values[-1]
@@ -246,7 +302,8 @@ def pseudo_inverse(information: np.ndarray) -> np.ndarray:
 
 
 def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:
-    """The observations with the noise of which residuals are what `unknowns` of their numbers have left."""
+    """The observations with the noise of which residuals are what `unknowns` of their numbers have
+    left."""
     count = 2 * sum(len(s.pixels) for s in seen)
     share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
     return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

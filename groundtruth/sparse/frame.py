@@ -1,4 +1,5 @@
-"""The metric frame of a reconstruction: from an ArUco board, known camera poses, or measured distances."""
+"""The metric frame of a reconstruction: from an ArUco board, known camera poses, or measured
+distances."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -14,7 +15,9 @@ from handbench.groundtruth.options import Distance
 from handbench.support.errors import HandbenchError
 
 TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
-FAR_BETTER = 2.0  # times smaller is the median residual of a majority that others have bent away from
+FAR_BETTER = (
+    2.0  # times smaller is the median residual of a majority that others have bent away from
+)
 FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
@@ -24,8 +27,9 @@ CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those i
 
 @dataclass(frozen=True)
 class Scale:
-    """Source of the metric scale. features: marker corners or camera centres; used: those left after trimming;
-    residual_m: root mean square distance of the used ones after the fit (None without a scale)."""
+    """Source of the metric scale. features: marker corners or camera centres; used: those left
+    after trimming; residual_m: root mean square distance of the used ones after the fit (None
+    without a scale)."""
 
     source: Literal["board", "distances", "poses", "model", "none"]
     features: int = 0
@@ -36,12 +40,15 @@ class Scale:
 def board_from_model(
     model: "pycolmap.Reconstruction", seen: dict[str, Corners], board: Board
 ) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated corners."""
+    """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated
+    corners."""
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
     for image in registered(model):
         for corner, pixel in seen.get(image.name, {}).items():
             observed.setdefault(corner, []).append((pixel, image))
-    points = {corner: triangulate(rays) for corner, rays in sorted(observed.items()) if len(rays) > 1}
+    points = {
+        corner: triangulate(rays) for corner, rays in sorted(observed.items()) if len(rays) > 1
+    }
     points = {corner: point for corner, point in points.items() if point is not None}
     known = board.corners_m()
     target_m = np.array([known[marker][k] for marker, k in points]).reshape(-1, 3)
@@ -50,75 +57,104 @@ def board_from_model(
     return matrix, Scale("board", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
 
 
-def poses_from_model(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity from the reconstruction's frame to that of the known camera poses, by the cameras' centres."""
+def poses_from_model(
+    model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
+) -> tuple[np.ndarray, Scale]:
+    """4×4 similarity from the reconstruction's frame to that of the known camera poses, by the
+    cameras' centres."""
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
-    pairs = [(image.projection_center(), known[image.name]) for image in registered(model) if image.name in known]
-    source, target_m = (np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ())))
-    matrix, kept, residuals_m = trimmed_similarity(source, target_m, "registered cameras with known poses")
+    pairs = [
+        (image.projection_center(), known[image.name])
+        for image in registered(model)
+        if image.name in known
+    ]
+    source, target_m = (
+        np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ()))
+    )
+    matrix, kept, residuals_m = trimmed_similarity(
+        source, target_m, "registered cameras with known poses"
+    )
     return matrix, Scale("poses", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
 
 
-def distances_from_model(model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity that scales the reconstruction to metres and leaves its frame, by least squares over distances
-    between projection centres; the residual is that of the distances (None for one alone, which nothing checks).
+def distances_from_model(
+    model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]
+) -> tuple[np.ndarray, Scale]:
+    """4×4 similarity that scales the reconstruction to metres and leaves its frame, by least
+    squares over distances between projection centres; the residual is that of the distances (None
+    for one alone, which nothing checks).
 
-    A HandbenchError when a photograph is not registered or a distance misses the fit by more than 2 %.
+    A HandbenchError when a photograph is not registered or a distance misses the fit by more than 2
+    %.
     """
     centre = {image.name: image.projection_center() for image in registered(model)}
     for distance in distances:
         for name in (distance.first, distance.second):
             if name not in centre:
                 raise HandbenchError(
-                    f"--distance: {name} is not among the registered photographs ({', '.join(centre)}); name two of "
+                    f"--distance: {name} is not among the registered photographs "
+                    f"({', '.join(centre)}); name two of "
                     "them"
                 )
     length = np.array([np.linalg.norm(centre[d.first] - centre[d.second]) for d in distances])
     known_m = np.array([d.distance_m for d in distances])
     if not length.all():
-        raise HandbenchError("--distance: two photographs were taken from the same point; measure between two others")
+        raise HandbenchError(
+            "--distance: two photographs were taken from the same point; measure between two others"
+        )
     scale = float(length @ known_m / (length @ length))
     off_m = scale * length - known_m
     worst = int(np.argmax(np.abs(off_m) / known_m))
     if abs(off_m[worst]) > DISAGREEMENT * known_m[worst]:
         d = distances[worst]
         raise HandbenchError(
-            f"--distance: {d.first} to {d.second} is given as {d.distance_m} m, all together make it "
-            f"{scale * length[worst]:.4g} m; they must agree to {DISAGREEMENT:.0%}: measure between the lenses' "
+            f"--distance: {d.first} to {d.second} is given as {d.distance_m} m, all together "
+            "make it "
+            f"{scale * length[worst]:.4g} m; they must agree to {DISAGREEMENT:.0%}: measure "
+            "between the lenses' "
             "entrance pupils, and check the names"
         )
     residual_m = float(np.sqrt(np.mean(off_m**2))) if len(distances) > 1 else None
-    return np.diag([scale, scale, scale, 1.0]), Scale("distances", len(distances), len(distances), residual_m)
+    return np.diag([scale, scale, scale, 1.0]), Scale(
+        "distances", len(distances), len(distances), residual_m
+    )
 
 
 def trimmed_similarity(
     source: np.ndarray, target_m: np.ndarray, what: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies far off.
+    """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies
+    far off.
 
-    Far off is told by a fit to all points; where three of them propose one that a majority fits far better, wrong
-    points have bent it, and that majority tells (Rousseeuw 1984). Returns the matrix, which points were used [n] and
-    every point's residual [n]. HandbenchError for fewer than three points, points on a line, a mirror image, and a
-    misfit (`check_fit`).
+    Far off is told by a fit to all points; where three of them propose one that a majority fits far
+    better, wrong points have bent it, and that majority tells (Rousseeuw 1984). Returns the matrix,
+    which points were used [n] and every point's residual [n]. HandbenchError for fewer than three
+    points, points on a line, a mirror image, and a misfit (`check_fit`).
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
-            f"scale: {len(source)} {what}; at least three that are not on a line are needed: add photographs that show "
+            f"scale: {len(source)} {what}; at least three that are not on a line are needed: add "
+            "photographs that show "
             "the board, or give --unscaled"
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
-    far = int((residuals_m > far_m).sum())  # a majority in a plane is its own mirror image: what lies off it tells
+    far = int(
+        (residuals_m > far_m).sum()
+    )  # a majority in a plane is its own mirror image: what lies off it tells
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
-            f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has them; a reflection is "
+            f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has "
+            "them; a reflection is "
             "no motion: check that the numbers are of a right-handed frame"
         )
     check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
     return matrix, kept, residuals_m
 
 
-def _agreeing(source: np.ndarray, target_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _agreeing(
+    source: np.ndarray, target_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `trimmed_similarity`, whatever the misfit."""
     found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
     if len(source) < FEWEST_FOR_MAJORITY:
@@ -127,7 +163,9 @@ def _agreeing(source: np.ndarray, target_m: np.ndarray) -> tuple[np.ndarray, np.
     return other if FAR_BETTER * np.median(other[2]) < np.median(found[2]) else found
 
 
-def _trimmed(source: np.ndarray, target_m: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _trimmed(
+    source: np.ndarray, target_m: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `trimmed_similarity`, from the points that are kept [n] at first."""
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
     for _ in range(20):
@@ -141,11 +179,14 @@ def _trimmed(source: np.ndarray, target_m: np.ndarray, kept: np.ndarray) -> tupl
 
 
 def _nearest_majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Mask [n] of the majority with the least squares under a similarity that three points propose."""
+    """Mask [n] of the majority with the least squares under a similarity that three points
+    propose."""
     needed, best, least = ceil(MAJORITY * len(source)), np.arange(len(source)), np.inf
     for triple in triples(len(source)):
         if not (_collinear(source[triple]) or _collinear(target_m[triple])):
-            residuals_m = _residuals_m(umeyama(source[triple], target_m[triple], with_scale=True), source, target_m)
+            residuals_m = _residuals_m(
+                umeyama(source[triple], target_m[triple], with_scale=True), source, target_m
+            )
             nearest = np.argsort(residuals_m, kind="stable")[:needed]
             if (residuals_m[nearest] ** 2).sum() < least and not _collinear(target_m[nearest]):
                 best, least = nearest, (residuals_m[nearest] ** 2).sum()
@@ -157,24 +198,30 @@ def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -
 
 
 def check_fit(residual_m: float, extent_m: float, what: str) -> None:
-    """A HandbenchError when what gives the scale misses its own numbers by more than 3 % of their extent; what: board
-    corners, or the like."""
+    """A HandbenchError when what gives the scale misses its own numbers by more than 3 % of their
+    extent; what: board corners, or the like."""
     if residual_m > LARGEST_MISFIT * extent_m:
         raise HandbenchError(
-            f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, {residual_m / extent_m:.0%} of their "
-            f"extent; expected at most {LARGEST_MISFIT:.0%}: check that the numbers belong to these photographs, are "
-            "metres, that R, t carry world to camera, and that the photographs were taken from places apart"
+            f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, "
+            f"{residual_m / extent_m:.0%} of their "
+            f"extent; expected at most {LARGEST_MISFIT:.0%}: check that the numbers belong to "
+            "these photographs, are "
+            "metres, that R, t carry world to camera, and that the photographs were taken from "
+            "places apart"
         )
 
 
 def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
     """Carry a reconstruction into the frame that `matrix` (4×4 similarity) leads to, in place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    model.transform(pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3]))
+    model.transform(
+        pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3])
+    )
 
 
 def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarray | None:
-    """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is left out."""
+    """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is
+    left out."""
     options = pycolmap.EstimateTriangulationOptions()
     options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
     options.ransac.max_error = CORNER_ERROR_PX

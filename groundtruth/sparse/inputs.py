@@ -1,4 +1,5 @@
-"""The inputs of a reconstruction, gathered and checked: what can be refused is refused before the work starts."""
+"""The inputs of a reconstruction, gathered and checked: what can be refused is refused before the
+work starts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +8,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from handbench.groundtruth.board.board import Board, load_board
-from handbench.groundtruth.board.markers import Corners, detect_corners, focal_length_px, require_board
+from handbench.groundtruth.board.markers import (
+    Corners,
+    detect_corners,
+    focal_length_px,
+    require_board,
+)
 from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
@@ -23,8 +29,9 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 @dataclass(frozen=True)
 class Inputs:
-    """The photographs; the known camera of each (None: unknown); the board (None: none) and its corners in each; a
-    COLMAP model of the photographs to start from (None: they have to be registered)."""
+    """The photographs; the known camera of each (None: unknown); the board (None: none) and its
+    corners in each; a COLMAP model of the photographs to start from (None: they have to be
+    registered)."""
 
     photos: tuple[Photo, ...]
     cameras: tuple[Camera, ...] | None
@@ -35,26 +42,40 @@ class Inputs:
     @property
     def posed(self) -> bool:
         """True if every photograph's pose is known, and no model has others."""
-        return self.model is None and self.cameras is not None and all(camera.posed for camera in self.cameras)
+        return (
+            self.model is None
+            and self.cameras is not None
+            and all(camera.posed for camera in self.cameras)
+        )
 
     def focal_lengths_px(self) -> dict[str, float]:
-        """A focal length for each photograph, from the board or, where it shows too little of it, from the others."""
+        """A focal length for each photograph, from the board or, where it shows too little of it,
+        from the others."""
         if self.board is None:
             return {}
-        found = {photo.name: focal_length_px(photo, self.corners[photo.name], self.board) for photo in self.photos}
+        found = {
+            photo.name: focal_length_px(photo, self.corners[photo.name], self.board)
+            for photo in self.photos
+        }
         known = [focal for focal in found.values() if focal is not None]
-        return {name: focal or float(np.median(known)) for name, focal in found.items()} if known else {}
+        return (
+            {name: focal or float(np.median(known)) for name, focal in found.items()}
+            if known
+            else {}
+        )
 
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
-    """All photographs in a folder, and the options with the files found there and the machine that computes the depth
-    maps filled in; what cannot be used is refused."""
+    """All photographs in a folder, and the options with the files found there and the machine that
+    computes the depth maps filled in; what cannot be used is refused."""
     options.box()
     devices = 0 if options.dense == "cpu" else cuda_devices()
     if options.dense == "cuda" and not devices:
         raise HandbenchError(
-            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an NVIDIA card and its "
-            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option out"
+            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an "
+            "NVIDIA card and its "
+            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option "
+            "out"
         )
     options = options.model_copy(update={"dense": "cuda" if devices else "cpu"})
     photos, options = _completed(folder, options)
@@ -65,50 +86,68 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
 
 
 def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
-    """All photographs in a folder, and the options with the cameras.json and board.toml that lie beside them, unless
-    others are given."""
+    """All photographs in a folder, and the options with the cameras.json and board.toml that lie
+    beside them, unless others are given."""
     photos = find_photos(folder)
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
         del beside["cameras"]
     if options.distances:
         del beside["board"]
-    found = {key: path for key, path in beside.items() if getattr(options, key) is None and path.is_file()}
+    found = {
+        key: path
+        for key, path in beside.items()
+        if getattr(options, key) is None and path.is_file()
+    }
     options = options.model_copy(update=found)
     _require_consistent(photos, options)
     return photos, options
 
 
 def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
-    """Everything that the cameras' poses depend on, as `content_hash` takes it: the files behind resolved options."""
+    """Everything that the cameras' poses depend on, as `content_hash` takes it: the files behind
+    resolved options."""
     given = (options.cameras, options.board, options.model)
     hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
     return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
 
 
 def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
-    """The inputs in a folder of photographs, looked at and checked, and the options with the files found there."""
+    """The inputs in a folder of photographs, looked at and checked, and the options with the files
+    found there."""
     photos, options = _completed(folder, options)
     photos = usable(photos)
-    cameras = None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
+    cameras = (
+        None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
+    )
     board = None if options.board is None else load_board(options.board)
     names = [photo.name for photo in photos]
-    for name in (name for distance in options.distances for name in (distance.first, distance.second)):
+    for name in (
+        name for distance in options.distances for name in (distance.first, distance.second)
+    ):
         if name not in names:
-            raise HandbenchError(f"distances: {name} is none of the photographs used; {suggest(name, names)}")
+            raise HandbenchError(
+                f"distances: {name} is none of the photographs used; {suggest(name, names)}"
+            )
     posed = sum(camera.posed for camera in cameras or ())
     metric = options.model is not None and options.metric
     if not (options.board or options.distances or posed >= 3 or metric or options.unscaled):
         raise HandbenchError(
-            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in cameras.json); add "
-            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or give --unscaled for a "
+            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in "
+            "cameras.json); add "
+            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or "
+            "give --unscaled for a "
             "mesh of arbitrary size"
         )
     if options.refine_poses and options.model is None and posed < len(photos):
-        raise HandbenchError("refine_poses: not all photographs have a pose; expected R, t of each in --cameras")
+        raise HandbenchError(
+            "refine_poses: not all photographs have a pose; expected R, t of each in --cameras"
+        )
     corners: dict[str, Corners] = {}
     if board is not None:
-        corners = require_board({p.name: detect_corners(p, board) for p in track(photos, "markers")}, board)
+        corners = require_board(
+            {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board
+        )
     return Inputs(photos, cameras, board, corners, options.model), options
 
 
@@ -124,14 +163,21 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     _require_one(options, "model", "intrinsics", "the model has its own")
     _require_one(options, "board", "distances", "give the one you trust more")
     if options.refine_distortion and options.intrinsics is None:
-        raise HandbenchError("refine_distortion: is for --intrinsics, which are not given; leave it out")
-    posed_by_colmap = options.model is not None or (options.cameras is not None and options.cameras.is_dir())
+        raise HandbenchError(
+            "refine_distortion: is for --intrinsics, which are not given; leave it out"
+        )
+    posed_by_colmap = options.model is not None or (
+        options.cameras is not None and options.cameras.is_dir()
+    )
     if options.metric and not posed_by_colmap:
-        raise HandbenchError("metric: there is no COLMAP model; give one with --model or --cameras, or leave it out")
+        raise HandbenchError(
+            "metric: there is no COLMAP model; give one with --model or --cameras, or leave it out"
+        )
     sizes = sorted({(photo.width, photo.height) for photo in photos})
     if options.intrinsics is not None and len(sizes) > 1:
         listed = ", ".join(f"{width} × {height}" for width, height in sizes)
         raise HandbenchError(
-            f"intrinsics: the photographs are of different sizes ({listed}), and one camera has one; give --cameras "
+            f"intrinsics: the photographs are of different sizes ({listed}), and one camera has "
+            "one; give --cameras "
             "with a camera for each"
         )

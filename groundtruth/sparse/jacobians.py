@@ -4,7 +4,9 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import camera_in, pycolmap
 
-POSE = 6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
+POSE = (
+    6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
+)
 STEP = 1e-6  # of differences, relative
 
 
@@ -16,14 +18,17 @@ def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
 def pixel_jacobians(
     image: "pycolmap.Image", points_m: np.ndarray, free: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3] and by the camera's
-    pose and its intrinsics at the places `free` [n, 2, 6 + k]; central differences of COLMAP's own projection."""
+    """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3]
+    and by the camera's pose and its intrinsics at the places `free` [n, 2, 6 + k]; central
+    differences of COLMAP's own projection."""
     camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
     for axis in range(3):
         step = np.zeros_like(x)
         step[:, axis] = STEP * x[:, 2]
-        by_x[..., axis] = (_pixels(camera, x + step) - _pixels(camera, x - step)) / (2 * step[:, axis, None])
+        by_x[..., axis] = (_pixels(camera, x + step) - _pixels(camera, x - step)) / (
+            2 * step[:, axis, None]
+        )
     by_camera = np.empty((len(x), 2, POSE + len(free)))
     by_camera[..., :3] = by_x
     by_camera[..., 3:6] = -np.cross(by_x, x[:, None, :])  # d(ω × x) = −[x]× dω

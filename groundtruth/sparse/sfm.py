@@ -1,7 +1,9 @@
-"""Photographs to a model with pycolmap: features and their matches, structure from motion, in an arbitrary frame and
-scale, or, where cameras and poses are known, the matches that the poses explain, triangulated.
+"""Photographs to a model with pycolmap: features and their matches, structure from motion, in an
+arbitrary frame and scale, or, where cameras and poses are known, the matches that the poses
+explain, triangulated.
 
-Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the same poses.
+Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the
+same poses.
 """
 
 from collections import defaultdict
@@ -19,23 +21,30 @@ from handbench.support.progress import say
 DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 MOST_FEATURES = 4096  # of a photograph
-SMALL_PX = 1200  # longer side below which photographs are doubled in size, for features: others have enough of them
-LARGE_PX = 2000  # longer side from which they are halved, where lenses are known and a board holds the cameras: most of
+# longer side below which photographs are doubled in size, for features: others have enough of them
+SMALL_PX = 1200
+# longer side from which they are halved, where lenses are known and a board holds the cameras: most
+# of
+LARGE_PX = 2000
 # the features at their full size are dropped for their number, after most of the work
-FAINT = 0.004  # least contrast of a feature of the halved ones, against 0.0067: smooth skin has hardly any other
+# least contrast of a feature of the halved ones, against 0.0067: smooth skin has hardly any other
+FAINT = 0.004
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
 CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows
-LEAST_AGREEING = 0.5  # of the matches, with the poses: wrong ones have a quarter, since epipolar lines are alike
+LEAST_AGREEING = (
+    0.5  # of the matches, with the poses: wrong ones have a quarter, since epipolar lines are alike
+)
 
 
 @dataclass(frozen=True)
 class Lenses:
     """Knowledge of the lenses before anything is registered.
 
-    cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera that took all
-    photographs, held fixed; without distortion, unless it is free. focal_px: a focal length for every name, where
-    nothing else is known. shared: one lens for all photographs of a size (True), one for each photograph (False), or
-    one for all photographs of one camera body, or of a size where EXIF data do not tell (None).
+    cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera
+    that took all photographs, held fixed; without distortion, unless it is free. focal_px: a focal
+    length for every name, where nothing else is known. shared: one lens for all photographs of a
+    size (True), one for each photograph (False), or one for all photographs of one camera body, or
+    of a size where EXIF data do not tell (None).
     """
 
     cameras: tuple[Camera, ...] | None = None
@@ -47,7 +56,9 @@ class Lenses:
     @property
     def known(self) -> bool:
         """True if nothing about the lenses is left to be estimated."""
-        return self.cameras is not None or (self.intrinsics is not None and not self.free_distortion)
+        return self.cameras is not None or (
+            self.intrinsics is not None and not self.free_distortion
+        )
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
         """The photographs' names, those together that share a camera."""
@@ -66,7 +77,9 @@ class Lenses:
         if self.intrinsics is None:
             return None
         model, rest = ("OPENCV", (0.0,) * 4) if self.free_distortion else ("PINHOLE", ())
-        return Camera(name=name, width=width, height=height, model=model, params=(*self.intrinsics, *rest)).colmap()
+        return Camera(
+            name=name, width=width, height=height, model=model, params=(*self.intrinsics, *rest)
+        ).colmap()
 
 
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
@@ -80,23 +93,35 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
     for names in lenses.groups(photos):
         # before the features, since these come in the order in which threads are done
         pycolmap.import_images(database, folder, mode.SINGLE, names, reader)
-    octaves, held = defaultdict(list), lenses.known and lenses.focal_px  # by known lenses and a board
+    octaves, held = (
+        defaultdict(list),
+        lenses.known and lenses.focal_px,
+    )  # by known lenses and a board
     for photo in photos:
-        side_px = max(photo.width, photo.height)  # octave −1 is that of twice the size, 1 that of half of it
-        octaves[-1 if side_px < SMALL_PX else int(bool(held) and side_px >= LARGE_PX)].append(photo.name)
+        side_px = max(
+            photo.width, photo.height
+        )  # octave −1 is that of twice the size, 1 that of half of it
+        octaves[-1 if side_px < SMALL_PX else int(bool(held) and side_px >= LARGE_PX)].append(
+            photo.name
+        )
     for octave, names in octaves.items():
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
         options.sift.max_num_features = MOST_FEATURES
         options.sift.first_octave = octave
         if octave > 0:
             options.sift.peak_threshold = FAINT
-        pycolmap.extract_features(database, folder, names, mode.PER_IMAGE, reader, options, device=pycolmap.Device.cpu)
+        pycolmap.extract_features(
+            database, folder, names, mode.PER_IMAGE, reader, options, device=pycolmap.Device.cpu
+        )
     _write_cameras(database, photos, lenses)
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Give the database's cameras what is known of them, or else the median focal length of their photographs."""
-    guess_px = lenses.focal_px or {photo.name: photo.focal_px for photo in photos if photo.focal_px is not None}
+    """Give the database's cameras what is known of them, or else the median focal length of their
+    photographs."""
+    guess_px = lenses.focal_px or {
+        photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
+    }
     with pycolmap.Database.open(database) as stored:
         images = stored.read_all_images()
         for camera in stored.read_all_cameras():
@@ -117,14 +142,19 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 def match(database: Path, seed: int) -> None:
     """Match every pair, and keep the matches that one motion explains."""
     say("matching every pair")
-    matching = pycolmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
+    matching = pycolmap.FeatureMatchingOptions(
+        num_threads=1
+    )  # with more, the index of descriptors does not repeat
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
+    pycolmap.match_exhaustive(
+        database, matching, verification_options=verification, device=pycolmap.Device.cpu
+    )
 
 
 def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
-    """COLMAP's options to register and triangulate photographs so that the same seed gives the same model."""
+    """COLMAP's options to register and triangulate photographs so that the same seed gives the same
+    model."""
     options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
     options.num_threads = 1  # sums over threads would not repeat bit for bit
     options.mapper.random_seed = options.triangulation.random_seed = seed
@@ -133,8 +163,8 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
 
 
 def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
-    """Keep the matches that the known motion of all cameras explains instead; returns their number, over that of the
-    matches that any motion explained."""
+    """Keep the matches that the known motion of all cameras explains instead; returns their number,
+    over that of the matches that any motion explained."""
     with pycolmap.Database.open(database) as stored:
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
@@ -143,11 +173,17 @@ def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Photograph → the scale [n] of each of its features, standard deviation of the blur that it was found at."""
+    """Photograph → the scale [n] of each of its features, standard deviation of the blur that it
+    was found at."""
     with pycolmap.Database.open(database) as stored:
-        keypoints = {image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()}
+        keypoints = {
+            image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
+        }
     # x, y and the shape [2, 2], a turned multiple of the unit matrix
-    return {name: np.sqrt(np.abs(np.linalg.det(k[:, 2:6].reshape(-1, 2, 2)))) for name, k in keypoints.items()}
+    return {
+        name: np.sqrt(np.abs(np.linalg.det(k[:, 2:6].reshape(-1, 2, 2))))
+        for name, k in keypoints.items()
+    }
 
 
 def structure_from_motion(
@@ -155,9 +191,10 @@ def structure_from_motion(
 ) -> "pycolmap.Reconstruction":
     """Register the photographs; `folder` (empty) receives COLMAP's database.
 
-    Known lenses are held fixed. So is a known focal length, since a plane and free focal lengths do not determine each
-    other. Where nothing is known all but the principal point is estimated, from the focal lengths that EXIF data tell.
-    HandbenchError when fewer than three photographs register.
+    Known lenses are held fixed. So is a known focal length, since a plane and free focal lengths do
+    not determine each other. Where nothing is known all but the principal point is estimated, from
+    the focal lengths that EXIF data tell. HandbenchError when fewer than three photographs
+    register.
     """
     database = folder / DATABASE
     find_features(photos, database, lenses, seed)
@@ -170,7 +207,9 @@ def structure_from_motion(
         options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
         free_focal = not (lenses.known or lenses.intrinsics or lenses.focal_px)
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
-        options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = not lenses.known
+        options.ba_refine_extra_params = (
+            options.mapper.abs_pose_refine_extra_params
+        ) = not lenses.known
         models = pycolmap.incremental_mapping(database, pictures, folder, options)
         best = max([*models.values(), best], key=lambda model: model.num_reg_images())
         count = best.num_reg_images()
@@ -178,8 +217,10 @@ def structure_from_motion(
             break
     if count < FEWEST:
         raise HandbenchError(
-            f"{pictures}: only {count} of {len(photos)} photographs could be registered, {FEWEST} are needed; take "
-            "more photographs from different places, with more overlap and a textured surrounding, or give "
+            f"{pictures}: only {count} of {len(photos)} photographs could be registered, "
+            f"{FEWEST} are needed; take "
+            "more photographs from different places, with more overlap and a textured "
+            "surrounding, or give "
             "the cameras' intrinsics"
         )
     say(f"registered {count} of {len(photos)} photographs")
@@ -189,12 +230,17 @@ def structure_from_motion(
 def triangulated(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """The model of photographs with known cameras (all with R, t), which stay as they are bit for bit; `folder` (empty)
-    receives COLMAP's database.
+    """The model of photographs with known cameras (all with R, t), which stay as they are bit for
+    bit; `folder` (empty) receives COLMAP's database.
 
-    Photographs that see next to nothing are left out. HandbenchError when the features do not fit the poses.
+    Photographs that see next to nothing are left out. HandbenchError when the features do not fit
+    the poses.
     """
-    pictures, database, given = photos[0].path.parent, folder / DATABASE, {camera.name: camera for camera in cameras}
+    pictures, database, given = (
+        photos[0].path.parent,
+        folder / DATABASE,
+        {camera.name: camera for camera in cameras},
+    )
     find_features(photos, database, Lenses(cameras), seed)
     model = pycolmap.Reconstruction()  # of the cameras alone, with the database's numbers
     with pycolmap.Database.open(database) as stored:
@@ -206,25 +252,34 @@ def triangulated(
     share = agreement(database, model)
     if share < LEAST_AGREEING:
         raise HandbenchError(
-            f"{pictures}: {share:.0%} of the matched features agree with the given poses, {LEAST_AGREEING:.0%} are "
-            "needed; check that R, t carry world to camera (x right, y down, z forward) and belong to these "
+            f"{pictures}: {share:.0%} of the matched features agree with the given poses, "
+            f"{LEAST_AGREEING:.0%} are "
+            "needed; check that R, t carry world to camera (x right, y down, z forward) and "
+            "belong to these "
             "photographs, or leave them out"
         )
     say("triangulating")
-    model = pycolmap.triangulate_points(model, database, pictures, folder, options=pipeline_options(seed))
+    model = pycolmap.triangulate_points(
+        model, database, pictures, folder, options=pipeline_options(seed)
+    )
     for image in registered(model):
         if image.num_points3D < FEWEST_POINTS:
             model.deregister_frame(image.frame_id)
     if len(registered(model)) < FEWEST:
         raise HandbenchError(
-            f"{pictures}: {len(registered(model))} of {len(photos)} photographs see {FEWEST_POINTS} "
-            f"points with the given poses, {FEWEST} are needed; take photographs with more overlap and texture"
+            f"{pictures}: {len(registered(model))} of {len(photos)} photographs see "
+            f"{FEWEST_POINTS} "
+            f"points with the given poses, {FEWEST} are needed; take photographs with more "
+            "overlap and texture"
         )
-    for image in registered(model):  # back to where it was given: COLMAP scales its models, and back
+    for image in registered(
+        model
+    ):  # back to where it was given: COLMAP scales its models, and back
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(
-        f"{model.num_points3D()} points of {len(registered(model))} photographs with known poses, {error_px:.2f} px off"
+        f"{model.num_points3D()} points of {len(registered(model))} photographs with known "
+        f"poses, {error_px:.2f} px off"
     )
     return model
 
@@ -233,12 +288,18 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
     return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.rotation), camera.translation_m)
 
 
-def changes(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray]:
+def changes(
+    model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """Distances [n] of a model's cameras from those given, and angles [n] between them, radians."""
     given = {camera.name: camera for camera in cameras}
     pairs = [(image, given[image.name]) for image in registered(model) if image.name in given]
-    moved = np.array([np.linalg.norm(image.projection_center() - camera.centre_m) for image, camera in pairs])
-    turned_rad = [image.cam_from_world().rotation.angle_to(_pose(camera).rotation) for image, camera in pairs]
+    moved = np.array(
+        [np.linalg.norm(image.projection_center() - camera.centre_m) for image, camera in pairs]
+    )
+    turned_rad = [
+        image.cam_from_world().rotation.angle_to(_pose(camera).rotation) for image, camera in pairs
+    ]
     return moved, np.array(turned_rad)
 
 
@@ -247,7 +308,8 @@ def refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) ->
     moved, turned_rad = changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (
-        f"refined: the given cameras moved by {moved.mean():.3g} (at most {moved.max():.3g}; metres, or their model's "
+        f"refined: the given cameras moved by {moved.mean():.3g} (at most {moved.max():.3g}; "
+        "metres, or their model's "
         f"unit) and turned by {turned_deg.mean():.2g}° (at most {turned_deg.max():.2g}°); "
         f"{model.compute_mean_reprojection_error():.2f} px are left"
     )

@@ -1,4 +1,5 @@
-"""The sparse stage: registered cameras and points in the metric frame, and how well the cameras are known."""
+"""The sparse stage: registered cameras and points in the metric frame, and how well the cameras are
+known."""
 
 from __future__ import annotations
 
@@ -14,7 +15,13 @@ from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, distances_from_model, poses_from_model
+from handbench.groundtruth.sparse.frame import (
+    Scale,
+    apply,
+    board_from_model,
+    distances_from_model,
+    poses_from_model,
+)
 from handbench.groundtruth.sparse.inputs import Inputs
 from handbench.groundtruth.sparse.sfm import (
     DATABASE,
@@ -31,12 +38,16 @@ from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
-DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
+DISTORTION, INTRINSICS = (
+    (4, 5, 6, 7),
+    tuple(range(8)),
+)  # places among the parameters of COLMAP's camera OPENCV
 
 
 @dataclass(frozen=True)
 class Sparse:
-    """A COLMAP model in the mesh's frame, where its scale comes from, and how well its cameras are known."""
+    """A COLMAP model in the mesh's frame, where its scale comes from, and how well its cameras are
+    known."""
 
     model: pycolmap.Reconstruction
     scale: Scale
@@ -61,8 +72,8 @@ class Sparse:
 
 
 def register(inputs: Inputs, options: SparseOptions) -> Sparse:
-    """The photographs' model, found or given, adjusted and carried into the metric frame; a board, which is known in
-    that frame, takes part in the adjustment."""
+    """The photographs' model, found or given, adjusted and carried into the metric frame; a board,
+    which is known in that frame, takes part in the adjustment."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
@@ -70,9 +81,16 @@ def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     unregistered(inputs.photos, model)
     check_geometry(model)
     board = inputs.board
-    seen = inputs.corners, {} if board is None else board.corners_m(), _free(model, inputs, options), scales
+    seen = (
+        inputs.corners,
+        {} if board is None else board.corners_m(),
+        _free(model, inputs, options),
+        scales,
+    )
     scale = None if board is None else _to_metric_frame(model, inputs, options)
-    given = inputs.posed or (board is None and inputs.model is not None)  # what is given is taken at its word
+    given = inputs.posed or (
+        board is None and inputs.model is not None
+    )  # what is given is taken at its word
     if options.refine_poses or not given:
         before = cameras_in(model)
         adjust(model, *seen)
@@ -89,23 +107,34 @@ def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> t
     known = {image.name for image in registered(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
-        say(f"not registered, and not used: {', '.join(names)} (too little overlap with the others, or another scene)")
+        say(
+            f"not registered, and not used: {', '.join(names)} (too little overlap with the "
+            "others, or another scene)"
+        )
     return names
 
 
 def check_geometry(model: pycolmap.Reconstruction) -> None:
-    """A HandbenchError when the cameras hardly moved, against the distance of what they see: such photographs register,
-    and carry no depth."""
+    """A HandbenchError when the cameras hardly moved, against the distance of what they see: such
+    photographs register, and carry no depth."""
     images = [image for image in registered(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
     reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
-    seen = [[model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()] for image in images]
-    depths = [np.median(np.linalg.norm(np.array(xyz) - c, axis=1)) for xyz, c in zip(seen, centres, strict=True)]
+    seen = [
+        [model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()]
+        for image in images
+    ]
+    depths = [
+        np.median(np.linalg.norm(np.array(xyz) - c, axis=1))
+        for xyz, c in zip(seen, centres, strict=True)
+    ]
     moved = np.median([far / depth for far, depth in zip(reach, depths, strict=True)] or [0])
     if moved < SMALLEST_BASELINE:
         raise HandbenchError(
-            f"photographs: the cameras moved by {moved:.2%} of the distance to the scene only, {SMALLEST_BASELINE:.0%} "
-            "are needed; turning a camera on the spot shows no depth: take the photographs from different places, 10° "
+            f"photographs: the cameras moved by {moved:.2%} of the distance to the scene only, "
+            f"{SMALLEST_BASELINE:.0%} "
+            "are needed; turning a camera on the spot shows no depth: take the photographs from "
+            "different places, 10° "
             "to 30° apart"
         )
 
@@ -118,7 +147,9 @@ def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
         return model
     cameras = cameras_in(model)
     names = {camera.name for camera in cameras}
-    return triangulated(tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed)
+    return triangulated(
+        tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed
+    )
 
 
 def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
@@ -129,20 +160,30 @@ def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
-def _free(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> tuple[int, ...]:
-    """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe are held."""
+def _free(
+    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+) -> tuple[int, ...]:
+    """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe
+    are held."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
         return ()
     for camera in model.cameras.values():
-        if camera.model_name == "RADIAL":  # one focal length and radial distortion alone: the others begin at that
+        if (
+            camera.model_name == "RADIAL"
+        ):  # one focal length and radial distortion alone: the others begin at that
             f, cx, cy, k1, k2 = camera.params
-            camera.model, camera.params = pycolmap.CameraModelId.OPENCV, [f, f, cx, cy, k1, k2, 0, 0]
+            camera.model, camera.params = (
+                pycolmap.CameraModelId.OPENCV,
+                [f, f, cx, cy, k1, k2, 0, 0],
+            )
     return DISTORTION if options.intrinsics is not None else INTRINSICS
 
 
-def _to_metric_frame(model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions) -> Scale:
+def _to_metric_frame(
+    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+) -> Scale:
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
     elif options.distances:

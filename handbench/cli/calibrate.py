@@ -20,37 +20,60 @@ def run(options: argparse.Namespace) -> None:
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)
-    if len({file.resolve() for file in (*files, *filter(None, [options.maroon]))}) < len(files) + bool(options.maroon):
-        raise HandbenchError(f"-o, --array, --maroon: name the same file, {options.out}; name different ones")
+    if len({file.resolve() for file in (*files, *filter(None, [options.maroon]))}) < len(
+        files
+    ) + bool(options.maroon):
+        raise HandbenchError(
+            f"-o, --array, --maroon: name the same file, {options.out}; name different ones"
+        )
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
     if options.maroon:
         save_alignment(options.maroon, transform)
     if options.since:
-        say(motion(load_transform(options.since), transform, names=(options.since.name, options.out.name)).sentence)
+        say(
+            motion(
+                load_transform(options.since),
+                transform,
+                names=(options.since.name, options.out.name),
+            ).sentence
+        )
 
 
 def _from_targets(options: argparse.Namespace) -> Transform:
     if not options.capture:
-        raise HandbenchError("TARGET_CAPTURE: is missing; name a capture of the target, or --refine DEPTH.npz --mesh M")
+        raise HandbenchError(
+            "TARGET_CAPTURE: is missing; name a capture of the target, or --refine DEPTH.npz "
+            "--mesh M"
+        )
     if options.mesh or options.transform:
-        raise HandbenchError("--mesh, --transform: are for --refine; a target's capture needs neither")
+        raise HandbenchError(
+            "--mesh, --transform: are for --refine; a target's capture needs neither"
+        )
     array = None
     if options.array is not None:
         array = photogrammetry.calibrate_array(options.capture)
         save_array(options.array, array)
         say(f"{options.array}: {array.summary()}")
-    transform = photogrammetry.calibrate_captures(options.capture, options.quality, options.seed, array=array)
+    transform = photogrammetry.calibrate_captures(
+        options.capture, options.quality, options.seed, array=array
+    )
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
-    error = "at the hand's centre ± " + " × ".join(f"{s:.2f}" for s in sigma_mm) + " mm (x × y × z, one σ)"
+    error = (
+        "at the hand's centre ± "
+        + " × ".join(f"{s:.2f}" for s in sigma_mm)
+        + " mm (x × y × z, one σ)"
+    )
     say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm; {error}")
     return transform
 
 
 def _from_surface(options: argparse.Namespace) -> Transform:
     if options.capture or options.array:
-        raise HandbenchError("--refine: does without a target; leave TARGET_CAPTURE and --array out")
+        raise HandbenchError(
+            "--refine: does without a target; leave TARGET_CAPTURE and --array out"
+        )
     if options.mesh is None:
         raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
     transform = refine_files(options.refine, options.mesh, load_any_transform(options.transform))
@@ -58,8 +81,10 @@ def _from_surface(options: argparse.Namespace) -> Transform:
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
     say(
-        f"{options.out}: moved by ({shift}) mm and turned by ({turn})° about the surface's middle; RMS over "
-        f"{report['pixels']} pixels {report['rms_before_mm']:.2f} → {report['rms_after_mm']:.2f} mm; "
+        f"{options.out}: moved by ({shift}) mm and turned by ({turn})° about the surface's "
+        "middle; RMS over "
+        f"{report['pixels']} pixels {report['rms_before_mm']:.2f} → {report['rms_after_mm']:.2f} "
+        "mm; "
         f"{report['reason']}; {report['uncertainty']}"
     )
     for direction in report["free"]:

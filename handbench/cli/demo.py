@@ -1,4 +1,5 @@
-"""`handbench demo`: a simulated hand, the paper's four methods on it, their errors, and one picture."""
+"""`handbench demo`: a simulated hand, the paper's four methods on it, their errors, and one
+picture."""
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +17,8 @@ TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
 def run(options: argparse.Namespace) -> None:
-    """Simulate, image, score and draw, all in one folder, where an earlier demo of this version goes on."""
+    """Simulate, image, score and draw, all in one folder, where an earlier demo of this version
+    goes on."""
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
@@ -42,15 +44,36 @@ def run(options: argparse.Namespace) -> None:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
         depth = images.results[0].depth
         depth.save(folder / f"{id}.npz")
-        scores = score(depth, reference_of_surface(surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m)))
+        scores = score(
+            depth, reference_of_surface(surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m))
+        )
         values = scores.figures
-        lines.append((TITLES[id], *(f"{values[name]:.2f}" for name in figures), f"{median(images.seconds):.2f}"))
-        shown.append((f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm", depth.z_m, scores.errors))
+        lines.append(
+            (
+                TITLES[id],
+                *(f"{values[name]:.2f}" for name in figures),
+                f"{median(images.seconds):.2f}",
+            )
+        )
+        shown.append(
+            (
+                f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm",
+                depth.z_m,
+                scores.errors,
+            )
+        )
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
-    columns = ("", *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures), "seconds a frame")
+    columns = (
+        "",
+        *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures),
+        "seconds a frame",
+    )
     wide_console().print(terminal_table("", columns, lines))
-    print(f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of {facts['processor']}")
+    print(
+        f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of "
+        f"{facts['processor']}"
+    )
     print(f"picture: {folder / PICTURE}\nnext:")
     better = folder / "aligned.npz"
     print(f"  handbench reconstruct {capture} --method broadband-aligned -o {better}")
@@ -60,17 +83,21 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _claim(folder: Path, scene: str) -> None:
-    """Write the scene file into a folder that is new or empty; go on in one where it lies unchanged."""
+    """Write the scene file into a folder that is new or empty; go on in one where it lies
+    unchanged."""
     marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
     mark = folder / SCENE
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         write_text(mark, marked)
     elif not mark.is_file() or mark.read_text("utf-8", "replace") != marked:
-        raise HandbenchError(f"{folder}: exists, and is no demo of this version; choose another -o, or remove it")
+        raise HandbenchError(
+            f"{folder}: exists, and is no demo of this version; choose another -o, or remove it"
+        )
 
 
 def _simulate(scene: Path, capture: Path) -> None:
-    """The scene's capture, if it is not there yet; the kernels are compiled while the hand is shaped."""
+    """The scene's capture, if it is not there yet; the kernels are compiled while the hand is
+    shaped."""
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
     from handbench.radar.warmup import compile_kernels

@@ -23,12 +23,20 @@ def _hardware() -> list[tuple[str, str]]:
     facts = machine()
     memory, disk = float(facts["memory_gb"]), shutil.disk_usage(os.getcwd()).free / 1e9
     return [
-        (f"processor: {facts['processor']}, {facts['cores']} cores", "ok: work is spread over all of them"),
+        (
+            f"processor: {facts['processor']}, {facts['cores']} cores",
+            "ok: work is spread over all of them",
+        ),
         (
             f"memory: {memory:.0f} GB",
-            "ok" if memory >= WANTED_MEMORY_GB else f"less than {WANTED_MEMORY_GB} GB: use smaller photographs",
+            "ok"
+            if memory >= WANTED_MEMORY_GB
+            else f"less than {WANTED_MEMORY_GB} GB: use smaller photographs",
         ),
-        (f"free disk here: {disk:.0f} GB", "ok" if disk >= WANTED_DISK_GB else "little: make table needs about 5 GB"),
+        (
+            f"free disk here: {disk:.0f} GB",
+            "ok" if disk >= WANTED_DISK_GB else "little: make table needs about 5 GB",
+        ),
         (f"BLAS: {_blas()}", "ok: exact imaging is matrix products, as fast as this library"),
         ("CUDA for COLMAP", _colmap_cuda()),
         ("CUDA for imaging (CuPy)", _cupy()),
@@ -43,14 +51,21 @@ def _libraries() -> list[tuple[str, str]]:
         "open3d": "handbench.support.rays:load_open3d",
         "pycolmap": "handbench.groundtruth.cameras.cameras:load_pycolmap",
     }
-    found = [(f"{name} {version}", "ok") for name, version in versions().items() if name not in loaders]
+    found = [
+        (f"{name} {version}", "ok") for name, version in versions().items() if name not in loaders
+    ]
     for name, loader in loaders.items():
         module, function = loader.split(":")
         try:
             version = getattr(importlib.import_module(module), function)().__version__
             found.append((f"{name} {version}", "ok: imports"))
         except (ImportError, OSError) as error:
-            found.append((name, f"does not import ({error}): no meshes, no photographs; run `make setup` again"))
+            found.append(
+                (
+                    name,
+                    f"does not import ({error}): no meshes, no photographs; run `make setup` again",
+                )
+            )
     return found
 
 
@@ -70,7 +85,10 @@ def _colmap_cuda() -> str:
     if cuda_devices():
         return "ok: depth maps of photographs are made there (--dense cpu: not)"
     if load_pycolmap().has_cuda:
-        return "present, but there is no device: depth maps are made on the CPU, a minute or two per hand"
+        return (
+            "present, but there is no device: depth maps are made on the CPU, a minute or two "
+            "per hand"
+        )
     return (
         "absent: depth maps are made on the CPU, a minute or two per hand; with an NVIDIA card, "
         "pip install 'handbench[cuda]'"

@@ -61,8 +61,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
-    """The figures as a person reads them. An interval speaks of captures, of which one map is one: it has none but that
-    of the ground-truth floor, where the surface and its registration know their errors."""
+    """The figures as a person reads them. An interval speaks of captures, of which one map is one:
+    it has none but that of the ground-truth floor, where the surface and its registration know
+    their errors."""
     from rich.console import Console
     from rich.table import Table
 

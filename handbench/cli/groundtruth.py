@@ -36,7 +36,9 @@ def run(options: argparse.Namespace) -> None:
         say(f"{described}: {doubt}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
     core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
-    require_time(core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_)
+    require_time(
+        core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_
+    )
     result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     print(json.dumps(result.summary(), indent=2))
@@ -46,7 +48,9 @@ def _take_over(options: argparse.Namespace) -> None:
     from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
-        raise HandbenchError(f"--unit: is missing; {options.photos} does not tell its own: say m or mm")
+        raise HandbenchError(
+            f"--unit: is missing; {options.photos} does not tell its own: say m or mm"
+        )
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
     print(json.dumps({"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}, indent=2))
@@ -56,7 +60,9 @@ def _values(options: argparse.Namespace) -> dict[str, Any]:
     """The options' values by the names of the configuration."""
     from handbench.groundtruth.options import Options
 
-    return {name: value for name, value in vars(options).items() if name in Options.model_fields} | {
+    return {
+        name: value for name, value in vars(options).items() if name in Options.model_fields
+    } | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),
         "distances": tuple(_distance(text) for text in options.distances),
@@ -69,4 +75,6 @@ def _distance(text: str) -> dict[str, Any]:
         first, second, metres = (part.strip() for part in parts)
         return {"first": first, "second": second, "distance_m": float(metres)}
     except ValueError:
-        raise HandbenchError(f"--distance: is '{text}'; expected A.jpg,B.jpg,0.350, names and metres") from None
+        raise HandbenchError(
+            f"--distance: is '{text}'; expected A.jpg,B.jpg,0.350, names and metres"
+        ) from None

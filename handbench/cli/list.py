@@ -1,4 +1,5 @@
-"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, data sets, poses."""
+"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, data
+sets, poses."""
 
 import argparse
 import json
@@ -19,7 +20,8 @@ SECTIONS = {  # as commands.toml names them → title
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print everything that has a name: of one section, with a text in the name or the line about it, if asked for."""
+    """Print everything that has a name: of one section, with a text in the name or the line about
+    it, if asked for."""
     wanted = (options.filter or "").casefold()
     told = False
     for section in [options.section] if options.section else SECTIONS:
@@ -28,7 +30,9 @@ def run(options: argparse.Namespace) -> None:
         if found:
             print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
     if wanted and not told:
-        raise HandbenchError(f"list: nothing has '{options.filter}' in its name or in the line about it")
+        raise HandbenchError(
+            f"list: nothing has '{options.filter}' in its name or in the line about it"
+        )
 
 
 def _entries(section: str) -> Iterator[list[str]]:
@@ -45,8 +49,14 @@ def _entries(section: str) -> Iterator[list[str]]:
     if section == "methods":
         for method in known:
             about = [f"source: {method.source}"]
-            about += [f"plug-in: {with_version(method.distribution)}"] if method.distribution is not None else []
-            about += [f"{k} = {json.dumps(v)}" for k, v in method.config().model_dump(mode="json").items()]
+            about += (
+                [f"plug-in: {with_version(method.distribution)}"]
+                if method.distribution is not None
+                else []
+            )
+            about += [
+                f"{k} = {json.dumps(v)}" for k, v in method.config().model_dump(mode="json").items()
+            ]
             yield [f"{method.id:<18} {method.summary}", *(f"{'':<18} {line}" for line in about)]
     elif section == "effects":
         for name, facts in DECLARED.items():

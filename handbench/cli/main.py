@@ -14,7 +14,10 @@ from importlib.metadata import version
 from handbench.cli.options import COMMANDS, add_options, declared
 from handbench.support.errors import HandbenchError
 
-LIBRARIES_BYTES, THREAD_BYTES = 2**31, 2**28  # of addresses, without which libraries hang or crash as they are loaded
+LIBRARIES_BYTES, THREAD_BYTES = (
+    2**31,
+    2**28,
+)  # of addresses, without which libraries hang or crash as they are loaded
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 FORMER = {  # commands of earlier versions: what takes their place
     "stability": "'make hard-cases' in a clone",
@@ -25,14 +28,16 @@ FORMER = {  # commands of earlier versions: what takes their place
     "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
     "hands": "'handbench simulate hands'",
     "leaderboard": "'handbench report A B', of two result folders or more",
-    "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} {depth}\"",
+    "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} "
+    '{depth}"',
     "validate": "'handbench inspect'",
 }
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps its traceback."""
+    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps
+    its traceback."""
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -52,13 +57,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"handbench: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("handbench: interrupted; nothing was left half-written, and `run` resumes", file=sys.stderr)
+        print(
+            "handbench: interrupted; nothing was left half-written, and `run` resumes",
+            file=sys.stderr,
+        )
         return 130
     except BrokenPipeError:
         _drain()  # the reader went away; so do we
         return 141
     except MemoryError as error:
-        print(f"handbench: out of memory ({error}); end other programs, or ask for less at once", file=sys.stderr)
+        print(
+            f"handbench: out of memory ({error}); end other programs, or ask for less at once",
+            file=sys.stderr,
+        )
         return 2
     except OSError as error:
         if error.errno not in (FULL | GONE if error.filename else FULL):
@@ -66,7 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drain()
         where = error.filename or f"the output or {os.environ.get('TMPDIR', '/tmp')}"
         advice = (
-            "free the space or choose another place" if error.errno in FULL else "it was there before: is the disk?"
+            "free the space or choose another place"
+            if error.errno in FULL
+            else "it was there before: is the disk?"
         )
         print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
@@ -86,7 +99,9 @@ def _require_addresses() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
-        raise HandbenchError(f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited")
+        raise HandbenchError(
+            f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited"
+        )
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:

@@ -43,18 +43,23 @@ def declared(file: Path) -> dict[str, dict[str, Any]]:
 
 
 def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add declared options: names, separated by commas, to what argparse takes; type: of TYPES; group: the heading that
-    it stands under; either: of those that share a word, one at most; ends: the suffixes that a path may have."""
+    """Add declared options: names, separated by commas, to what argparse takes; type: of TYPES;
+    group: the heading that it stands under; either: of those that share a word, one at most; ends:
+    the suffixes that a path may have."""
     groups: dict[str, argparse._ActionsContainer] = {}
     for names, told in options.items():
-        facts: dict[str, Any] = {key: TYPES[value] if key == "type" else value for key, value in told.items()}
+        facts: dict[str, Any] = {
+            key: TYPES[value] if key == "type" else value for key, value in told.items()
+        }
         if ends := facts.pop("ends", None):
             facts["type"] = partial(_ending, ends)
         place: argparse._ActionsContainer = command
         if group := facts.pop("group", None):
             place = groups.get(group) or groups.setdefault(group, command.add_argument_group(group))
         if either := facts.pop("either", None):
-            place = groups.get(either) or groups.setdefault(either, command.add_mutually_exclusive_group())
+            place = groups.get(either) or groups.setdefault(
+                either, command.add_mutually_exclusive_group()
+            )
         argument = place.add_argument(*names.split(", "), **facts)
         if names == "--method":
             vars(argument)["completer"] = method_ids
@@ -76,11 +81,15 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
 def free(path: Path, overwrite: bool) -> None:
     """Refuse to overwrite unless asked to."""
     if path.exists() and not overwrite:
-        raise HandbenchError(f"{path}: exists already; choose another -o, or --overwrite to replace it")
+        raise HandbenchError(
+            f"{path}: exists already; choose another -o, or --overwrite to replace it"
+        )
 
 
 def free_folder(path: Path, overwrite: bool, mark: str) -> None:
     """As `free`, and even then replace only a folder that holds `mark`, which handbench writes."""
     free(path, overwrite)
     if path.exists() and not (path / mark).is_file():
-        raise HandbenchError(f"{path}: holds no {mark}, so handbench did not write it; choose another -o")
+        raise HandbenchError(
+            f"{path}: holds no {mark}, so handbench did not write it; choose another -o"
+        )

@@ -36,13 +36,17 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
-    settings = chosen.configure(_settings(options, defaults.model_dump(mode="json")), "--set or --tolerance")
+    settings = chosen.configure(
+        _settings(options, defaults.model_dump(mode="json")), "--set or --tolerance"
+    )
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
     for doubt in echo_warnings(echoes):  # they may say why a tone is missing
         say(f"{options.capture}: {doubt}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
-        raise HandbenchError(f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband")
+        raise HandbenchError(
+            f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband"
+        )
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
     result, task, certificate = _imaged(task, options)
@@ -53,21 +57,30 @@ def run(options: argparse.Namespace) -> None:
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:
-            write_npz(options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m)
+            write_npz(
+                options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m
+            )
         if options.check:
             _check(volume, echoes, settings, asked or EXACT, options)
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
     on_target = int((result.depth.z_m == result.depth.z_m).sum())
-    bound = f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
+    bound = (
+        f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
+    )
     share = flagged(depth)
-    doubted = "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
+    doubted = (
+        "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
+    )
     say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
 
 
-def _imaged(task: ImagingTask, options: argparse.Namespace) -> tuple[Reconstruction, ImagingTask, Certificate]:
-    """The method's result with the settings that it took, and its images' certificate, which keeps the tolerance where
-    that is relative to the image: by a tolerance ten times finer, or by the exact sum."""
+def _imaged(
+    task: ImagingTask, options: argparse.Namespace
+) -> tuple[Reconstruction, ImagingTask, Certificate]:
+    """The method's result with the settings that it took, and its images' certificate, which keeps
+    the tolerance where that is relative to the image: by a tolerance ten times finer, or by the
+    exact sum."""
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -76,7 +89,10 @@ def _imaged(task: ImagingTask, options: argparse.Namespace) -> tuple[Reconstruct
         if options.relative_to == "samples" or asked is None or certificate.bound <= asked:
             return result, task, certificate
         if now is None:
-            say(f"the exact sum, in single precision, is off by up to {certificate.bound:.1e}; {asked:g} was asked for")
+            say(
+                f"the exact sum, in single precision, is off by up to {certificate.bound:.1e}; "
+                f"{asked:g} was asked for"
+            )
             return result, task, certificate
         finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
         anew = "exactly" if finer is None else f"to {finer:g}"
@@ -84,11 +100,22 @@ def _imaged(task: ImagingTask, options: argparse.Namespace) -> tuple[Reconstruct
         task = replace(task, settings=task.settings.model_copy(update={"tolerance": finer}))
 
 
-def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float, options: argparse.Namespace) -> None:
+def _check(
+    volume: np.ndarray,
+    echoes: RadarCapture,
+    settings: Any,
+    most: float,
+    options: argparse.Namespace,
+) -> None:
     """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
-    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check)
-    say(f"checked at {options.check} random voxels against the exact sum: relative error {error:.1e}")
+    error = imaging_error(
+        volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check
+    )
+    say(
+        f"checked at {options.check} random voxels against the exact sum: relative error "
+        f"{error:.1e}"
+    )
     if error > most:
         raise HandbenchError(
             f"--check: the volume's relative error is {error:.1e}; expected at most {most:g}; "
@@ -97,7 +124,8 @@ def _check(volume: np.ndarray, echoes: RadarCapture, settings: Any, most: float,
 
 
 def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have no tolerance."""
+    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have
+    no tolerance."""
     for setting in options.settings:
         key, separator, text = setting.partition("=")
         *parents, leaf = key.split(".")

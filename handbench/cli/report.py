@@ -11,12 +11,20 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.results.ranking import ranked
     from handbench.reports.page import html, leaderboard
 
-    if options.out.exists() and any(options.out.iterdir()) and not (options.out / "index.html").exists():
-        raise HandbenchError(f"{options.out}: holds files but no index.html, so it is no report; choose another -o")
+    if (
+        options.out.exists()
+        and any(options.out.iterdir())
+        and not (options.out / "index.html").exists()
+    ):
+        raise HandbenchError(
+            f"{options.out}: holds files but no index.html, so it is no report; choose another -o"
+        )
     if len(options.results) == 1:
         print(f"report: {html.build(options.results[0], options.out, options.tradeoff)}")
         return
     if options.tradeoff is not None:
-        raise HandbenchError("--tradeoff: belongs to one result; leave it out, or report that result by itself")
+        raise HandbenchError(
+            "--tradeoff: belongs to one result; leave it out, or report that result by itself"
+        )
     results = [load(folder) for folder in options.results]
     print(f"report: {leaderboard.build(results, *ranked(results), options.out)}")

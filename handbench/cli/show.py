@@ -28,13 +28,18 @@ if TYPE_CHECKING:
     from handbench.groundtruth.board.board import Board
     from handbench.reports.figures.style import Picture
 
-KNOWN = "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json, board.toml or target.toml"
+KNOWN = (
+    "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json, board.toml "
+    "or target.toml"
+)
 MESHES = (".ply", ".obj", ".stl")
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in a drawing's title
 VIEWED_PX = 320  # of a mesh, along its longest side
 RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
 MAPS = ("z_m", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
-TURNS = {  # of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first two
+# of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first
+# two
+TURNS = {
     "from the array": ([0, 1, 2], 1, ("x in mm", "y in mm")),
     "from above": ([0, 2, 1], -1, ("x in mm", "z in mm")),
     "from the left": ([2, 1, 0], -1, ("z in mm", "y in mm")),
@@ -51,8 +56,12 @@ def run(options: argparse.Namespace) -> None:
     from handbench.reports.page.scene3d import page
 
     if options.paper or (options.out is not None and options.out.suffix.lower() == ".toml"):
-        raise HandbenchError(f"{path}: is neither target nor board; --paper and -o FILE.toml are for these")
-    out = options.out or Path(path.resolve().name).with_suffix(".html" if options.turned else ".png")
+        raise HandbenchError(
+            f"{path}: is neither target nor board; --paper and -o FILE.toml are for these"
+        )
+    out = options.out or Path(path.resolve().name).with_suffix(
+        ".html" if options.turned else ".png"
+    )
     free(out, options.overwrite)
     if options.turned != (out.suffix == ".html"):
         raise HandbenchError(f"-o: is {out}; expected a picture, or with --3d a page, .html")
@@ -87,7 +96,11 @@ def _drawing(options: argparse.Namespace) -> None:
         say(f"{out}: {title}")
         return
     paper = options.paper or ("fit" if out.suffix.lower() == ".svg" else "A4")
-    figures = target_sheets(thing, title, paper) if isinstance(thing, Target) else board_sheets(thing, title, paper)
+    figures = (
+        target_sheets(thing, title, paper)
+        if isinstance(thing, Target)
+        else board_sheets(thing, title, paper)
+    )
     save(out, figures)
     width, height = figures[0].get_size_inches() * 25.4
     say(f"{out}: {title}, {len(figures)} sheet(s) of {width:.0f} × {height:.0f} mm; print at 100 %")
@@ -125,7 +138,9 @@ def _folder(path: Path) -> Figure:
         pictures = fronts.pictures(load_tradeoff(path))
     elif (path / "result.json").is_file():
         result = load(path)
-        pictures = chain(charts.overview(result), *(depth_maps.panels(result, c) for c in result.scored()))
+        pictures = chain(
+            charts.overview(result), *(depth_maps.panels(result, c) for c in result.scored())
+        )
     elif path.is_dir():
         return _recording(path)
     with matplotlib.rc_context(STYLE):
@@ -135,27 +150,48 @@ def _folder(path: Path) -> Figure:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an .npz of ours, of a depth map, errors, a reference's depth or a volume, whose shapes fit."""
+    """The arrays of an .npz of ours, of a depth map, errors, a reference's depth or a volume, whose
+    shapes fit."""
     found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
     shape = found["y_m"].size, found["x_m"].size
-    shapes: dict[str, tuple[int, ...]] = {"x_m": shape[1:], "y_m": shape[:1], "method": ()} | dict.fromkeys(MAPS, shape)
+    shapes: dict[str, tuple[int, ...]] = {
+        "x_m": shape[1:],
+        "y_m": shape[:1],
+        "method": (),
+    } | dict.fromkeys(MAPS, shape)
     if "volume" in found:
         shapes |= {"z_m": found["volume"].shape[:1], "volume": (*found["volume"].shape[:1], *shape)}
     wrong = [name for name, values in found.items() if values.shape != shapes[name]]
     if wrong or not ("z_m" in found or {"error_m", "reference_z_m"} <= found.keys()):
-        raise HandbenchError(f"{path}: {', '.join(wrong) or 'z_m'} is missing, or does not fit x_m and y_m")
+        raise HandbenchError(
+            f"{path}: {', '.join(wrong) or 'z_m'} is missing, or does not fit x_m and y_m"
+        )
     return found
 
 
 def _maps(path: Path) -> Figure:
-    from handbench.reports.figures.layers import depth_layers, error_layer, layers_figure, volume_layers
+    from handbench.reports.figures.layers import (
+        depth_layers,
+        error_layer,
+        layers_figure,
+        volume_layers,
+    )
 
     found = _arrays(path)
-    axes, title = (found["x_m"], found["y_m"]), f"{path.name}: {found['method']}" if "method" in found else path.name
+    axes, title = (
+        (found["x_m"], found["y_m"]),
+        f"{path.name}: {found['method']}" if "method" in found else path.name,
+    )
     if "error_m" in found:
-        return layers_figure([error_layer(ErrorMap(*axes, found["error_m"], found["reference_z_m"]))], title)
+        return layers_figure(
+            [error_layer(ErrorMap(*axes, found["error_m"], found["reference_z_m"]))], title
+        )
     volume, z_m = found.get("volume"), found["z_m"]
-    layers = depth_layers(Surface(*axes, z_m), found) if volume is None else volume_layers(volume, *axes, z_m)
+    layers = (
+        depth_layers(Surface(*axes, z_m), found)
+        if volume is None
+        else volume_layers(volume, *axes, z_m)
+    )
     return layers_figure(layers, title)
 
 
@@ -171,13 +207,22 @@ def _mesh(path: Path) -> Figure:
         turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [1, 1, away])
         x_m, y_m = _pixels(turned.vertices_m)
         seen = reference_on_grid(turned, x_m, y_m)
-        whole = reference_on_grid(replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m)
+        whole = reference_on_grid(
+            replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m
+        )
         picture = shaded(Surface(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
         layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
         if np.isfinite(seen.mesh_sigma_m).any() and not told:  # as seen from the array
-            sigmas: dict[str, Any] = {"values": 1e3 * seen.mesh_sigma_m, "label": "σ along z in mm"} | SIGMAS
+            sigmas: dict[str, Any] = {
+                "values": 1e3 * seen.mesh_sigma_m,
+                "label": "σ along z in mm",
+            } | SIGMAS
             told = [replace(layers[0], title="its own uncertainty", **sigmas)]
-    invented = f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented" if not mesh.observed.all() else ""
+    invented = (
+        f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented"
+        if not mesh.observed.all()
+        else ""
+    )
     return layers_figure(layers + told, f"{path.name}: {len(mesh.faces)} triangles{invented}")
 
 
@@ -196,10 +241,18 @@ def _frames(path: Path) -> Figure:
     if "cameras" not in read_json(path, "a transform, or cameras"):
         t = load_any_transform(path)
         frames = {t.target: np.eye(4), t.source: t.matrix}
-        return frames_figure(f"{path.name}: {t.target} from {t.source}", frames, 1e3 * t.residuals_m)
-    placed = {c.name: np.column_stack([c.R, c.t]) for c in load_cameras(path) if c.R is not None and c.t is not None}
+        return frames_figure(
+            f"{path.name}: {t.target} from {t.source}", frames, 1e3 * t.residuals_m
+        )
+    placed = {
+        c.name: np.column_stack([c.R, c.t])
+        for c in load_cameras(path)
+        if c.R is not None and c.t is not None
+    }
     if not placed:
-        raise HandbenchError(f"{path}: its cameras have no poses (R, t), so that there is nothing to draw")
+        raise HandbenchError(
+            f"{path}: its cameras have no poses (R, t), so that there is nothing to draw"
+        )
     frames = {name: np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) for name, pose in placed.items()}
     return frames_figure(f"{path.name}: {len(frames)} cameras", frames, np.empty(0))
 
@@ -211,18 +264,28 @@ def _recording(path: Path) -> Figure:
 
     capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
     f_hz, legs = capture.frequencies_hz, capture.aperture.legs
-    samples = capture.samples[0].reshape(len(f_hz), -1) / max(float(np.abs(capture.samples[0]).max()), 1e-38)
+    samples = capture.samples[0].reshape(len(f_hz), -1) / max(
+        float(np.abs(capture.samples[0]).max()), 1e-38
+    )
     levels_db = 20 * np.log10(np.maximum(np.percentile(np.abs(samples), SHARES, axis=1), 1e-10))
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}
     profile = None
     if len(f_hz) >= FEWEST_TONES:  # of fewer it repeats too soon
         f_per_m = f_hz / capture.wave_speed_m_s
-        range_m = np.linspace(0, min(0.5 / float(np.median(np.diff(np.sort(f_per_m)))), FARTHEST_M), RANGES)
-        some = samples[:, evenly(samples.shape[1], MOST_CHANNELS)] * np.hanning(len(f_hz) + 2)[1:-1, None]
+        range_m = np.linspace(
+            0, min(0.5 / float(np.median(np.diff(np.sort(f_per_m)))), FARTHEST_M), RANGES
+        )
+        some = (
+            samples[:, evenly(samples.shape[1], MOST_CHANNELS)]
+            * np.hanning(len(f_hz) + 2)[1:-1, None]
+        )
         power = np.mean(np.abs(np.exp(4j * np.pi * np.outer(range_m, f_per_m)) @ some) ** 2, axis=1)
         profile = range_m, 10 * np.log10(np.maximum(power / max(power.max(), 1e-38), 1e-6))
-    title = f"{path.name}: {len(f_hz)} tones, {' × '.join(map(str, capture.aperture.channels))} channels"
+    title = (
+        f"{path.name}: {len(f_hz)} tones, {' × '.join(map(str, capture.aperture.channels))} "
+        "channels"
+    )
     return echoes_figure(title, f_hz, levels_db, places_m, profile)
 
 
@@ -239,6 +302,8 @@ def _surface(path: Path) -> tuple[str, Surface]:
     mesh = read_surface(path) if path.suffix.lower() in MESHES else None
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:
-        raise HandbenchError(f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one")
+        raise HandbenchError(
+            f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one"
+        )
     x_m, y_m = _pixels(mesh.vertices_m)
     return "surface", Surface(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)

@@ -1,4 +1,5 @@
-"""`handbench simulate`: a scene's capture and the table of its effects, or the captures of a benchmark."""
+"""`handbench simulate`: a scene's capture and the table of its effects, or the captures of a
+benchmark."""
 
 import argparse
 from pathlib import Path
@@ -17,11 +18,13 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder; or what its echoes and photographs would show, and why; benchmark → set of captures."""
+    """Scene → capture folder; or what its echoes and photographs would show, and why; benchmark →
+    set of captures."""
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
-                "simulate: a benchmark takes -o DIR, without --explain and --frames; name a scene file"
+                "simulate: a benchmark takes -o DIR, without --explain and --frames; name a "
+                "scene file"
             )
         count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
         print(f"{count} capture{'s' * (count > 1)}: handbench run {options.out / BENCH} -o RESULT")
@@ -46,8 +49,8 @@ def _is_benchmark(path: Path) -> bool:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what each took; pixels %:
-    lost and gained."""
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what
+    each took; pixels %: lost and gained."""
     from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []

@@ -17,8 +17,8 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 def run(options: argparse.Namespace) -> None:
-    """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError where no setting is
-    one, when all else is there."""
+    """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError
+    where no setting is one, when all else is there."""
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.bench.tradeoff.run import run as sweep
     from handbench.bench.tradeoff.run import setting_path
@@ -27,9 +27,15 @@ def run(options: argparse.Namespace) -> None:
 
     error_mm = None if options.max_mae is None else quantity(options.max_mae, LENGTHS, "--max-mae")
     seconds = None if options.max_time is None else quantity(options.max_time, TIMES, "--max-time")
-    sections = None if options.sections is None else tuple(part.strip() for part in options.sections.split(","))
+    sections = (
+        None
+        if options.sections is None
+        else tuple(part.strip() for part in options.sections.split(","))
+    )
     if (error_mm or seconds) and sections is not None and "imaging" not in sections:
-        raise HandbenchError("--max-mae, --max-time: choose among imaging settings; add imaging to --sections")
+        raise HandbenchError(
+            "--max-mae, --max-time: choose among imaging settings; add imaging to --sections"
+        )
     bench, base = load_benchmark(options.bench)
     found = sweep(bench, base, options.out, sections, options.overwrite)
     show(found, count_acquisition=options.count_acquisition)
@@ -38,21 +44,28 @@ def run(options: argparse.Namespace) -> None:
     if error_mm or seconds:
         chosen, asked = answer(found, error_mm, seconds, options.count_acquisition)
         figures = f"MAE {_text(chosen.error)} mm ({_range(chosen.low, chosen.high)})"
-        times = f"{_text(1e3 * (chosen.seconds or 0.0))} ms ({_range(chosen.seconds_low, chosen.seconds_high, 1e3)})"
+        times = (
+            f"{_text(1e3 * (chosen.seconds or 0.0))} ms "
+            f"({_range(chosen.seconds_low, chosen.seconds_high, 1e3)})"
+        )
         print(f"{asked}: {chosen.name}, {figures}, {times}")
         print(f"handbench run {setting_path(found.folder, chosen.name)} -o RESULTS")
 
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
-    """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for anything else."""
+    """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for
+    anything else."""
     found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
-        raise HandbenchError(f"{option}: is '{text}'; expected a number above 0 with its unit: {', '.join(units)}")
+        raise HandbenchError(
+            f"{option}: is '{text}'; expected a number above 0 with its unit: {', '.join(units)}"
+        )
     return float(found[1]) * units[found[2]]
 
 
 def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
-    """Print all sections; with the acquisition counted, the imaging front is that of frame and acquisition together."""
+    """Print all sections; with the acquisition counted, the imaging front is that of frame and
+    acquisition together."""
     from handbench.bench.tradeoff.settings import rank, with_acquisition
 
     for section in tradeoff.facts.sections:
@@ -60,17 +73,27 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
         counted = count_acquisition and section.name == "imaging"
         if counted:
             settings = rank(with_acquisition(settings), section.reference)
-        print(f"{section.title}: {section.metric} against {'frame and acquisition' if counted else 'time'}")
+        print(
+            f"{section.title}: {section.metric} against "
+            f"{'frame and acquisition' if counted else 'time'}"
+        )
         print(_front(section, settings))
         print(*_beaten(settings), "", sep="\n")
     for claim in tradeoff.facts.claims:
-        counted_factor, measured = ("–" if f is None else f"{f:.4g}" for f in (claim.counted, claim.measured))
-        print(f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured {measured}")
+        counted_factor, measured = (
+            "–" if f is None else f"{f:.4g}" for f in (claim.counted, claim.measured)
+        )
+        print(
+            f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured "
+            f"{measured}"
+        )
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:
     """The front, and the settings that are the best of their own method alone, as a table."""
-    shown = sorted((s for s in settings if s.on_front or s.on_method_front), key=lambda s: s.seconds or 0.0)
+    shown = sorted(
+        (s for s in settings if s.on_front or s.on_method_front), key=lambda s: s.seconds or 0.0
+    )
     columns = {
         "setting": [s.name for s in shown],
         section.unit: [_text(s.error) for s in shown],
@@ -85,14 +108,16 @@ def _front(section: Section, settings: Sequence[Setting]) -> str:
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]], texts: Sequence[str]) -> str:
-    """Columns of cells as Markdown, padded for a terminal, without those that are empty; `texts` are aligned to the
-    left, numbers to the right."""
+    """Columns of cells as Markdown, padded for a terminal, without those that are empty; `texts`
+    are aligned to the left, numbers to the right."""
     padded = []
     for heading, cells in columns.items():
         if any(cells):
             width, text = max(map(len, (heading, "---", *cells))), heading in texts
             rule = "-" * width if text else "-" * (width - 1) + ":"
-            padded.append([f"{cell:{'<' if text else '>'}{width}}" for cell in (heading, rule, *cells)])
+            padded.append(
+                [f"{cell:{'<' if text else '>'}{width}}" for cell in (heading, rule, *cells)]
+            )
     return "".join("| " + " | ".join(line) + " |\n" for line in zip(*padded, strict=True))
 
 

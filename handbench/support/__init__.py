@@ -1,1 +1,2 @@
-"""Common ground of all packages: errors, configuration, files, progress, parallel work, the store of stages."""
+"""Common ground of all packages: errors, configuration, files, progress, parallel work, the store
+of stages."""

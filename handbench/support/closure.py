@@ -1,8 +1,9 @@
-"""The code that a module runs: itself and all that it imports, found by reading its import statements.
+"""The code that a module runs: itself and all that it imports, found by reading its import
+statements.
 
-A module's imports count wherever they stand, in functions too, as `importlib.import_module("a.b")` too, and with the
-packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do not. A module that asks for its
-`__file__` reads data beside it, which count as its code does.
+A module's imports count wherever they stand, in functions too, as `importlib.import_module("a.b")`
+too, and with the packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do
+not. A module that asks for its `__file__` reads data beside it, which count as its code does.
 """
 
 import ast
@@ -24,7 +25,8 @@ BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, 
 
 
 class _Module(NamedTuple):
-    """A module's hash, handbench's modules that it imports (with the packages on the way), the other libraries."""
+    """A module's hash, handbench's modules that it imports (with the packages on the way), the
+    other libraries."""
 
     hash: str
     ours: frozenset[str]
@@ -32,17 +34,20 @@ class _Module(NamedTuple):
 
 
 class Sources:
-    """handbench's modules, whose package is in the folder `root`, as they are when they are first asked for."""
+    """handbench's modules, whose package is in the folder `root`, as they are when they are first
+    asked for."""
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
-        self.in_clone = not (root / "radar").is_dir()  # the other rooms and the scripts are beside the package
+        self.in_clone = not (
+            root / "radar"
+        ).is_dir()  # the other rooms and the scripts are beside the package
         self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 
     def closure(self, module: str) -> tuple[list[str], list[str]]:
-        """The modules that `module` runs, itself among them, and the other libraries' names; both in order. Raises
-        ModuleNotFoundError where there is no such module."""
+        """The modules that `module` runs, itself among them, and the other libraries' names; both
+        in order. Raises ModuleNotFoundError where there is no such module."""
         ours: set[str] = set()
         others: set[str] = set()
         waiting = {module, *self._passed(module)}
@@ -55,10 +60,13 @@ class Sources:
         return sorted(ours), sorted(others - sys.stdlib_module_names)
 
     def key(self, module: str) -> str:
-        """Hash of all code that a module runs: handbench's content, the other libraries' versions and Python's."""
+        """Hash of all code that a module runs: handbench's content, the other libraries' versions
+        and Python's."""
         ours, others = self.closure(module)
         versions = [installed(name) for name in others]
-        return content_hash([[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2])
+        return content_hash(
+            [[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2]
+        )
 
     def _module(self, name: str) -> _Module:
         if name not in self._modules:
@@ -75,7 +83,11 @@ class Sources:
         others = frozenset(top for n in names if (top := n.partition(".")[0]) != PACKAGE)
         data: list[Path] = []
         if b"__file__" in source:  # but for what comes and goes, Python's and numba's compiled code
-            below = (p for p in file.parent.rglob("*") if p.suffix != ".py" and "__pycache__" not in p.parts)
+            below = (
+                p
+                for p in file.parent.rglob("*")
+                if p.suffix != ".py" and "__pycache__" not in p.parts
+            )
             data = sorted(p for p in below if p.is_file())
         named = [part for path in data for part in (path.relative_to(file.parent).as_posix(), path)]
         return _Module(content_hash(file, *named), ours, others)
@@ -90,14 +102,21 @@ class Sources:
         parts = name.split(".")
         folders = [self.root.joinpath(*parts[1:])] if parts[0] == PACKAGE else []
         if self.in_clone:
-            folders.append(self.root.parent.joinpath(*(parts[1:] if parts[0] == PACKAGE else parts)))
-        places = (place for folder in folders for place in (folder / "__init__.py", folder.with_suffix(".py")))
+            folders.append(
+                self.root.parent.joinpath(*(parts[1:] if parts[0] == PACKAGE else parts))
+            )
+        places = (
+            place
+            for folder in folders
+            for place in (folder / "__init__.py", folder.with_suffix(".py"))
+        )
         return next((place for place in places if place.is_file()), None)
 
 
 @cache
 def key_of(module: str) -> str:
-    """`Sources.key` of the installed code, as it was when this process first asked, which is the code that runs."""
+    """`Sources.key` of the installed code, as it was when this process first asked, which is the
+    code that runs."""
     return _INSTALLED.key(module)
 
 
@@ -106,12 +125,15 @@ _INSTALLED = Sources()
 
 @cache
 def _imported(source: bytes, package: str) -> frozenset[str]:
-    """The full names that a module of `package` imports; of `from a import b` both a and a.b, which may be a module."""
+    """The full names that a module of `package` imports; of `from a import b` both a and a.b, which
+    may be a module."""
     collecting = gc.isenabled()
     gc.disable()  # it would go through each tree many times while it grows
     try:
         tree = ast.parse(source)
-        return frozenset(_names(tree, package, calls=any(name.encode() in source for name in BY_NAME)))
+        return frozenset(
+            _names(tree, package, calls=any(name.encode() in source for name in BY_NAME))
+        )
     finally:
         if collecting:
             gc.enable()
@@ -142,16 +164,17 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def installed(library: str) -> tuple[str, ...]:
-    """The distributions that bring a library, as it is imported, with their versions; where there is none, the library
-    with "none"."""
+    """The distributions that bring a library, as it is imported, with their versions; where there
+    is none, the library with "none"."""
     brought_by = {one.metadata["Name"] for one in _distributions().get(library, [])}
     return tuple(sorted(map(with_version, brought_by or {library})))
 
 
 @cache
 def _distributions() -> dict[str, list[metadata.Distribution]]:
-    """The installed distributions by the names that they bring, as `metadata.packages_distributions` tells, but from
-    the records' text: an object of each of 30 000 files takes four times as long."""
+    """The installed distributions by the names that they bring, as
+    `metadata.packages_distributions` tells, but from the records' text: an object of each of 30 000
+    files takes four times as long."""
     found: dict[str, list[metadata.Distribution]] = {}
     for one in metadata.distributions():
         inferred = re.findall(r"(?m)^([^/,\n]+?)(?:/[^,\n]*)?\.py,", one.read_text("RECORD") or "")

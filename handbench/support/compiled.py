@@ -1,7 +1,9 @@
-"""Compiled loops: numba, with the processor's whole vectors, and the options of kernels that sum in float32.
+"""Compiled loops: numba, with the processor's whole vectors, and the options of kernels that sum in
+float32.
 
-LLVM fills half of the vectors of a processor with AVX-512, since the first of these slowed down under whole ones. The
-loops here run 1.05 to 1.4 times as fast with whole ones (measured). NUMBA_CPU_FEATURES decides where it is set.
+LLVM fills half of the vectors of a processor with AVX-512, since the first of these slowed down
+under whole ones. The loops here run 1.05 to 1.4 times as fast with whole ones (measured).
+NUMBA_CPU_FEATURES decides where it is set.
 """
 
 import fcntl
@@ -36,27 +38,42 @@ cpu_target.target_context  # noqa: B018  # which keeps the features that it meet
 
 
 def compile_once(module: str, *kernels: Any) -> None:
-    """Have `python -m module`, which runs the kernels, compile them where one is not cached; of several processes that
-    ask, one does, and the others wait for it.
+    """Have `python -m module`, which runs the kernels, compile them where one is not cached; of
+    several processes that ask, one does, and the others wait for it.
 
-    A process of its own compiles: a kernel that calls another one is linked to that one's own code where both were just
-    compiled, and to a copy, optimised once more, where it is loaded: sums would differ in their last bits (3e-7).
+    A process of its own compiles: a kernel that calls another one is linked to that one's own code
+    where both were just
+    compiled, and to a copy, optimised once more, where it is loaded: sums would differ in their
+    last bits (3e-7).
     """
     if _cached(kernels):
         return
     with open(__file__) as lock:
-        with suppress(OSError):  # of a file system without locks, or NFS, which locks no file that is only read
+        with suppress(
+            OSError
+        ):  # of a file system without locks, or NFS, which locks no file that is only read
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not _cached(kernels):
             say("compiling the kernels (once on this machine, then cached) ...")
-            child = [sys.executable, "-m", module]  # which holds the lock, too, should this process be killed
-            if subprocess.run(child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]).returncode:
-                say("the kernels were not compiled beforehand: the last bits of results may differ from a later run's")
+            child = [
+                sys.executable,
+                "-m",
+                module,
+            ]  # which holds the lock, too, should this process be killed
+            if subprocess.run(
+                child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]
+            ).returncode:
+                say(
+                    "the kernels were not compiled beforehand: the last bits of results may "
+                    "differ from a later run's"
+                )
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
     """True if numba has code of the kernels for this processor, or compiles none."""
     if getattr(config, "DISABLE_JIT", False):
         return True
-    codes = ((kernel._cache._cache_file._load_index(), kernel.targetctx.codegen()) for kernel in kernels)
+    codes = (
+        (kernel._cache._cache_file._load_index(), kernel.targetctx.codegen()) for kernel in kernels
+    )
     return all(any(key[1] == code.magic_tuple() for key in index) for index, code in codes)

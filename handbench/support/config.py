@@ -1,4 +1,5 @@
-"""Strict configuration: every key known, every value checked, the nearest key suggested for a typo."""
+"""Strict configuration: every key known, every value checked, the nearest key suggested for a
+typo."""
 
 import difflib
 import tomllib
@@ -15,10 +16,15 @@ ConfigT = TypeVar("ConfigT", bound="Config")
 
 
 class Config(pydantic.BaseModel):
-    """Base of every configuration: immutable, no unknown key at any level, no NaN, defaults checked too."""
+    """Base of every configuration: immutable, no unknown key at any level, no NaN, defaults checked
+    too."""
 
     model_config = pydantic.ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, protected_namespaces=()
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        protected_namespaces=(),
     )
 
 
@@ -27,12 +33,18 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        if error.error_count() > MOST_PROBLEMS:  # telling them apart takes a thousand times what finding them does
-            message = f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
+        if (
+            error.error_count() > MOST_PROBLEMS
+        ):  # telling them apart takes a thousand times what finding them does
+            message = (
+                f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
+            )
             raise HandbenchError(message) from None
         problems = error.errors()
         first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-        also = [p for p in problems if p["type"] == "missing" and p is not first]  # all of them: they are added at once
+        also = [
+            p for p in problems if p["type"] == "missing" and p is not first
+        ]  # all of them: they are added at once
         more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
         told = "; ".join(complaint(model, problem) for problem in (first, *also))
         raise HandbenchError(f"{where}: {told}{more}") from None
@@ -42,8 +54,13 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
     try:
         return plain_toml(read_text(path, what, TOML_BYTES))
-    except (ValueError, RecursionError) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
-        raise HandbenchError(f"{path}: is not readable as TOML ({error}); expected {what}") from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
+        raise HandbenchError(
+            f"{path}: is not readable as TOML ({error}); expected {what}"
+        ) from error
 
 
 def plain_toml(text: str) -> dict[str, Any]:
@@ -65,7 +82,8 @@ def suggest(name: str, known: list[str]) -> str:
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
-    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its values lie under."""
+    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its
+    values lie under."""
     models, keys = _follow(model, problem["loc"])
     location = ".".join(map(str, (*prefix, *keys))) or "the file"
     if problem["type"] == "extra_forbidden":
@@ -82,9 +100,11 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
     return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"
 
 
-def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[type[Config]], list[str]]:
-    """The models that an error's location leads to, and its keys as the file has them: pydantic adds the tag of a
-    union's member, which is no key."""
+def _follow(
+    model: type[Config], location: tuple[int | str, ...]
+) -> tuple[list[type[Config]], list[str]]:
+    """The models that an error's location leads to, and its keys as the file has them: pydantic
+    adds the tag of a union's member, which is no key."""
     models, keys = [model], []
     for part in location:
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
@@ -98,7 +118,9 @@ def _follow(model: type[Config], location: tuple[int | str, ...]) -> tuple[list[
 
 
 def _is_tagged(model: type[Config], part: int | str) -> bool:
-    literals = (f.annotation for f in model.model_fields.values() if get_origin(f.annotation) is Literal)
+    literals = (
+        f.annotation for f in model.model_fields.values() if get_origin(f.annotation) is Literal
+    )
     return part == model.__name__ or any(part in get_args(literal) for literal in literals)
 
 
@@ -109,10 +131,17 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds our '__'."""
-    unfit = not name.isprintable() or name.startswith(".") or any(part in name for part in ("/", "\\", "__"))
+    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds
+    our '__'."""
+    unfit = (
+        not name.isprintable()
+        or name.startswith(".")
+        or any(part in name for part in ("/", "\\", "__"))
+    )
     if unfit or not 1 <= len(name) <= 80:
-        raise ValueError(f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'")
+        raise ValueError(
+            f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'"
+        )
     return name
 
 

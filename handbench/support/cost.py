@@ -1,5 +1,5 @@
-"""The cost of work: wall-clock time, CPU time and peak memory; the machine that it ran on, and the memory that it may
-take, asked before it is taken."""
+"""The cost of work: wall-clock time, CPU time and peak memory; the machine that it ran on, and the
+memory that it may take, asked before it is taken."""
 
 import os
 import platform
@@ -21,13 +21,15 @@ from handbench.support.progress import say
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
 GEMM_S = 0.5
-TERMS_PER_S = 1e10  # points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
+# points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
+TERMS_PER_S = 1e10
 TOLD_S, MOST_HOURS = 10.0, 24.0
 
 
 @dataclass
 class Cost:
-    """seconds and cpu_seconds of the whole process; peak_memory_mb: largest resident size while it ran, MB."""
+    """seconds and cpu_seconds of the whole process; peak_memory_mb: largest resident size while it
+    ran, MB."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -51,15 +53,18 @@ def measured() -> Iterator[Cost]:
     try:
         yield cost
     finally:
-        cost.seconds, cost.cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
+        cost.seconds, cost.cpu_seconds = (
+            time.perf_counter() - start,
+            time.process_time() - cpu_start,
+        )
         done.set()
         watcher.join()
 
 
 @contextmanager
 def others() -> Iterator[list[float]]:
-    """Yield a list that receives, when the block ends, the cores that other work took meanwhile: what the machine was
-    busy with, or was not given by its host, less what this process did."""
+    """Yield a list that receives, when the block ends, the cores that other work took meanwhile:
+    what the machine was busy with, or was not given by its host, less what this process did."""
     found: list[float] = []
     start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
     try:
@@ -70,25 +75,30 @@ def others() -> Iterator[list[float]]:
 
 
 def _busy_s() -> float:
-    """Seconds that all cores have worked since the machine started, or could not because its host did."""
+    """Seconds that all cores have worked since the machine started, or could not because its host
+    did."""
     times = psutil.cpu_times()
-    return sum(getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal"))
+    return sum(
+        getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal")
+    )
 
 
 CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
 
 
 def calibrated_machine() -> dict[str, Any]:
-    """Facts of the machine with its name and `gemm_gflops`, by which times of different machines can be put beside
-    each other; measured once in this process, if not before it."""
+    """Facts of the machine with its name and `gemm_gflops`, by which times of different machines
+    can be put beside each other; measured once in this process, if not before it."""
     if not CALIBRATED:
-        CALIBRATED.update({"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)})
+        CALIBRATED.update(
+            {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
+        )
     return dict(CALIBRATED)
 
 
 def gemm_gflops() -> float:
-    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what else runs on a
-    machine only slows it down."""
+    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what
+    else runs on a machine only slows it down."""
     gemm(GEMM_SIZE)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:
@@ -111,7 +121,9 @@ def machine() -> dict[str, str | int | float]:
 def _processor() -> str:
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as stream:
-            return next(line.split(":", 1)[1].strip() for line in stream if line.startswith("model name"))
+            return next(
+                line.split(":", 1)[1].strip() for line in stream if line.startswith("model name")
+            )
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
 
@@ -129,21 +141,23 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def require_memory(needed_bytes: float, what: str) -> None:
-    """Refuse what does not fit, with its size and what would: imaging may take a quarter of the machine's memory, or
-    what HANDBENCH_MEMORY_GB says."""
+    """Refuse what does not fit, with its size and what would: imaging may take a quarter of the
+    machine's memory, or what HANDBENCH_MEMORY_GB says."""
     limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
         raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} GB; steps "
-            f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or raise "
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of "
+            f"{limit / 1e9:.3g} GB; steps "
+            f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or "
+            "raise "
             "HANDBENCH_MEMORY_GB"
         )
 
 
 def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
-    """Say about how long work on all cores is going to take that takes core_s on one, where that is long or bytes_, the
-    memory that it takes, is told; refuse more than HANDBENCH_HOURS (24)."""
+    """Say about how long work on all cores is going to take that takes core_s on one, where that is
+    long or bytes_, the memory that it takes, is told; refuse more than HANDBENCH_HOURS (24)."""
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
     told = (
         f"{seconds:.0f} s"
@@ -154,7 +168,8 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less (fewer points, tones "
+            f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less "
+            "(fewer points, tones "
             "or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
         )
     if bytes_ is not None:
@@ -171,14 +186,18 @@ def setting(name: str, default: float, unit: str) -> float:
     except ValueError:
         value = 0.0
     if not value > 0:
-        raise HandbenchError(f"{name}: is '{wanted}'; expected a positive number of {unit}, or nothing")
+        raise HandbenchError(
+            f"{name}: is '{wanted}'; expected a positive number of {unit}, or nothing"
+        )
     return value
 
 
 def require_free(needed_bytes: float, what: str, advice: str) -> None:
-    """Refuse what does not fit into the memory that is free now, with its size, before it is tried."""
+    """Refuse what does not fit into the memory that is free now, with its size, before it is
+    tried."""
     free = psutil.virtual_memory().available
     if needed_bytes > free:
         raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are free; {advice}"
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are "
+            f"free; {advice}"
         )

@@ -2,8 +2,9 @@
 
 
 class HandbenchError(Exception):
-    """A known error: its message is one line that names the file or argument, what it got, what was expected
-    and what to do. The command line prints it and exits with code 2; any other exception keeps its traceback.
+    """A known error: its message is one line that names the file or argument, what it got, what was
+    expected and what to do. The command line prints it and exits with code 2; any other exception
+    keeps its traceback.
     """
 
     def __init__(self, message: str) -> None:

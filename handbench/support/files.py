@@ -21,28 +21,36 @@ from handbench.support import limits
 from handbench.support.errors import HandbenchError
 
 UNCHANGED = "nothing was changed: free the space or choose another place"
-NPY_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+NPY_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block succeeds and is
-    removed when the block fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
+    """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block
+    succeeds and is removed when the block fails. An OSError (a full disk, a read-only folder)
+    becomes a HandbenchError."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
+        )
         temporary = Path(name)
         ending.callback(temporary.unlink, missing_ok=True)
         os.close(handle)
-        temporary.chmod(0o666 & ~_umask())  # mkstemp is private; a result is as open as any other file
+        temporary.chmod(
+            0o666 & ~_umask()
+        )  # mkstemp is private; a result is as open as any other file
         yield temporary
         os.replace(temporary, path)
 
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder is replaced at the
-    very end; a file in its place is refused."""
+    """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder
+    is replaced at the very end; a file in its place is refused."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
@@ -54,16 +62,20 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def writable(path: Path, advice: str) -> Iterator[None]:
-    """Make the folder of `path`; an OSError of that or in the block becomes a HandbenchError with the advice."""
+    """Make the folder of `path`; an OSError of that or in the block becomes a HandbenchError with
+    the advice."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
-        raise HandbenchError(f"{path}: cannot be written ({error.strerror or error}); {advice}") from error
+        raise HandbenchError(
+            f"{path}: cannot be written ({error.strerror or error}); {advice}"
+        ) from error
 
 
 def _replace_folder(new: Path, path: Path) -> None:
-    """Rename `new` to `path`; what stood there is moved aside first, and back when the second rename fails."""
+    """Rename `new` to `path`; what stood there is moved aside first, and back when the second
+    rename fails."""
     if path.is_symlink():
         raise NotADirectoryError(errno.ENOTDIR, "a link stands in the folder's place")
     if not path.exists():
@@ -72,7 +84,9 @@ def _replace_folder(new: Path, path: Path) -> None:
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
     aside = new.with_name(f"{new.name}-old")
-    os.replace(path, aside)  # refuses the current folder and mount points, where deleting first would empty them
+    os.replace(
+        path, aside
+    )  # refuses the current folder and mount points, where deleting first would empty them
     try:
         os.replace(new, path)
     except OSError:
@@ -88,9 +102,12 @@ def _umask() -> int:
 
 
 def require_file(path: str | Path, what: str) -> Path:
-    """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected there."""
+    """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected
+    there."""
     path = Path(path)
-    if not os.path.isfile(path):  # which, unlike Path's, is False for names too long and links in a circle
+    if not os.path.isfile(
+        path
+    ):  # which, unlike Path's, is False for names too long and links in a circle
         found = "a folder" if os.path.isdir(path) else "nothing"
         raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
     return path
@@ -100,7 +117,9 @@ def require_size(path: Path, what: str, most: int) -> int:
     """The bytes of a file; a HandbenchError where there are more than `most`."""
     size = path.stat().st_size
     if size > most:
-        raise HandbenchError(f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?")
+        raise HandbenchError(
+            f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?"
+        )
     return size
 
 
@@ -111,7 +130,9 @@ def read_bytes(path: str | Path, what: str, most: int) -> bytes:
         with path.open("rb") as stream:
             return stream.read(require_size(path, what, most))
     except OSError as error:
-        raise HandbenchError(f"{path}: cannot be read ({error.strerror or error}); expected {what}") from error
+        raise HandbenchError(
+            f"{path}: cannot be read ({error.strerror or error}); expected {what}"
+        ) from error
 
 
 def read_text(path: str | Path, what: str, most: int) -> str:
@@ -120,19 +141,30 @@ def read_text(path: str | Path, what: str, most: int) -> str:
 
 
 def require_folder(path: str | Path, what: str) -> Path:
-    """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected there."""
+    """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected
+    there."""
     path = Path(path)
     if not os.path.isdir(path):
         found = "a file" if os.path.isfile(path) else "nothing"
-        raise HandbenchError(f"{path}: expected a folder with {what}, found {found}; check the path")
+        raise HandbenchError(
+            f"{path}: expected a folder with {what}, found {found}; check the path"
+        )
     return path
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
-    """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are untrusted)."""
-    if max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME or len(name) > 1000:
-        raise HandbenchError(f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one")
-    target = Path(os.path.realpath(folder / name.replace("\0", "")))  # which links in a circle do not stop
+    """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are
+    untrusted)."""
+    if (
+        max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME
+        or len(name) > 1000
+    ):
+        raise HandbenchError(
+            f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one"
+        )
+    target = Path(
+        os.path.realpath(folder / name.replace("\0", ""))
+    )  # which links in a circle do not stop
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
@@ -145,51 +177,75 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write `content` as indented JSON, atomically; NaN is refused by the standard and written as null."""
+    """Write `content` as indented JSON, atomically; NaN is refused by the standard and written as
+    null."""
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES) -> Any:
-    """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a HandbenchError."""
+def read_json(
+    path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES
+) -> Any:
+    """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a
+    HandbenchError."""
     try:
         return plain_json(read_text(path, what, most_bytes), most)
     except (ValueError, RecursionError) as error:
-        raise HandbenchError(f"{path}: is not readable as JSON ({error}); expected {what}") from error
+        raise HandbenchError(
+            f"{path}: is not readable as JSON ({error}); expected {what}"
+        ) from error
 
 
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
-    """JSON's plain values; ValueError or RecursionError for what is none, too deep, or of more than `most` values."""
-    if sum(map(text.count, "[{,")) > most:  # before they are made: a value takes a byte here, 60 in memory
+    """JSON's plain values; ValueError or RecursionError for what is none, too deep, or of more than
+    `most` values."""
+    if (
+        sum(map(text.count, "[{,")) > most
+    ):  # before they are made: a value takes a byte here, 60 in memory
         raise ValueError(f"it holds more than {most} values")
     return limits.require_shallow(json.loads(text))
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
-    """Write named arrays as compressed .npz, atomically and without pickles; with least effort, for of what is measured
-    more effort takes 8 % off the size and half as much time again."""
-    with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
+    """Write named arrays as compressed .npz, atomically and without pickles; with least effort, for
+    of what is measured more effort takes 8 % off the size and half as much time again."""
+    with (
+        atomic_path(path) as temporary,
+        zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+    ):
         for name, array in arrays.items():
             with file.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
 def read_npz(
-    path: str | Path, names: tuple[str, ...], optional: tuple[str, ...] = (), most: int = limits.ARRAY_BYTES
+    path: str | Path,
+    names: tuple[str, ...],
+    optional: tuple[str, ...] = (),
+    most: int = limits.ARRAY_BYTES,
 ) -> dict[str, np.ndarray]:
-    """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled content is refused,
-    never run, and so are arrays of more than `most` bytes unpacked."""
+    """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled
+    content is refused, never run, and so are arrays of more than `most` bytes unpacked."""
     try:
         content = read_bytes(path, "an .npz file", most)
-        if content.count(b"PK\1\2") > limits.MOST_MEMBERS:  # zipfile reads its list of them before it can be asked
+        if (
+            content.count(b"PK\1\2") > limits.MOST_MEMBERS
+        ):  # zipfile reads its list of them before it can be asked
             raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in names if name not in there]
             if missing:
-                raise HandbenchError(f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}")
+                raise HandbenchError(
+                    f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}"
+                )
             wanted = [name for name in (*names, *optional) if name in there]
-            if {there[name].compress_type for name in wanted} - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-                raise ValueError("a member is packed in another way than by deflate")  # others unpack without a limit
+            if {there[name].compress_type for name in wanted} - {
+                zipfile.ZIP_STORED,
+                zipfile.ZIP_DEFLATED,
+            }:
+                raise ValueError(
+                    "a member is packed in another way than by deflate"
+                )  # others unpack without a limit
             size = sum(there[name].file_size for name in wanted)
             if size > most:
                 raise ValueError(f"its arrays take {size} bytes; at most {most} are read")
@@ -197,7 +253,9 @@ def read_npz(
     except HandbenchError:
         raise
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
-        raise HandbenchError(f"{path}: is not a readable .npz file ({error}); write it again") from error
+        raise HandbenchError(
+            f"{path}: is not a readable .npz file ({error}); write it again"
+        ) from error
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
@@ -206,23 +264,30 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
-    """The array in .npy form where a stream stands, of which `room_bytes` are left. ValueError for pickled content and
-    where less is left than the header promises, before any memory is taken."""
+    """The array in .npy form where a stream stands, of which `room_bytes` are left. ValueError for
+    pickled content and where less is left than the header promises, before any memory is taken."""
     start = stream.tell()
     version = np.lib.format.read_magic(stream)
     if version not in NPY_HEADERS:
         raise ValueError(f"its arrays are in version {version} of numpy's format")
     shape, _, dtype = NPY_HEADERS[version](stream)
-    if dtype.hasobject or min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize > room_bytes:
-        raise ValueError(f"an array says that it is {dtype} {shape}, but {room_bytes} bytes are there")
+    if (
+        dtype.hasobject
+        or min(shape, default=1) < 0
+        or math.prod(shape) * dtype.itemsize > room_bytes
+    ):
+        raise ValueError(
+            f"an array says that it is {dtype} {shape}, but {room_bytes} bytes are there"
+        )
     stream.seek(start)
     return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def content_hash(*parts: Any) -> str:
-    """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and folders (name and
-    content of each file). Anything else is a TypeError: its text need not tell two values apart. In a folder, a link to
-    a file inside it counts with that file's content; other links, pipes and devices are a HandbenchError."""
+    """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and
+    folders (name and content of each file). Anything else is a TypeError: its text need not tell
+    two values apart. In a folder, a link to a file inside it counts with that file's content; other
+    links, pipes and devices are a HandbenchError."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():
@@ -230,12 +295,18 @@ def content_hash(*parts: Any) -> str:
                 digest.update(str(file.relative_to(part)).encode())
                 digest.update(content_hash(file).encode())
         elif isinstance(part, Path):
-            with open(part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as stream:
+            with open(
+                part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
+            ) as stream:
                 if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                    raise HandbenchError(f"{part}: is no file whose content could be told; put one there")
+                    raise HandbenchError(
+                        f"{part}: is no file whose content could be told; put one there"
+                    )
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         elif isinstance(part, np.ndarray):
-            digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
+            digest.update(
+                str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes()
+            )
         else:
             digest.update(json.dumps(part, sort_keys=True, default=_json_like).encode())
         digest.update(b"|")
@@ -246,8 +317,12 @@ def _files_below(folder: Path) -> Iterator[Path]:
     for at, folders, names in os.walk(folder):
         for path in (Path(at, name) for name in (*folders, *names)):
             kind = path.lstat().st_mode
-            if stat.S_ISLNK(kind) and not (path.is_file() and path.resolve().is_relative_to(folder.resolve())):
-                raise HandbenchError(f"{path}: is a link that leads to no file inside {folder}; put the file there")
+            if stat.S_ISLNK(kind) and not (
+                path.is_file() and path.resolve().is_relative_to(folder.resolve())
+            ):
+                raise HandbenchError(
+                    f"{path}: is a link that leads to no file inside {folder}; put the file there"
+                )
             if not stat.S_ISDIR(kind):
                 yield path
 
@@ -257,7 +332,10 @@ def _json_like(value: Any) -> Any:
         return content_hash(value) if isinstance(value, np.ndarray) else str(value)
     if isinstance(value, np.generic):
         return value.item()
-    raise TypeError(f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or arrays")
+    raise TypeError(
+        f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or "
+        "arrays"
+    )
 
 
 def _finite(value: Any) -> Any:

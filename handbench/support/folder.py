@@ -1,8 +1,9 @@
-"""The folders that a run fills: what it opens for writing, lists or deletes there goes through here.
+"""The folders that a run fills: what it opens for writing, lists or deletes there goes through
+here.
 
-Whoever sends a result folder, or shares the folder above it, may have put links into it. Nothing here follows one: a
-link, a device or a pipe, and what belongs to another user, is refused in words, and stays as it is. (The folder's own
-path is what the user wrote, and may lead through links.)
+Whoever sends a result folder, or shares the folder above it, may have put links into it. Nothing
+here follows one: a link, a device or a pipe, and what belongs to another user, is refused in words,
+and stays as it is. (The folder's own path is what the user wrote, and may lead through links.)
 """
 
 import fcntl
@@ -22,8 +23,8 @@ ADVICE = "free the space or choose another -o"
 
 
 def own(path: Path) -> os.stat_result | None:
-    """The state of a path, which is not followed: a file or a folder of this user (root: anyone's), or None. What
-    else stands there is a HandbenchError."""
+    """The state of a path, which is not followed: a file or a folder of this user (root: anyone's),
+    or None. What else stands there is a HandbenchError."""
     try:
         found = os.lstat(path)
     except FileNotFoundError:
@@ -41,7 +42,9 @@ def _require_own(found: os.stat_result, path: Path) -> None:
         what = f"another user's (number {found.st_uid})"
     else:
         return
-    raise HandbenchError(f"{path}: is {what}, which no run wrote; it is left alone: remove it, or choose another -o")
+    raise HandbenchError(
+        f"{path}: is {what}, which no run wrote; it is left alone: remove it, or choose another -o"
+    )
 
 
 def is_own_folder(path: Path) -> bool:
@@ -61,7 +64,8 @@ def read_own(path: str | Path) -> Iterator[bytes]:
 
 
 def _opened(path: str | Path, flags: int) -> int:
-    """The handle of a file of this user, which is neither followed nor waited for; HandbenchError for anything else."""
+    """The handle of a file of this user, which is neither followed nor waited for; HandbenchError
+    for anything else."""
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
@@ -76,9 +80,13 @@ def _opened(path: str | Path, flags: int) -> int:
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:
-    """Remove what is about to be written anew under these names, in their order, and what a killed run left of it
-    half-written."""
-    half_written = [p for p in folder.iterdir() if any(p.name.startswith(f".{Path(name).stem}-") for name in names)]
+    """Remove what is about to be written anew under these names, in their order, and what a killed
+    run left of it half-written."""
+    half_written = [
+        p
+        for p in folder.iterdir()
+        if any(p.name.startswith(f".{Path(name).stem}-") for name in names)
+    ]
     with writable(folder, ADVICE):
         for path in [folder / name for name in names] + half_written:
             _remove(path)
@@ -93,17 +101,22 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[Path]:
-    """Hold a result folder for this run alone and yield its `work` folder, cleared of what killed runs left.
+    """Hold a result folder for this run alone and yield its `work` folder, cleared of what killed
+    runs left.
 
-    A marker says that a run made the folder: one without it that holds anything is a stranger's and is left alone.
-    Everything in it and in `work` has to be this user's own file or folder. The lock falls with the process, however it
-    ends.
+    A marker says that a run made the folder: one without it that holds anything is a stranger's and
+    is left alone. Everything in it and in `work` has to be this user's own file or folder. The lock
+    falls with the process, however it ends.
     """
     if folder.exists() and not folder.is_dir():
-        raise HandbenchError(f"{folder}: is a file; expected a folder for the results: choose another -o")
+        raise HandbenchError(
+            f"{folder}: is a file; expected a folder for the results: choose another -o"
+        )
     there = sorted(folder.iterdir()) if folder.is_dir() else []
     if there and folder / MARKER not in there:
-        raise HandbenchError(f"{folder}: holds files that no run wrote; choose an empty or new folder for -o")
+        raise HandbenchError(
+            f"{folder}: holds files that no run wrote; choose an empty or new folder for -o"
+        )
     work = folder / WORK
     with writable(folder, ADVICE):
         if folder.is_dir():
@@ -111,14 +124,18 @@ def claimed(folder: Path) -> Iterator[Path]:
         for path in there:
             own(path)
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _opened(folder / MARKER, os.O_WRONLY | os.O_CREAT)  # first: it says whose a folder without work is
+        handle = _opened(
+            folder / MARKER, os.O_WRONLY | os.O_CREAT
+        )  # first: it says whose a folder without work is
     try:
         with writable(folder, ADVICE):
             work.mkdir(exist_ok=True)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise HandbenchError(f"{folder}: another run is writing here; wait for it or choose another -o") from None
+            raise HandbenchError(
+                f"{folder}: another run is writing here; wait for it or choose another -o"
+            ) from None
         for path in sorted(work.iterdir()):
             if path.name.startswith(".") and "-" in path.name:
                 _remove(path)

@@ -1,4 +1,5 @@
-"""HDF5 files of strangers: what a file says of itself is compared with its size before the library believes it."""
+"""HDF5 files of strangers: what a file says of itself is compared with its size before the library
+believes it."""
 
 import mmap
 import os
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     import h5py
 
 PACKED = 1100  # deflate makes nothing smaller by more
-UNPACKED_BYTES = 2**24  # that a data set or a piece of it may have without being looked at so closely
+UNPACKED_BYTES = (
+    2**24
+)  # that a data set or a piece of it may have without being looked at so closely
 DEFLATE = 1
 FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # HDF5's numbers
 HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length
@@ -38,7 +41,8 @@ def opened(path: Path) -> "Iterator[h5py.File]":
 
 
 def _check_heaps(content: mmap.mmap) -> None:
-    """Refuse a heap with an object of size 0, from which HDF5's library (2.0) goes on to the same one for ever."""
+    """Refuse a heap with an object of size 0, from which HDF5's library (2.0) goes on to the same
+    one for ever."""
     at = content.find(HEAP)
     while at >= 0:
         end = min(at + int.from_bytes(content[at + 8 : at + 16], "little"), len(content))
@@ -52,16 +56,26 @@ def _check_heaps(content: mmap.mmap) -> None:
 
 
 def attribute(file: "h5py.File", name: str) -> Any:
-    """One text or number among a file's attributes; None where there is none, or another kind of thing: the library
-    crashes on lists of a kind that it does not know."""
+    """One text or number among a file's attributes; None where there is none, or another kind of
+    thing: the library crashes on lists of a kind that it does not know."""
     from h5py import h5t
 
     if name not in file.attrs:
         return None
     found = file.attrs.get_id(name)
-    plain = found.shape == () and found.get_type().get_class() in (h5t.STRING, h5t.INTEGER, h5t.FLOAT)
+    plain = found.shape == () and found.get_type().get_class() in (
+        h5t.STRING,
+        h5t.INTEGER,
+        h5t.FLOAT,
+    )
     told = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
-    return told.decode("utf-8") if isinstance(told, bytes) else told.item() if isinstance(told, np.generic) else told
+    return (
+        told.decode("utf-8")
+        if isinstance(told, bytes)
+        else told.item()
+        if isinstance(told, np.generic)
+        else told
+    )
 
 
 def of_its_own(file: "h5py.File", name: str) -> Any:
@@ -70,16 +84,18 @@ def of_its_own(file: "h5py.File", name: str) -> Any:
 
     found: Any = file
     for part in filter(None, name.split("/")):
-        if not isinstance(found, h5py.Group) or not isinstance(found.get(part, getlink=True), h5py.HardLink):
+        if not isinstance(found, h5py.Group) or not isinstance(
+            found.get(part, getlink=True), h5py.HardLink
+        ):
             return None
         found = found[part]
     return found
 
 
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that lie in this very file
-    (no link leads there), and where it declares more than the file can hold; HandbenchError where it is more than
-    memory holds."""
+    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that
+    lie in this very file (no link leads there), and where it declares more than the file can hold;
+    HandbenchError where it is more than memory holds."""
     import h5py
 
     if (found := of_its_own(file, name)) is None:
@@ -91,17 +107,26 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     size = found.size * found.dtype.itemsize
     stored = min(found.id.get_storage_size(), path.stat().st_size)
     if size > (stored if found.chunks is None else max(UNPACKED_BYTES, PACKED * stored)):
-        raise ValueError(f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}")
+        raise ValueError(
+            f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}"
+        )
     if found.chunks is not None:
         _check_pieces(found, name)
-    require_free(2 * size, f"{path}: '{name}' {found.shape}", "end other programs, or cut the file into parts")
+    require_free(
+        2 * size,
+        f"{path}: '{name}' {found.shape}",
+        "end other programs, or cut the file into parts",
+    )
     return found[()]
 
 
 def _check_pieces(found: "h5py.Dataset", name: str) -> None:
-    """ValueError where a piece of a data set unpacks to more than it declares: the library would take all memory."""
+    """ValueError where a piece of a data set unpacks to more than it declares: the library would
+    take all memory."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
-        raise ValueError(f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces")
+        raise ValueError(
+            f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces"
+        )
     packing = found.id.get_create_plist()
     packed = [packing.get_filter(k)[0] for k in range(packing.get_nfilters())]
     if not set(packed) <= FILTERS.keys() or len(set(packed)) < len(packed):
@@ -112,7 +137,9 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
     for piece in pieces:
         if piece.size > 2 * declared + 1024:
             raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
-        deflated = DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1  # the mask's are left out
+        deflated = (
+            DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1
+        )  # the mask's are left out
         if deflated and piece.size * PACKED > UNPACKED_BYTES:
             _, content = found.id.read_direct_chunk(piece.chunk_offset)
             try:

@@ -1,5 +1,6 @@
-"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or gigabytes. Each is far
-above what handbench's own files and those of the known programs need (docs/files.md)."""
+"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or
+gigabytes. Each is far above what handbench's own files and those of the known programs need
+(docs/files.md)."""
 
 import re
 from typing import Any
@@ -7,9 +8,13 @@ from typing import Any
 MB = 2**20
 TOML_BYTES = MB // 4
 JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
-RESULT_BYTES = 256 * MB  # of a benchmark's table or record: a thousand captures, nine methods, three references
+RESULT_BYTES = (
+    256 * MB
+)  # of a benchmark's table or record: a thousand captures, nine methods, three references
 RAW_JSON_BYTES = 64 * MB  # of MAROON's, which hold more than is read
-PICKLE_BYTES = MODEL_BYTES = 256 * MB  # a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
+PICKLE_BYTES = MODEL_BYTES = (
+    256 * MB
+)  # a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
 ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
 KEPT_BYTES = 4096 * MB  # of one that a run keeps for itself
 MESH_BYTES = PICTURE_BYTES = 1024 * MB
@@ -25,14 +30,20 @@ MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # that are told apart in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
-LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")  # tomllib is quadratic
+LONG_KEY = re.compile(
+    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}"""
+)  # tomllib is quadratic
 
 
 def require_shallow(values: Any) -> Any:
     """The tree of plain values; ValueError where it is deeper than DEEPEST."""
     level = [values]
     for _ in range(DEEPEST + 1):
-        inner = [part.values() if isinstance(part, dict) else part for part in level if isinstance(part, dict | list)]
+        inner = [
+            part.values() if isinstance(part, dict) else part
+            for part in level
+            if isinstance(part, dict | list)
+        ]
         level = [value for part in inner for value in part]
         if not level:
             return values

@@ -1,5 +1,6 @@
-"""MATLAB's files before version 7.3 (`save -v6`, `-v7`), by MathWorks' "MAT-File Format": arrays of numbers alone.
-Version 7.3 is HDF5. (SciPy's reader, in compiled code, ends the process on some broken files.)"""
+"""MATLAB's files before version 7.3 (`save -v6`, `-v7`), by MathWorks' "MAT-File Format": arrays of
+numbers alone. Version 7.3 is HDF5. (SciPy's reader, in compiled code, ends the process on some
+broken files.)"""
 
 import struct
 import zlib
@@ -13,14 +14,20 @@ from handbench.support.files import read_bytes
 from handbench.support.limits import ARRAY_BYTES, MOST_MEMBERS
 
 ORDERS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # how the header ends: version and order of bytes
-HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = 128, 8, 14, 15, 0x800  # bytes, bytes, kinds of element, flag of an array
+HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = (
+    128,
+    8,
+    14,
+    15,
+    0x800,
+)  # bytes, bytes, kinds of element, flag of an array
 NUMBERS = range(6, 16)  # classes of arrays
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 
 
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers by name, as HDF5 would store them: their axes in reverse. ValueError for what is broken, or
-    unpacks to more than is read."""
+    """The arrays of numbers by name, as HDF5 would store them: their axes in reverse. ValueError
+    for what is broken, or unpacks to more than is read."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
         raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
@@ -32,10 +39,21 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
                 left -= len(unpacked)
                 kind, element = next(_elements(unpacked, order))
             if left < 0 or number > MOST_MEMBERS:
-                raise ValueError(f"more than {ARRAY_BYTES} bytes unpacked, or {MOST_MEMBERS} variables; save -v7.3")
+                raise ValueError(
+                    f"more than {ARRAY_BYTES} bytes unpacked, or {MOST_MEMBERS} variables; save "
+                    "-v7.3"
+                )
             if kind == MATRIX:
                 found |= _array(element, order)
-    except (ValueError, TypeError, KeyError, IndexError, StopIteration, struct.error, zlib.error) as error:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        StopIteration,
+        struct.error,
+        zlib.error,
+    ) as error:
         raise ValueError(f"a variable is broken: {error}") from None
     return found
 
@@ -61,6 +79,8 @@ def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
         return {}
     dimensions = np.frombuffer(shape, f"{order}i4")[::-1]
     arrays = [np.frombuffer(data, order + KINDS[type]).reshape(dimensions) for type, data in parts]
-    with np.errstate(invalid="ignore", over="ignore"):  # what is infinite is refused with the capture
+    with np.errstate(
+        invalid="ignore", over="ignore"
+    ):  # what is infinite is refused with the capture
         values = arrays[0] + 1j * arrays[1] if kind & COMPLEX else arrays[0]
     return {bytes(name).decode("ascii"): values}

@@ -1,6 +1,8 @@
-"""Threads over independent blocks; results never depend on how many there are. Processes beside a caller's script.
+"""Threads over independent blocks; results never depend on how many there are. Processes beside a
+caller's script.
 
-Nothing here imports a library that counts the cores, so that a process can take its share of them first."""
+Nothing here imports a library that counts the cores, so that a process can take its share of them
+first."""
 
 import ctypes
 import os
@@ -25,14 +27,17 @@ def workers() -> int:
     """Threads to use: HANDBENCH_WORKERS if set, else the cores this process may run on."""
     wanted = os.environ.get("HANDBENCH_WORKERS", "")
     if wanted and not (wanted.isdigit() and int(wanted)):
-        raise HandbenchError(f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing")
+        raise HandbenchError(
+            f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing"
+        )
     return int(wanted) if wanted else len(os.sched_getaffinity(0))
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
-    """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested threads would
-    cost 2.5–3 times the CPU time. The first exception stops the work that has not begun and is raised. A single item
-    or a single worker works in place, without the threads' overhead."""
+    """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested
+    threads would cost 2.5–3 times the CPU time. The first exception stops the work that has not
+    begun and is raised. A single item or a single worker works in place, without the threads'
+    overhead."""
     items = list(items)
     with one_blas_thread():
         if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
@@ -66,10 +71,13 @@ def one_blas_thread() -> AbstractContextManager[None]:
 
 @contextmanager
 def script_left_out() -> Iterator[None]:
-    """A context in which processes that start do not run the caller's script once more, which multiprocessing's
-    "spawn" does for what is pickled from it: a script without `if __name__ == "__main__"` would start again there."""
+    """A context in which processes that start do not run the caller's script once more, which
+    multiprocessing's "spawn" does for what is pickled from it: a script without `if __name__ ==
+    "__main__"` would start again there."""
     script = sys.modules["__main__"]
-    with _hiding:  # of two threads the second would take what the first has hidden for what the script has
+    with (
+        _hiding
+    ):  # of two threads the second would take what the first has hidden for what the script has
         names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
         hidden = {name: vars(script)[name] for name in names}
         vars(script).update(dict.fromkeys(names))
@@ -80,8 +88,9 @@ def script_left_out() -> Iterator[None]:
 
 
 def begin_process(cores: list[int], parent: int) -> None:
-    """Begin a process that works for the process `parent`: it keeps to these cores, leaves Ctrl-C to its parent and
-    ends with it, for what outlives a run would write into the next one's folders."""
+    """Begin a process that works for the process `parent`: it keeps to these cores, leaves Ctrl-C
+    to its parent and ends with it, for what outlives a run would write into the next one's
+    folders."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.getppid() != parent:
@@ -91,7 +100,9 @@ def begin_process(cores: list[int], parent: int) -> None:
 
 
 _hiding = RLock()
-_inside = local()  # work within a worker stays there: waiting for the pool's other threads could wait for ever
+_inside = (
+    local()
+)  # work within a worker stays there: waiting for the pool's other threads could wait for ever
 
 
 _pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf

@@ -1,4 +1,5 @@
-"""Picture files of strangers: what a header says is compared with the file before a pixel is decoded."""
+"""Picture files of strangers: what a header says is compared with the file before a pixel is
+decoded."""
 
 import io
 import re
@@ -18,23 +19,42 @@ FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts prog
 LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode
 SMALL_PX = 24_000_000  # half a second: what few bytes may hold, up to ...
 PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel has 8000
-DENSE_PX, DENSE_DEEP_PX = 1100, 4  # in a byte of a larger picture (deflate's most), and of one with 16 bits a channel
-MOST_SCANS = 32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
+DENSE_PX, DENSE_DEEP_PX = (
+    1100,
+    4,
+)  # in a byte of a larger picture (deflate's most), and of one with 16 bits a channel
+MOST_SCANS = (
+    32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
+)
 MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 
 @contextmanager
 def opened_picture(path: Path) -> Iterator[Image.Image]:
-    """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the block, or whose
-    header promises what would take long or much memory."""
-    content = io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))  # a file takes memory for what it says it has
+    """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the
+    block, or whose header promises what would take long or much memory."""
+    content = io.BytesIO(
+        read_bytes(path, "a photograph", PICTURE_BYTES)
+    )  # a file takes memory for what it says it has
     try:
-        with warnings.catch_warnings(action="ignore"), Image.open(content, formats=FORMATS) as image:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            Image.open(content, formats=FORMATS) as image,
+        ):
             _require_plausible(image, content.getvalue())
             yield image
-    except (OSError, SyntaxError, ValueError, TypeError, struct.error, Image.DecompressionBombError) as error:
-        raise HandbenchError(f"{path}: is not a readable photograph ({error}); replace or remove it") from error
+    except (
+        OSError,
+        SyntaxError,
+        ValueError,
+        TypeError,
+        struct.error,
+        Image.DecompressionBombError,
+    ) as error:
+        raise HandbenchError(
+            f"{path}: is not a readable photograph ({error}); replace or remove it"
+        ) from error
 
 
 def is_deep(image: Image.Image) -> bool:
@@ -44,16 +64,23 @@ def is_deep(image: Image.Image) -> bool:
 
 def _require_plausible(image: Image.Image, content: bytes) -> None:
     pixels, size = image.width * image.height, len(content)
-    dense_px = (DENSE_DEEP_PX if is_deep(image) else DENSE_PX * (8 if image.mode == "1" else 1)) * size
-    if pixels > min(LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + 2 * is_deep(image)), dense_px)):
+    dense_px = (
+        DENSE_DEEP_PX if is_deep(image) else DENSE_PX * (8 if image.mode == "1" else 1)
+    ) * size
+    if pixels > min(
+        LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + 2 * is_deep(image)), dense_px)
+    ):
         said = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
-            f"{said}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most {dense_px // size} a byte"
+            f"{said}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
+            f"{dense_px // size} a byte"
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(content)) > MOST_SCANS:
         raise ValueError(f"it has {scans} scans; at most {MOST_SCANS} are read: save it again")
     sides = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in (322, 323)]  # TIFF's
-    if not all(isinstance(side, int) for side in sides) or sides[0] * sides[1] > max(SMALL_PX, pixels):
+    if not all(isinstance(side, int) for side in sides) or sides[0] * sides[1] > max(
+        SMALL_PX, pixels
+    ):
         raise ValueError(f"its tiles have {' × '.join(map(str, sides))} pixels; save it again")
 
 
@@ -67,7 +94,11 @@ def _scans(content: bytes) -> int:
         if kind == 0xD9 or count > MOST_SCANS:
             break
         count += kind == 0xDA
-        at = start if kind in (0x01, 0xD8) else start + int.from_bytes(content[start : start + 2], "big")
+        at = (
+            start
+            if kind in (0x01, 0xD8)
+            else start + int.from_bytes(content[start : start + 2], "big")
+        )
     else:
         raise ValueError(f"it has more than {MOST_MARKERS} markers; save it again")
     return count

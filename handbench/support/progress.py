@@ -16,14 +16,18 @@ def say(text: str) -> None:
 
 
 def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most every 10 s, with
-    the time that is left where the number of items is known."""
+    """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most
+    every 10 s, with the time that is left where the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
-    if sys.stderr.isatty() and parent_process() is None:  # bars of several processes would draw over each other
+    if (
+        sys.stderr.isatty() and parent_process() is None
+    ):  # bars of several processes would draw over each other
         from rich.console import Console
         from rich.progress import track as rich_track
 
-        yield from rich_track(items, description, total=total, console=Console(stderr=True), transient=True)
+        yield from rich_track(
+            items, description, total=total, console=Console(stderr=True), transient=True
+        )
         return
     start = last = time.monotonic()
     for done, item in enumerate(items):
@@ -31,7 +35,13 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
         if now - last > PLAIN_INTERVAL_S:
             left_s = (now - start) * (total - done) / done if total and done else None
             short = left_s is not None and left_s < 120
-            left = "" if left_s is None else f"{left_s:.0f} s left, " if short else f"{left_s / 60:.0f} min left, "
+            left = (
+                ""
+                if left_s is None
+                else f"{left_s:.0f} s left, "
+                if short
+                else f"{left_s / 60:.0f} min left, "
+            )
             say(f"{left}{description}: {done}" + (f"/{total}" if total else ""))
             last = now
         yield item

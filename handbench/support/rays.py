@@ -1,4 +1,5 @@
-"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that imports open3d."""
+"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that
+imports open3d."""
 
 import ctypes
 import os
@@ -11,11 +12,15 @@ import numpy as np
 
 from handbench.support.errors import HandbenchError
 
-TriangleMesh: TypeAlias = Any  # open3d's classes: they have no types, and their import takes a second
+TriangleMesh: TypeAlias = (
+    Any  # open3d's classes: they have no types, and their import takes a second
+)
 PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
 FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
-OWN_SURFACE_M = 2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
+OWN_SURFACE_M = (
+    2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
+)
 WINDOWS = "open3d.visualization"  # which imports a web server
 
 
@@ -31,9 +36,10 @@ def _windows(name: str) -> ModuleType:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and keeping numba away from
-    the TBB that it brings (too old: numba would warn). Its windows and web pages, which take as long to import as all
-    that is used of it, are imported when somebody asks for them."""
+    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and
+    keeping numba away from the TBB that it brings (too old: numba would warn). Its windows and web
+    pages, which take as long to import as all that is used of it, are imported when somebody asks
+    for them."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -55,13 +61,17 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
     """An Embree scene of triangles: vertices [n, 3], faces [m, 3]."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
-    vertices, triangles = np.ascontiguousarray(vertices_m, np.float32), np.ascontiguousarray(faces, np.uint32)
+    vertices, triangles = (
+        np.ascontiguousarray(vertices_m, np.float32),
+        np.ascontiguousarray(faces, np.uint32),
+    )
     scene.add_triangles(core.core.Tensor(vertices), core.core.Tensor(triangles))
     return scene
 
 
 class Rays:
-    """Rays against the triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the process."""
+    """Rays against the triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
+    process."""
 
     cast = 0
 
@@ -69,21 +79,30 @@ class Rays:
         far_m = float(np.abs(vertices_m).max(initial=0))
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
-                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the radar's frame, at most "
+                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the "
+                "radar's frame, at most "
                 f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
             )
         self._scene = embree(vertices_m, faces)
 
-    def first_hits(self, origins_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [n] in units of the directions' lengths (inf: none) and face [n] of each ray's first hit."""
+    def first_hits(
+        self, origins_m: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distance [n] in units of the directions' lengths (inf: none) and face [n] of each ray's
+        first hit."""
         found = self._scene.cast_rays(self._tensor(origins_m, directions))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool [n]."""
+        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool
+        [n]."""
         towards = origins_m - points_m
-        start = points_m + towards * (OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None])
-        return ~self._scene.test_occlusions(self._tensor(start, origins_m - start), 0.0, 1.0).numpy()
+        start = points_m + towards * (
+            OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None]
+        )
+        return ~self._scene.test_occlusions(
+            self._tensor(start, origins_m - start), 0.0, 1.0
+        ).numpy()
 
     def _tensor(self, origins_m: np.ndarray, directions: np.ndarray) -> Any:
         Rays.cast += len(origins_m)

@@ -1,11 +1,13 @@
 """Work that is kept: stages, each in a folder named by the hash of everything that it depends on.
 
-A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages that made them), and
-of all code that it runs, down to the libraries' versions (`support.closure`). Nobody lists that code, so a
-changed input, option, source file or library never meets a stale result.
+A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages
+that made them), and of all code that it runs, down to the libraries' versions (`support.closure`).
+Nobody lists that code, so a changed input, option, source file or library never meets a stale
+result.
 
-A folder appears complete or not at all, so that work that was killed goes on where it stopped. Each holds the checksums
-of its files, so that a flipped bit is found before it is taken for a result, and a stamp that says what it cost.
+A folder appears complete or not at all, so that work that was killed goes on where it stopped. Each
+holds the checksums of its files, so that a flipped bit is found before it is taken for a result,
+and a stamp that says what it cost.
 """
 
 import json
@@ -26,18 +28,31 @@ from handbench.support.files import atomic_folder, content_hash, read_json, writ
 from handbench.support.folder import is_own_folder, own, read_own
 from handbench.support.progress import say
 
-MANIFEST, STAMP = "manifest.json", "stage.json"  # in each folder: size and checksum of its files; what they cost
-LIBRARIES = ("handbench", "numpy", "scipy", "numba", "open3d", "pycolmap", "opencv-contrib-python-headless", "h5py")
+MANIFEST, STAMP = (
+    "manifest.json",
+    "stage.json",
+)  # in each folder: size and checksum of its files; what they cost
+LIBRARIES = (
+    "handbench",
+    "numpy",
+    "scipy",
+    "numba",
+    "open3d",
+    "pycolmap",
+    "opencv-contrib-python-headless",
+    "h5py",
+)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A call whose result is kept: `function`, of a module's top level, with the folder to fill and `arguments` (plain
-    values and paths). Any machine that sees the files can make it.
+    """A call whose result is kept: `function`, of a module's top level, with the folder to fill and
+    `arguments` (plain values and paths). Any machine that sees the files can make it.
 
-    inputs: all that the result depends on besides code: values, paths of files, keys of earlier stages. capture and
-    method: what it is of (empty: of none). plugged: what stands for code that no import leads to. code: the hash of all
-    that runs; key: that of everything that the result depends on.
+    inputs: all that the result depends on besides code: values, paths of files, keys of earlier
+    stages. capture and
+    method: what it is of (empty: of none). plugged: what stands for code that no import leads to.
+    code: the hash of all that runs; key: that of everything that the result depends on.
     """
 
     name: str
@@ -53,7 +68,9 @@ class Stage:
     def __post_init__(self, inputs: list[Any], plugged: tuple[str, ...]) -> None:
         code = code_hash(self.function, plugged)
         object.__setattr__(self, "code", code)
-        object.__setattr__(self, "key", content_hash(self.name, self.capture, self.method, *inputs, code))
+        object.__setattr__(
+            self, "key", content_hash(self.name, self.capture, self.method, *inputs, code)
+        )
 
     @property
     def label(self) -> str:
@@ -73,14 +90,15 @@ class Stamp(Cost):
 
 
 def code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
-    """Hash of the code that a function runs, the import closure of its module, as it was when this process first asked;
-    plugged: what stands for code that no import leads to."""
+    """Hash of the code that a function runs, the import closure of its module, as it was when this
+    process first asked; plugged: what stands for code that no import leads to."""
     return content_hash(closure.key_of(function.__module__), plugged)
 
 
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Have a stage's folder made in the store at `root`, unless it is there, whole; returns what the work cost when it
-    was done, and whether it had been. A folder whose files have changed since is reported, deleted and made again."""
+    """Have a stage's folder made in the store at `root`, unless it is there, whole; returns what
+    the work cost when it was done, and whether it had been. A folder whose files have changed since
+    is reported, deleted and made again."""
     own(root)
     folder = stage.folder(root)
     if is_own_folder(folder):
@@ -109,11 +127,15 @@ def changed(folder: Path) -> str | None:
     wrong = sorted(name for name in expected if expected[name] != found.get(name))
     if not wrong:
         return None
-    return f"{wrong[0]}{f' and {len(wrong) - 1} more' if len(wrong) > 1 else ''} differs from what was made (checksum)"
+    return (
+        f"{wrong[0]}{f' and {len(wrong) - 1} more' if len(wrong) > 1 else ''} differs from "
+        "what was made (checksum)"
+    )
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Size and CRC-32 of every file but the manifest's own: it finds what happens by chance, and takes 0.4 s/GB."""
+    """Size and CRC-32 of every file but the manifest's own: it finds what happens by chance, and
+    takes 0.4 s/GB."""
     found = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":

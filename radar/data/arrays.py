@@ -1,4 +1,5 @@
-"""Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y × z."""
+"""Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y
+× z."""
 
 import csv
 import io
@@ -15,13 +16,15 @@ from handbench.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
-FARTHEST_M = 1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
+FARTHEST_M = (
+    1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
+)
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times; channels [n]: so many
-    of them each antenna has, or any multiple of that."""
+    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times;
+    channels [n]: so many of them each antenna has, or any multiple of that."""
 
     position_m: np.ndarray
     passes: int
@@ -39,8 +42,9 @@ class Leg:
 
 @dataclass(frozen=True)
 class AntennaArray:
-    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres), or by those that
-    measured, bool [t, r], says; the samples of the other pairs are 0 and add nothing to an image."""
+    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres),
+    or by those that measured, bool [t, r], says; the samples of the other pairs are 0 and add
+    nothing to an image."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -52,7 +56,9 @@ class AntennaArray:
         heard = self.measured
         if heard is not None and (heard.shape != self.channels or not heard.any()):
             found = f"{np.count_nonzero(heard)} pairs of {heard.shape}"
-            raise HandbenchError(f"measured: {found}; expected some of {self.channels}: is anything left?")
+            raise HandbenchError(
+                f"measured: {found}; expected some of {self.channels}: is anything left?"
+            )
         if heard is not None and heard.all():
             object.__setattr__(self, "measured", None)
 
@@ -65,7 +71,11 @@ class AntennaArray:
     def legs(self) -> tuple[Leg, Leg]:
         """From the transmitters, to the receivers."""
         every = [np.ones(n) for n in self.channels]
-        to, back = every if self.measured is None else (self.measured.mean(axis=1), self.measured.mean(axis=0))
+        to, back = (
+            every
+            if self.measured is None
+            else (self.measured.mean(axis=1), self.measured.mean(axis=0))
+        )
         return Leg(self.tx_m, 1, to), Leg(self.rx_m, 1, back)
 
 
@@ -85,14 +95,17 @@ class PlanarScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """There and back from the same antenna; the second leg is there only so that a scan looks like an array of
-        one receiver."""
-        return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(self.position_m[:1], 0, np.ones(1))
+        """There and back from the same antenna; the second leg is there only so that a scan looks
+        like an array of one receiver."""
+        return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(
+            self.position_m[:1], 0, np.ones(1)
+        )
 
 
 @dataclass(frozen=True)
 class BistaticScan:
-    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are moved."""
+    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are
+    moved."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -101,7 +114,9 @@ class BistaticScan:
         object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
         if len(self.tx_m) != len(self.rx_m):
-            raise HandbenchError(f"rx_m: has {len(self.rx_m)} places; expected one for each of {len(self.tx_m)} tx_m")
+            raise HandbenchError(
+                f"rx_m: has {len(self.rx_m)} places; expected one for each of {len(self.tx_m)} tx_m"
+            )
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -111,22 +126,25 @@ class BistaticScan:
     @property
     def legs(self) -> tuple[Leg, Leg]:
         """From the transmitters, to the receivers; their antennas belong together one by one."""
-        return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(self.rx_m, 1, np.ones(len(self.rx_m)))
+        return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
+            self.rx_m, 1, np.ones(len(self.rx_m))
+        )
 
 
 Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
 def as_of_an_array(aperture: Aperture, lengths: Any) -> Any:
-    """Lengths of both legs [t, …], [r, …] whose sums for every t and r are the paths; a list of pairs is seen as an
-    array of one receiver that adds nothing."""
+    """Lengths of both legs [t, …], [r, …] whose sums for every t and r are the paths; a list of
+    pairs is seen as an array of one receiver that adds nothing."""
     to, back = lengths
     return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
 
 
 def qar50() -> AntennaArray:
-    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch. Transmitters stand on
-    the two vertical sides (the outermost 1.5 mm further out), receivers lie on the two horizontal ones."""
+    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch.
+    Transmitters stand on the two vertical sides (the outermost 1.5 mm further out), receivers lie
+    on the two horizontal ones."""
     along = np.linspace(-0.069, 0.069, 47)
     side = 0.0705
     outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
@@ -139,12 +157,18 @@ def qar50() -> AntennaArray:
 def load_positions(path: str | Path) -> np.ndarray:
     """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
     try:
-        text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode("utf-8")
+        text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode(
+            "utf-8"
+        )
         rows = list(csv.reader(io.StringIO(text, newline="")))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise HandbenchError(f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m") from None
+        raise HandbenchError(
+            f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m"
+        ) from None
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
-        raise HandbenchError(f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m")
+        raise HandbenchError(
+            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m"
+        )
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
     except ValueError as error:
@@ -152,27 +176,37 @@ def load_positions(path: str | Path) -> np.ndarray:
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:
-    """Frequencies [f] in hertz as float64, in any order; `name` is refused where one is no positive number."""
+    """Frequencies [f] in hertz as float64, in any order; `name` is refused where one is no positive
+    number."""
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
     if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
-        expected = f"expected positive hertz, at most {HIGHEST_HZ:g}: another unit? multiply them, as by 1e-3"
+        expected = (
+            f"expected positive hertz, at most {HIGHEST_HZ:g}: another unit? multiply "
+            "them, as by 1e-3"
+        )
         raise HandbenchError(f"{name}: holds {wrong[0]}; {expected}")
     return found.astype(np.float64)
 
 
 def positions(name: str, values: ArrayLike) -> np.ndarray:
-    """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no phase can be told of."""
+    """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no
+    phase can be told of."""
     given = np.asarray(values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
-        raise HandbenchError(f"{name}: has shape {given.shape}; expected [n, 3] positions in metres, numbers")
+        raise HandbenchError(
+            f"{name}: has shape {given.shape}; expected [n, 3] positions in metres, numbers"
+        )
     values = np.ascontiguousarray(given, np.float64)
     if not np.isfinite(values).all():
-        raise HandbenchError(f"{name}: holds NaN or infinity; every antenna and point needs a position in metres")
+        raise HandbenchError(
+            f"{name}: holds NaN or infinity; every antenna and point needs a position in metres"
+        )
     if np.abs(values).max() > FARTHEST_M:
         raise HandbenchError(
-            f"{name}: reaches {np.abs(values).max():.3g} m; expected metres, at most {FARTHEST_M:g}: beyond, float64 "
+            f"{name}: reaches {np.abs(values).max():.3g} m; expected metres, at most "
+            f"{FARTHEST_M:g}: beyond, float64 "
             "cannot tell a wave's phase"
         )
     return values

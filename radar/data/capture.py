@@ -17,11 +17,13 @@ QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps 
 
 @dataclass(frozen=True)
 class RadarCapture:
-    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a scan); frequencies_hz: [f], ascending or not.
+    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a scan); frequencies_hz: [f],
+    ascending or not.
 
-    wave_speed_m_s: in the medium before the antennas; source, licence: whose recording it is; calibration: the values
-    of an `array.json` of the antennas, not yet applied (`calibration.array.array_file`); sensors: by name the other
-    sensors that saw the scene, each z_m [ny, nx] of a grid's pixels in a frame."""
+    wave_speed_m_s: in the medium before the antennas; source, licence: whose recording it is;
+    calibration: the values of an `array.json` of the antennas, not yet applied
+    (`calibration.array.array_file`); sensors: by name the other sensors that saw the scene, each
+    z_m [ny, nx] of a grid's pixels in a frame."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -30,18 +32,29 @@ class RadarCapture:
     source: str = ""
     licence: str = ""
     calibration: Any = None
-    sensors: Mapping[str, Callable[[PixelGrid, int], np.ndarray]] = field(default_factory=dict, repr=False)
+    sensors: Mapping[str, Callable[[PixelGrid, int], np.ndarray]] = field(
+        default_factory=dict, repr=False
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         if not SPEED_OF_LIGHT_M_S / SLOWEST <= self.wave_speed_m_s <= SPEED_OF_LIGHT_M_S:
-            raise HandbenchError(f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 of vacuum's")
-        if "\0" in self.source + self.licence:
-            raise HandbenchError("source, licence: hold a NUL, which no file's text may; leave it out")
-        expected = (len(self.frequencies_hz), *self.aperture.channels)
-        if self.samples.ndim != 1 + len(expected) or self.samples.shape[1:] != expected or len(self.samples) == 0:
             raise HandbenchError(
-                f"samples: have shape {self.samples.shape}; expected [frame, {', '.join(map(str, expected))}] "
+                f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 of vacuum's"
+            )
+        if "\0" in self.source + self.licence:
+            raise HandbenchError(
+                "source, licence: hold a NUL, which no file's text may; leave it out"
+            )
+        expected = (len(self.frequencies_hz), *self.aperture.channels)
+        if (
+            self.samples.ndim != 1 + len(expected)
+            or self.samples.shape[1:] != expected
+            or len(self.samples) == 0
+        ):
+            raise HandbenchError(
+                f"samples: have shape {self.samples.shape}; expected [frame, "
+                f"{', '.join(map(str, expected))}] "
                 "from the numbers of frequencies and antennas"
             )
         bad = int(np.count_nonzero(~np.isfinite(self.samples)))
@@ -53,37 +66,49 @@ class RadarCapture:
             )
 
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Samples of the measured tones nearest to wanted_hz, and the frequencies that formulas are to use: ([f, …],
-        [f]). These are the true ones times c/v: only f/v enters a phase, so that all formulas are those of vacuum.
+        """Samples of the measured tones nearest to wanted_hz, and the frequencies that formulas are
+        to use: ([f, …], [f]). These are the true ones times c/v: only f/v enters a phase, so that
+        all formulas are those of vacuum.
 
-        A tone further away than half the median spacing of the measured ones (at least 1 MHz) is an error: the method
-        asks for what was not measured.
+        A tone further away than half the median spacing of the measured ones (at least 1 MHz) is an
+        error: the method asks for what was not measured.
         """
         wanted = np.asarray(wanted_hz, np.float64)
         index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
         off = np.abs(self.frequencies_hz[index] - wanted)
-        spacing = np.median(np.diff(np.sort(self.frequencies_hz))) if len(self.frequencies_hz) > 1 else 0.0
+        spacing = (
+            np.median(np.diff(np.sort(self.frequencies_hz)))
+            if len(self.frequencies_hz) > 1
+            else 0.0
+        )
         worst = int(off.argmax())
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
             low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
             raise HandbenchError(
-                f"frequencies: the method asks for {wanted[worst] / 1e9:.4f} GHz, but the capture has "
+                f"frequencies: the method asks for {wanted[worst] / 1e9:.4f} GHz, but the "
+                "capture has "
                 f"{len(self.frequencies_hz)} tones in {low:.4f}–{high:.4f} GHz, the nearest "
                 f"{off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
-                f"frequencies: two of the {len(wanted)} tones asked for fall on the same measured tone of "
+                f"frequencies: two of the {len(wanted)} tones asked for fall on the same "
+                "measured tone of "
                 f"{len(self.frequencies_hz)}; choose tones further apart"
             )
-        return self.samples[frame][index], self.frequencies_hz[index] * (SPEED_OF_LIGHT_M_S / self.wave_speed_m_s)
+        return self.samples[frame][index], self.frequencies_hz[index] * (
+            SPEED_OF_LIGHT_M_S / self.wave_speed_m_s
+        )
 
 
 def single(samples: np.ndarray) -> np.ndarray:
-    """Samples as complex64; HandbenchError where that would make all of them zero, or one infinite."""
+    """Samples as complex64; HandbenchError where that would make all of them zero, or one
+    infinite."""
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
-        raise HandbenchError(f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: take another unit")
+        raise HandbenchError(
+            f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: take another unit"
+        )
     return np.ascontiguousarray(samples, np.complex64)
 
 
@@ -94,14 +119,18 @@ def largest_part(samples: np.ndarray) -> float:
 
 
 def near_one(samples: np.ndarray) -> np.ndarray:
-    """The samples times the power of two that brings the largest near 1: not a digit is lost, and powers and sums of
-    them stay within float32, whatever the receiver's unit."""
+    """The samples times the power of two that brings the largest near 1: not a digit is lost, and
+    powers and sums of them stay within float32, whatever the receiver's unit."""
     largest = largest_part(samples := np.asarray(samples, np.result_type(samples, np.complex64)))
     if not 0 < largest < np.inf:
         return samples
     exponent, parts = int(np.frexp(largest)[1]), _parts(samples)
-    usual = abs(exponent) < 100  # whose power single precision holds: a product is ten times as fast as `ldexp`
-    return (parts * parts.dtype.type(2.0**-exponent) if usual else np.ldexp(parts, -exponent)).view(samples.dtype)
+    usual = (
+        abs(exponent) < 100
+    )  # whose power single precision holds: a product is ten times as fast as `ldexp`
+    return (parts * parts.dtype.type(2.0**-exponent) if usual else np.ldexp(parts, -exponent)).view(
+        samples.dtype
+    )
 
 
 def _parts(samples: np.ndarray) -> np.ndarray:
@@ -115,14 +144,19 @@ def evenly(count: int, most: int) -> np.ndarray:
 
 
 def thinned(capture: RadarCapture, every: int) -> RadarCapture:
-    """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the order of the file,
-    from the first; of a scan every `every`-th position. HandbenchError for less than 1."""
+    """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the
+    order of the file, from the first; of a scan every `every`-th position. HandbenchError for less
+    than 1."""
     if every < 1:
-        raise HandbenchError(f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)")
+        raise HandbenchError(
+            f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)"
+        )
     if every == 1:
         return capture
     aperture, some = capture.aperture, slice(None, None, every)
     fewer = {name: value[some] for name, value in vars(aperture).items() if value is not None}
     fewer |= {name: value[:, some] for name, value in fewer.items() if name == "measured"}
     samples = capture.samples[:, :, *[some] * len(aperture.channels)]
-    return replace(capture, samples=np.ascontiguousarray(samples), aperture=replace(aperture, **fewer))
+    return replace(
+        capture, samples=np.ascontiguousarray(samples), aperture=replace(aperture, **fewer)
+    )

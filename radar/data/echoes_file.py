@@ -1,5 +1,5 @@
-"""The file `echoes.h5`: version 1 holds an array or a planar scan in air, version 2 any capture, and says what its
-numbers are (docs/files.md)."""
+"""The file `echoes.h5`: version 1 holds an array or a planar scan in air, version 2 any capture,
+and says what its numbers are (docs/files.md)."""
 
 import json
 import os
@@ -22,8 +22,12 @@ if TYPE_CHECKING:
 
 FORMAT = "handbench-echoes"
 HEADERS_BYTES = 2**13  # of the file, at least
-FRAMES = {"x left, y up, z away": 1, "x right, y up, z away": -1}  # seen from the array looking at the target: of our x
-# Of every file of version 2: what it may say, first as it is here. time: e^{±jωt}, where an echo is exp(∓j2πf·path/v).
+FRAMES = {
+    "x left, y up, z away": 1,
+    "x right, y up, z away": -1,
+}  # seen from the array looking at the target: of our x
+# Of every file of version 2: what it may say, first as it is here. time: e^{±jωt}, where an echo is
+# exp(∓j2πf·path/v).
 TOLD = {"units": ("m, Hz, m/s",), "frame": tuple(FRAMES), "time": ("+jwt", "-jwt")}
 OURS = {name: values[0] for name, values in TOLD.items()}
 ABOUT = {"wave_speed_m_s": float, "source": str, "licence": str}
@@ -39,19 +43,26 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     data, about = _contents(capture)
     size = sum(values.nbytes for values in data.values())
     with atomic_path(path) as temporary:
-        with temporary.open("wb") as stream:  # is there room? HDF5 finds out late, and then prints tracebacks
+        with temporary.open(
+            "wb"
+        ) as stream:  # is there room? HDF5 finds out late, and then prints tracebacks
             os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
         try:
             with h5py.File(temporary, "w") as file:
                 file.attrs.update({"format": FORMAT, "version": 2 if about else 1, **about})
                 for name, values in data.items():
                     file[name] = values
-        except RuntimeError as error:  # what the library calls a disk that is full by the time the file is closed
-            raise OSError("the library could not close the file; is there space left on the disk?") from error
+        except (
+            RuntimeError
+        ) as error:  # what the library calls a disk that is full by the time the file is closed
+            raise OSError(
+                "the library could not close the file; is there space left on the disk?"
+            ) from error
 
 
 def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Data sets, and the attributes that version 2 has; none of these where version 1 can hold the capture."""
+    """Data sets, and the attributes that version 2 has; none of these where version 1 can hold the
+    capture."""
     aperture, samples = capture.aperture, single(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
@@ -61,7 +72,11 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
     if capture.calibration is not None:
         data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)
     data |= {"samples": samples, "frequencies_hz": capture.frequencies_hz}
-    further = {name: getattr(capture, name) for name in ABOUT if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)}
+    further = {
+        name: getattr(capture, name)
+        for name in ABOUT
+        if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)
+    }
     return data, OURS | further if further or {"pairs", CALIBRATION} & data.keys() else {}
 
 
@@ -79,7 +94,9 @@ def load_capture(path: str | Path) -> RadarCapture:
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise HandbenchError(f"{path}: is not a readable echoes.h5 ({error}); record or copy it again") from error
+        raise HandbenchError(
+            f"{path}: is not a readable echoes.h5 ({error}); record or copy it again"
+        ) from error
 
 
 def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
@@ -95,19 +112,30 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     if told["time"] == "-jwt":
         values |= {name: values[name].conj() for name in ("samples", "gains") if name in values}
     side = [FRAMES[told["frame"]], 1, 1]
-    places_m = {name: p * side if p.shape[1:] == (3,) else p for name, p in values.items() if name.endswith("_m")}
+    places_m = {
+        name: p * side if p.shape[1:] == (3,) else p
+        for name, p in values.items()
+        if name.endswith("_m")
+    }
     about = {name: kind(told[name]) for name, kind in ABOUT.items() if name in told}
     if (content := values.get(CALIBRATION)) is not None:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
-            raise ValueError(f"'{CALIBRATION}' holds {content.dtype} of shape {content.shape}, not a file's bytes")
+            raise ValueError(
+                f"'{CALIBRATION}' holds {content.dtype} of shape {content.shape}, not a file's "
+                "bytes"
+            )
         about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
-    samples, further = values["samples"], (values.get("pairs"), values.get("gains"), told.get("sweeps", "mean"), about)
+    samples, further = (
+        values["samples"],
+        (values.get("pairs"), values.get("gains"), told.get("sweeps", "mean"), about),
+    )
     samples = samples[:, None] if "sweeps" not in told and samples.ndim else samples
     return Recording(samples, values["frequencies_hz"], places_m, *further)
 
 
 def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> None:
-    """HandbenchError that names all that is missing, and for what is not known: nothing is passed over."""
+    """HandbenchError that names all that is missing, and for what is not known: nothing is passed
+    over."""
     needed = [name for name in known if name.endswith(("samples", "_hz", "_m"))]
     lacks = [f"data set '{name}'" for name in needed if name not in there]
     lacks += [f"attribute {name} = '{value}'" for name, value in OURS.items() if name not in told]
@@ -119,15 +147,23 @@ def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> No
                 raise HandbenchError(f"unknown '{name[:80]}'; {suggest(name[:80], [*those])}")
     for name, values in TOLD.items():
         if (found := told[name]) not in values:
-            raise HandbenchError(f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}")
+            raise HandbenchError(
+                f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}"
+            )
     for name, kind in ABOUT.items():
-        if name in told and not isinstance(told[name], str if kind is str else float | int | np.number):
-            raise HandbenchError(f"{name} is {told[name]!r:.80}; expected one {'text' if kind is str else 'number'}")
+        if name in told and not isinstance(
+            told[name], str if kind is str else float | int | np.number
+        ):
+            raise HandbenchError(
+                f"{name} is {told[name]!r:.80}; expected one {'text' if kind is str else 'number'}"
+            )
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     """A data set of numbers that lie in this very file, real ones but for samples and gains."""
     values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
     if values.dtype.kind not in kinds:
-        raise ValueError(f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers")
+        raise ValueError(
+            f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers"
+        )
     return values

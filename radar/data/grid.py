@@ -11,7 +11,8 @@ from handbench.support.errors import HandbenchError
 
 
 class Axis(Config):
-    """A closed range with a step, metres; the paper's axes are the defaults of the methods that use it."""
+    """A closed range with a step, metres; the paper's axes are the defaults of the methods that use
+    it."""
 
     start_m: float
     stop_m: float
@@ -26,7 +27,9 @@ class Axis(Config):
     def values_m(self) -> np.ndarray:
         """Samples from start to stop, both included when the step divides the range."""
         count = int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
-        return np.round(self.start_m + self.step_m * np.arange(count), 12)  # −0.098, not −0.09799999999999999
+        return np.round(
+            self.start_m + self.step_m * np.arange(count), 12
+        )  # −0.098, not −0.09799999999999999
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,9 @@ class PixelGrid:
         y, x = np.unravel_index(index, self.shape)
         return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
 
-    def on_map(self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan) -> np.ndarray:
+    def on_map(
+        self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan
+    ) -> np.ndarray:
         """Values [n] of the pixels with the flat indices [n] as a map [ny, nx], float64."""
         whole = np.full(self.shape, elsewhere)
         whole.ravel()[index] = values
@@ -56,7 +61,9 @@ class PixelGrid:
         """Some rows and columns."""
         return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
 
-    def placed(self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+    def placed(
+        self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan
+    ) -> np.ndarray:
         """The map [ny, nx] that a part's values are of, with the value `elsewhere` beyond it."""
         if part is self:
             return values
@@ -73,7 +80,8 @@ class PixelGrid:
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, even or not; volumes are stored [nz, ny, nx]."""
+    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, even or not; volumes are stored
+    [nz, ny, nx]."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -82,7 +90,9 @@ class VoxelGrid:
     def __post_init__(self) -> None:
         for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
             if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
-                raise HandbenchError(f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it")
+                raise HandbenchError(
+                    f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it"
+                )
         positions("x_m, y_m or z_m", self.ends_m)
 
     @property
@@ -93,7 +103,9 @@ class VoxelGrid:
     @property
     def ends_m(self) -> tuple[np.ndarray, np.ndarray]:
         """The first and the last x, y, z [3] of the voxels, metres."""
-        first, last = (np.array([axis[i] for axis in (self.x_m, self.y_m, self.z_m)]) for i in (0, -1))
+        first, last = (
+            np.array([axis[i] for axis in (self.x_m, self.y_m, self.z_m)]) for i in (0, -1)
+        )
         return first, last
 
     @property
@@ -113,6 +125,7 @@ class VoxelGrid:
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
-    """The smallest rectangle that holds every true pixel: targets fill a small part of the image."""
+    """The smallest rectangle that holds every true pixel: targets fill a small part of the
+    image."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -6,22 +6,31 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.arrays import AntennaArray, Aperture, BistaticScan, PlanarScan, positions, tones
+from handbench.radar.data.arrays import (
+    AntennaArray,
+    Aperture,
+    BistaticScan,
+    PlanarScan,
+    positions,
+    tones,
+)
 from handbench.radar.data.capture import RadarCapture, single
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 
 SWEEPS = ("mean", "frames")  # what repeated sweeps of a frame become
-SPARSE = 8  # times as many pairs as were measured: more are not filled in with zeros but summed pair by pair
+# times as many pairs as were measured: more are not filled in with zeros but summed pair by pair
+SPARSE = 8
 
 
 @dataclass(frozen=True)
 class Recording:
-    """samples: numbers [frame, sweep, frequency, …], the last axes being (tx, rx), (pair,) or (position,); NaN
-    throughout where a channel was not measured. places_m: tx_m and rx_m [n, 3], or position_m. pairs [n, 2]: numbers,
-    from 0, of each pair's transmitter and receiver. gains: complex [channels] or [frequency, channels], by which the
-    samples are to be divided; 0 or NaN of a channel that is dead. sweeps: whether those of a frame are averaged or
-    become frames. about: further fields of the `RadarCapture`."""
+    """samples: numbers [frame, sweep, frequency, …], the last axes being (tx, rx), (pair,) or
+    (position,); NaN throughout where a channel was not measured. places_m: tx_m and rx_m [n, 3], or
+    position_m. pairs [n, 2]: numbers, from 0, of each pair's transmitter and receiver. gains:
+    complex [channels] or [frequency, channels], by which the samples are to be divided; 0 or NaN of
+    a channel that is dead. sweeps: whether those of a frame are averaged or become frames. about:
+    further fields of the `RadarCapture`."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -32,12 +41,17 @@ class Recording:
     about: dict[str, Any] = field(default_factory=dict)
 
     def capture(self) -> RadarCapture:
-        """The capture. HandbenchError for what does not fit together, and where no channel was measured."""
+        """The capture. HandbenchError for what does not fit together, and where no channel was
+        measured."""
         self._check()
-        with np.errstate(invalid="ignore", over="ignore"):  # what is infinite is refused with the capture
+        with np.errstate(
+            invalid="ignore", over="ignore"
+        ):  # what is infinite is refused with the capture
             samples, missing = self._divided()
             if missing.all():
-                raise HandbenchError("samples: no channel was measured; expected numbers, NaN where there are none")
+                raise HandbenchError(
+                    "samples: no channel was measured; expected numbers, NaN where there are none"
+                )
             samples = single(np.where(missing, 0, samples) if missing.any() else samples)
         places_m = [positions(name, places) for name, places in self.places_m.items()]
         aperture: Aperture
@@ -51,29 +65,43 @@ class Recording:
         return RadarCapture(samples, self.frequencies_hz, aperture, **self.about)
 
     def _check(self) -> None:
-        """HandbenchError for tones that are none, shapes that do not fit together, and pairs that are none."""
+        """HandbenchError for tones that are none, shapes that do not fit together, and pairs that
+        are none."""
         tones("frequencies_hz", self.frequencies_hz)
         places = [count for places in self.places_m.values() for count in places.shape[:1]]
         channels = tuple(places) if self.pairs is None else self.pairs.shape[:1]
         shape, expected = self.samples.shape, (len(self.frequencies_hz), *channels)
         if len(shape) < 3 or shape[2:] != expected or self.samples.size == 0:
-            first, seen = ("frame, ", shape[:1] + shape[2:]) if shape[1:2] == (1,) else ("frame, sweep, ", shape)
+            first, seen = (
+                ("frame, ", shape[:1] + shape[2:])
+                if shape[1:2] == (1,)
+                else ("frame, sweep, ", shape)
+            )
             axes = first + ", ".join(map(str, expected))
-            raise HandbenchError(f"samples: have shape {seen}; expected [{axes}] by frequencies and antennas")
+            raise HandbenchError(
+                f"samples: have shape {seen}; expected [{axes}] by frequencies and antennas"
+            )
         if self.gains is not None and self.gains.shape not in (expected, channels):
-            raise HandbenchError(f"gains: have shape {self.gains.shape}; expected {channels}, or {expected} by tone")
+            raise HandbenchError(
+                f"gains: have shape {self.gains.shape}; expected {channels}, or {expected} by tone"
+            )
         if self.sweeps not in SWEEPS:
             raise HandbenchError(f"sweeps: is '{self.sweeps}'; expected {' or '.join(SWEEPS)}")
         if self.pairs is not None:
             _check_pairs(self.pairs, *places)
 
     def _divided(self) -> tuple[np.ndarray, np.ndarray]:
-        """Samples [frame, frequency, channels] without sweeps and gains; which channels [channels] have none."""
+        """Samples [frame, frequency, channels] without sweeps and gains; which channels [channels]
+        have none."""
         samples, missing = self.samples, np.isnan(self.samples).all(axis=(0, 1, 2))
         if self.sweeps == "frames":
             samples = samples.reshape(-1, *samples.shape[2:])
         else:
-            samples = samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1, dtype=np.complex128)
+            samples = (
+                samples[:, 0]
+                if samples.shape[1] == 1
+                else samples.mean(axis=1, dtype=np.complex128)
+            )
         if self.gains is None:
             return samples, missing
         alive = np.isfinite(self.gains) & (self.gains != 0)
@@ -82,21 +110,31 @@ class Recording:
 
 
 def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
-    """The capture of several arrays at once, of which each hears itself alone; HandbenchError where their frames or
-    tones differ, and where one is no array."""
+    """The capture of several arrays at once, of which each hears itself alone; HandbenchError where
+    their frames or tones differ, and where one is no array."""
     from scipy.linalg import block_diag
 
     if len(captures) == 1:
         return captures[0]
-    arrays = [capture.aperture for capture in captures if isinstance(capture.aperture, AntennaArray)]
+    arrays = [
+        capture.aperture for capture in captures if isinstance(capture.aperture, AntennaArray)
+    ]
     shapes = {capture.samples.shape[:2] for capture in captures}
     if len(arrays) < len(captures) or len(shapes) > 1:
-        found = f"{len(arrays)} of {len(captures)} are arrays, of {sorted(shapes)} [frame, frequency]"
-        raise HandbenchError(f"array: {found}; expected arrays alone, and the same frames and tones of all")
+        found = (
+            f"{len(arrays)} of {len(captures)} are arrays, of {sorted(shapes)} [frame, frequency]"
+        )
+        raise HandbenchError(
+            f"array: {found}; expected arrays alone, and the same frames and tones of all"
+        )
     heard = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
     pairs = np.argwhere(block_diag(*heard)).T  # in the order of the arrays and of their pairs
-    samples = np.concatenate([c.samples[:, :, own] for c, own in zip(captures, heard, strict=True)], axis=2)
-    places_m = (np.concatenate([getattr(array, name) for array in arrays]) for name in ("tx_m", "rx_m"))
+    samples = np.concatenate(
+        [c.samples[:, :, own] for c, own in zip(captures, heard, strict=True)], axis=2
+    )
+    places_m = (
+        np.concatenate([getattr(array, name) for array in arrays]) for name in ("tx_m", "rx_m")
+    )
     samples, aperture = _of_pairs(samples, *pairs, *places_m)
     return replace(captures[0], samples=samples, aperture=aperture)
 
@@ -104,11 +142,16 @@ def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
 def _of_pairs(
     samples: np.ndarray, t: np.ndarray, r: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, Aperture]:
-    """Samples [frame, f, n] of the pairs t, r [n] as those of an array, 0 where no pair was measured, or of a list."""
+    """Samples [frame, f, n] of the pairs t, r [n] as those of an array, 0 where no pair was
+    measured, or of a list."""
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
         return samples, BistaticScan(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))
-    require_free(8 * float(np.prod(shape)), f"samples: {shape}", "end other programs, or cut the file into parts")
+    require_free(
+        8 * float(np.prod(shape)),
+        f"samples: {shape}",
+        "end other programs, or cut the file into parts",
+    )
     filled, measured = np.zeros(shape, np.complex64), np.zeros(shape[2:], bool)
     filled[:, :, t, r], measured[t, r] = samples, True
     return filled, AntennaArray(tx_m, rx_m, measured)
@@ -117,7 +160,12 @@ def _of_pairs(
 def _check_pairs(pairs: np.ndarray, n_tx: int, n_rx: int) -> None:
     good = pairs.ndim == 2 and pairs.shape[1] == 2 and pairs.dtype.kind in "iuf"
     if not good or not ((pairs >= 0) & (pairs < [n_tx, n_rx]) & (pairs == np.rint(pairs))).all():
-        expected = f"[n, 2] whole numbers from 0, of one of {n_tx} transmitters and of one of {n_rx} receivers"
+        expected = (
+            f"[n, 2] whole numbers from 0, of one of {n_tx} transmitters and of one of "
+            f"{n_rx} receivers"
+        )
         raise HandbenchError(f"pairs: {pairs.dtype} of shape {pairs.shape}; expected {expected}")
     if (often := len(pairs) - len(np.unique(pairs, axis=0))) > 0:
-        raise HandbenchError(f"pairs: {often} are there again; expected each once: repeated sweeps are an axis")
+        raise HandbenchError(
+            f"pairs: {often} are there again; expected each once: repeated sweeps are an axis"
+        )

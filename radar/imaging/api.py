@@ -1,9 +1,10 @@
-"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or to a tolerance.
+"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or to a
+tolerance.
 
-With a tolerance, images come from the tree of skeletons (`radar.imaging.tree`) and, on grids, from band-limited
-upsampling; the relative L2 error stays below it on any samples, white noise included. With None every tone and antenna
-is summed. One plan (`radar.imaging.plan`) serves the processor's cores (`radar.imaging.cpu`) and, as array code, other
-devices (`radar.imaging.gpu`).
+With a tolerance, images come from the tree of skeletons (`radar.imaging.tree`) and, on grids, from
+band-limited upsampling; the relative L2 error stays below it on any samples, white noise included.
+With None every tone and antenna is summed. One plan (`radar.imaging.plan`) serves the processor's
+cores (`radar.imaging.cpu`) and, as array code, other devices (`radar.imaging.gpu`).
 """
 
 import time
@@ -41,8 +42,8 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 @dataclass
 class Laps:
-    """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these images have, one for
-    each point, tone and channel; tones: most that one of them summed."""
+    """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these
+    images have, one for each point, tone and channel; tones: most that one of them summed."""
 
     imaging_s: float = 0.0
     terms: int = 0
@@ -54,7 +55,8 @@ _laps: ContextVar[Laps | None] = ContextVar("laps", default=None)
 
 @contextmanager
 def watch() -> Iterator[Laps]:
-    """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless somebody asks."""
+    """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless
+    somebody asks."""
     laps = Laps()
     token = _laps.set(laps)
     try:
@@ -64,28 +66,41 @@ def watch() -> Iterator[Laps]:
 
 
 def _scaled(function: Image) -> Image:
-    """Decorator of an imaging function: samples and tones are arrays of what they should be, and samples whose sums
-    float32 could not hold are imaged near 1; the image is scaled back, in complex128 (magnitudes in float64)."""
+    """Decorator of an imaging function: samples and tones are arrays of what they should be, and
+    samples whose sums float32 could not hold are imaged near 1; the image is scaled back, in
+    complex128 (magnitudes in float64)."""
 
     @wraps(function)
-    def scaled(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, *others: Any, **named: Any) -> Any:
+    def scaled(
+        samples: np.ndarray,
+        frequencies_hz: np.ndarray,
+        aperture: Aperture,
+        *others: Any,
+        **named: Any,
+    ) -> Any:
         samples, frequencies_hz = np.asarray(samples), tones("frequencies_hz", frequencies_hz)
         largest = check_samples(samples, frequencies_hz, aperture)
         if largest == 0 or 1e-20 <= largest <= 1e20:  # whose sums float32 surely holds
             return function(samples, frequencies_hz, aperture, *others, **named)
         if largest * samples.size > np.finfo(np.float64).max:
-            raise HandbenchError(f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them")
+            raise HandbenchError(
+                f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them"
+            )
         near = near_one(samples.astype(np.complex128))
         factor = np.float64(largest / largest_part(near))
         image: Any = function(near, frequencies_hz, aperture, *others, **named)
-        return image.scaled(factor) if isinstance(image, Peaks) else image.astype(np.complex128) * factor
+        return (
+            image.scaled(factor)
+            if isinstance(image, Peaks)
+            else image.astype(np.complex128) * factor
+        )
 
     return cast(Image, scaled)
 
 
 def _watched(function: Image) -> Image:
-    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One that calls another
-    counts once."""
+    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One
+    that calls another counts once."""
 
     function = _scaled(function)
 
@@ -100,7 +115,11 @@ def _watched(function: Image) -> Image:
         finally:
             _laps.reset(token)
             laps.imaging_s += time.perf_counter() - start
-            points = prod(where.shape) if isinstance(where, VoxelGrid) else np.size(cast(Any, where)) // 3
+            points = (
+                prod(where.shape)
+                if isinstance(where, VoxelGrid)
+                else np.size(cast(Any, where)) // 3
+            )
             laps.terms += np.size(samples) * points
             laps.tones = max(laps.tones, len(samples))
 
@@ -119,7 +138,8 @@ def image_points(
 ) -> np.ndarray:
     """Images at points_m [..., 3]: complex64 [...], or [f, ...] with the tones apart.
 
-    samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2 error, None for exact.
+    samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2
+    error, None for exact.
     planned: True to plan, for a tolerance's sake, even where the exact sum costs less.
     """
     check(tolerance)
@@ -136,11 +156,18 @@ def image_points(
     if 2 * len(parts) * node_cost(aperture) > terms:  # a limb and a leaf each
         parts = []
     family = Family(tolerance or 0.0, apart)
-    plans = [points_executor(frequencies_hz, aperture, points[near], family, _device().Executor) for near in parts]
+    plans = [
+        points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
+        for near in parts
+    ]
     if any(executor.plan.countless for executor in plans):
         plans, parts = [], []
     places = [executor.plan.sort(points[near]) for executor, near in zip(plans, parts, strict=True)]
-    if not parts or sum(executor.plan.cost(where) for executor, where in zip(plans, places, strict=True)) > terms:
+    if (
+        not parts
+        or sum(executor.plan.cost(where) for executor, where in zip(plans, places, strict=True))
+        > terms
+    ):
         _require_time(len(samples) * len(points), aperture, f"imaging {len(points)} points")
         images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
     else:
@@ -161,14 +188,19 @@ def image_volume(
     apart: bool = False,
     carrier: bool = True,
 ) -> np.ndarray:
-    """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one plane where nz = 1.
+    """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one
+    plane where nz = 1.
 
-    carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for phases between
-    tones, and faster. Refuses a volume that does not fit the memory limit (see `support.cost`).
+    carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for
+    phases between tones, and faster. Refuses a volume that does not fit the memory limit (see
+    `support.cost`).
     """
     check(tolerance)
     count = len(samples) if apart else 1
-    require_memory(8 * count * int(np.prod(grid.shape)), f"volume of {count} × {grid.shape} voxels [nz, ny, nx]")
+    require_memory(
+        8 * count * int(np.prod(grid.shape)),
+        f"volume of {count} × {grid.shape} voxels [nz, ny, nx]",
+    )
     if tolerance is None:
         volumes = _exact_volume(samples, frequencies_hz, aperture, grid, apart)
     else:
@@ -185,7 +217,11 @@ def image_volume(
 
 @_watched
 def project_volume(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, tolerance: float | None
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    grid: VoxelGrid,
+    tolerance: float | None,
 ) -> Peaks:
     """The strongest voxels along z of the volume, which a finite tolerance never holds."""
     check(tolerance)
@@ -212,22 +248,28 @@ def points_executor(
 
 
 class GridImager:
-    """Images the nodes of a grid's plan, on the chosen device, and has what upsamples them there."""
+    """Images the nodes of a grid's plan, on the chosen device, and has what upsamples them
+    there."""
 
-    def __init__(self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool) -> None:
+    def __init__(
+        self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool
+    ) -> None:
         device = _device()
         self.plan, self._how = plan, (frequencies_hz, aperture, apart)
         self._executor = None if plan.tree is None else device.Executor(plan.tree)
         self.upsampler = device.Upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
-        """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's depth [1]."""
+        """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's
+        depth [1]."""
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
             what = f"exact images of {nodes.shape} nodes [nz, ny, nx]"
             _require_time(len(samples) * prod(nodes.shape), aperture, what)
-            images = _device().exact_images(samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart)
+            images = _device().exact_images(
+                samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart
+            )
         else:
             images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
         return nodes, images.reshape(-1, *nodes.shape)
@@ -237,7 +279,8 @@ def check(tolerance: float | None) -> None:
     """Refuse tolerances that cannot be met."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
-            f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the exact sum (--exact)"
+            f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the "
+            "exact sum (--exact)"
         )
 
 
@@ -247,13 +290,15 @@ def _device() -> Any:
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Say how long exact sums of so many images, one a point and tone, are going to take where that is long, or refuse
-    them; another device's rate is not known."""
+    """Say how long exact sums of so many images, one a point and tone, are going to take where that
+    is long, or refuse them; another device's rate is not known."""
     if chosen() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
 
-def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family) -> GridImager:
+def _grid_imager(
+    frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
+) -> GridImager:
     """The imager of a grid or, where it is one plane, of that and others near it."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
@@ -261,18 +306,32 @@ def _grid_imager(frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
         z_m = np.array([box.low_m[2], box.high_m[2]])
 
     def build() -> GridImager:
-        plan = GridPlan(frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes)
+        plan = GridPlan(
+            frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes
+        )
         return GridImager(plan, frequencies_hz, aperture, family.apart)
 
-    return kept((chosen(), "volume", planes, grid.x_m, grid.y_m, z_m), frequencies_hz, aperture, family, build)
+    return kept(
+        (chosen(), "volume", planes, grid.x_m, grid.y_m, z_m),
+        frequencies_hz,
+        aperture,
+        family,
+        build,
+    )
 
 
 def _exact_volume(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, apart: bool
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    grid: VoxelGrid,
+    apart: bool,
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
-    _require_time(len(samples) * len(flat), aperture, f"exact volume of {grid.shape} voxels [nz, ny, nx]")
+    _require_time(
+        len(samples) * len(flat), aperture, f"exact volume of {grid.shape} voxels [nz, ny, nx]"
+    )
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = _device().exact_images(

@@ -1,12 +1,15 @@
-"""Certificates: the relative error that an image has at most, from its own voxels and the exact sum in float64.
+"""Certificates: the relative error that an image has at most, from its own voxels and the exact sum
+in float64.
 
-A tolerance is kept for echoes that are no worse than white noise. Echoes whose image is small beside them (a leak, a
-target outside the box, data made for it) can miss it, and no bound that holds for any echoes is close for those at hand
-(Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖ ‖samples‖, with u(p) the steering of p and ũ(p) what the skeletons make of
-it). A certificate therefore looks at the image: a few of its voxels, half of them drawn evenly and half as likely as
-they are bright, against sums of every tone and antenna in float64. Weighted by how likely they were, their squared
-errors have the whole image's as their mean. Where a grid's voxels are not all kept, a few of them are formed anew from
-its nodes, as the plan has it: the upsampler's own arithmetic is tested, not certified.
+A tolerance is kept for echoes that are no worse than white noise. Echoes whose image is small
+beside them (a leak, a target outside the box, data made for it) can miss it, and no bound that
+holds for any echoes is close for those at hand (Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖
+‖samples‖, with u(p) the steering of p and ũ(p) what the skeletons make of it). A certificate
+therefore looks at the image: a few of its voxels, half of them drawn evenly and half as likely as
+they are bright, against sums of every tone and antenna in float64. Weighted by how likely they
+were, their squared errors have the whole image's as their mean. Where a grid's voxels are not all
+kept, a few of them are formed anew from its nodes, as the plan has it: the upsampler's own
+arithmetic is tested, not certified.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,10 +25,13 @@ from handbench.radar.imaging.cpu.exact import check_samples, exact_sums
 from handbench.radar.imaging.peaks import root_mean_square
 from handbench.radar.imaging.plan import GridPlan
 
-PICKS = 16  # voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms) allow
+# voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms)
+# allow
+PICKS = 16
 TERMS, MOST = 1e6, 512
-# Over the root of the weighted mean: |error|² is exponential where many terms of random sign add up, and the mean of
-# eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in a million times.
+# Over the root of the weighted mean: |error|² is exponential where many terms of random sign add
+# up, and the mean of eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in
+# a million times.
 FACTOR = 3.3
 ROUNDED = 1 + 1e-5  # of mean squares in single precision, where all voxels are looked at
 NEGLIGIBLE = 1e-2  # of the tolerance: weights of far nodes
@@ -33,17 +39,25 @@ NEGLIGIBLE = 1e-2  # of the tolerance: weights of far nodes
 
 @dataclass
 class Certificate:
-    """bound: relative L2 error of the worst image that was made while it was open; images: how many those were."""
+    """bound: relative L2 error of the worst image that was made while it was open; images: how many
+    those were."""
 
     bound: float = 0.0
     images: int = 0
 
-    def add(self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float) -> None:
-        """Errors [f or 1, n] of one more image of mean_square [f or 1] at places of that weight [n]."""
+    def add(
+        self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float
+    ) -> None:
+        """Errors [f or 1, n] of one more image of mean_square [f or 1] at places of that weight
+        [n]."""
         mean = (np.abs(error) ** 2 * weight).mean(axis=1)
-        relative = np.divide(mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0)
+        relative = np.divide(
+            mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0
+        )
         of_image = factor * float(np.sqrt(relative.max()))
-        self.bound = max(self.bound, of_image / (1 - of_image) if of_image < 1 else np.inf)  # of the exact image
+        self.bound = max(
+            self.bound, of_image / (1 - of_image) if of_image < 1 else np.inf
+        )  # of the exact image
         self.images += 1
 
 
@@ -71,12 +85,14 @@ def imaging_error(
     count: int = 500,
     seed: int = 0,
 ) -> float:
-    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels against the exact sum in
-    float64, relative to the whole volume's own size."""
+    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels
+    against the exact sum in float64, relative to the whole volume's own size."""
     check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
-    return float(np.divide(root_mean_square(image.ravel()[picked] - exact), root_mean_square(image)))
+    return float(
+        np.divide(root_mean_square(image.ravel()[picked] - exact), root_mean_square(image))
+    )
 
 
 def certify_points(
@@ -86,7 +102,8 @@ def certify_points(
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, rows, n], where a certificate is open; points_at_m: flat index [k] → points [k, 3]."""
+    """Certify images [f or 1, rows, n], where a certificate is open; points_at_m: flat index [k] →
+    points [k, 3]."""
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _heard(samples, aperture)
@@ -110,14 +127,20 @@ def certify_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx], where a certificate is open."""
+    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx], where a
+    certificate is open."""
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _heard(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
-    axes = zip(_axes(grid), _axes(nodes), strict=True)  # z, y, x; each voxel counts for the nearest node
+    axes = zip(
+        _axes(grid), _axes(nodes), strict=True
+    )  # z, y, x; each voxel counts for the nearest node
     nearest = [np.searchsorted((node_m[1:] + node_m[:-1]) / 2, axis_m) for axis_m, node_m in axes]
-    z, y, x = (np.bincount(near, minlength=len(node)) for near, node in zip(nearest, _axes(nodes), strict=True))
+    z, y, x = (
+        np.bincount(near, minlength=len(node))
+        for near, node in zip(nearest, _axes(nodes), strict=True)
+    )
     bright = Brightness(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
     (row, along), weight = picked(bright, _count(samples))
     places, generator = (row // len(y), row % len(y), along), np.random.default_rng(images.size)
@@ -125,7 +148,9 @@ def certify_nodes(
         np.searchsorted(near, place) + (generator.random(len(place)) * voxels[place]).astype(int)
         for near, place, voxels in zip(nearest, places, (z, y, x), strict=True)
     ])  # fmt: skip
-    points_m = np.stack([axis[voxel] for axis, voxel in zip(_axes(grid), voxels, strict=True)], axis=1)[:, ::-1]
+    points_m = np.stack(
+        [axis[voxel] for axis, voxel in zip(_axes(grid), voxels, strict=True)], axis=1
+    )[:, ::-1]
     exact = exact_sums(samples, frequencies_hz, aperture, points_m, len(images) > 1)
     smooth = np.stack([_voxel(plan, nodes, images, voxel) for voxel in voxels.T], axis=1)
     found = smooth * plan.carrier_of(*points_m.T)
@@ -133,16 +158,21 @@ def certify_nodes(
 
 
 class Brightness:
-    """Power of images [f or 1, rows, n] whose places stand for rows [rows] × counts [n] voxels, relative to their
-    largest part so that float32 holds it."""
+    """Power of images [f or 1, rows, n] whose places stand for rows [rows] × counts [n] voxels,
+    relative to their largest part so that float32 holds it."""
 
     def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
         self.images, self.rows, self.counts = images, rows, counts
-        parts, twice = np.ascontiguousarray(images).view(np.float32), np.repeat(counts, 2).astype(np.float32)
+        parts, twice = (
+            np.ascontiguousarray(images).view(np.float32),
+            np.repeat(counts, 2).astype(np.float32),
+        )
         self.largest = float(max(parts.max(), -parts.min())) or 1.0
         scale = np.float32(1 / self.largest)
         squares = (np.square(image * scale) for image in parts)
-        self.of_rows = np.stack([np.einsum("rn,n->r", square, twice) for square in squares]).astype(np.float64)
+        self.of_rows = np.stack([np.einsum("rn,n->r", square, twice) for square in squares]).astype(
+            np.float64
+        )
 
     @property
     def voxels(self) -> int:
@@ -159,8 +189,8 @@ class Brightness:
 
 
 def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """So many places of images: (row and place in it, [count] each), weight [count]. The weighted mean of any quantity
-    at them is on average its mean over all voxels."""
+    """So many places of images: (row and place in it, [count] each), weight [count]. The weighted
+    mean of any quantity at them is on average its mean over all voxels."""
     rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
     generator = np.random.default_rng(len(rows) * len(counts))
     even, total = 1 / bright.voxels, float(power @ rows)
@@ -176,19 +206,23 @@ def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray
 
 
 def _count(samples: np.ndarray) -> int:
-    return min(max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:])))), MOST)
+    return min(
+        max(PICKS, int(TERMS / (samples.size + samples.shape[0] * sum(samples.shape[1:])))), MOST
+    )
 
 
 def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
-    """Samples and aperture without antennas that no sample stems from. Where few are left, many leaves of a plan keep
-    all of them and have no error, and the more voxels are looked at."""
+    """Samples and aperture without antennas that no sample stems from. Where few are left, many
+    leaves of a plan keep all of them and have no error, and the more voxels are looked at."""
     heard: np.ndarray = samples[0]
     if not heard.all():
         heard = np.any(samples, axis=0)
     if heard.all() or not heard.any():
         return samples, aperture
     if not isinstance(aperture, AntennaArray):
-        return samples[:, heard], type(aperture)(*(places_m[heard] for places_m in vars(aperture).values()))
+        return samples[:, heard], type(aperture)(
+            *(places_m[heard] for places_m in vars(aperture).values())
+        )
     t, r = heard.any(axis=1), heard.any(axis=0)
     return samples[:, t][:, :, r], AntennaArray(aperture.tx_m[t], aperture.rx_m[r])
 

@@ -1,8 +1,9 @@
-"""The device on which imaging runs: on the processor's cores (cpu), or as array code on a CUDA device (cuda, by CuPy)
-or in numpy (numpy, which tests that code where there is no such device); phases as array code over either (`xp`).
+"""The device on which imaging runs: on the processor's cores (cpu), or as array code on a CUDA
+device (cuda, by CuPy) or in numpy (numpy, which tests that code where there is no such device);
+phases as array code over either (`xp`).
 
-The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread sees it and every
-child process inherits it; the command line sets it from --device.
+The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread
+sees it and every child process inherits it; the command line sets it from --device.
 """
 
 import os
@@ -17,7 +18,9 @@ from handbench.support.errors import HandbenchError
 
 SETTING = "HANDBENCH_DEVICE"
 DEVICES = ("cpu", "cuda", "numpy")
-BLOCK_BYTES = 1 << 28  # of intermediate arrays at once: long enough work for a device, and little of its memory
+BLOCK_BYTES = (
+    1 << 28
+)  # of intermediate arrays at once: long enough work for a device, and little of its memory
 
 Array = Any  # a numpy.ndarray or a cupy.ndarray
 
@@ -32,7 +35,8 @@ def chosen() -> str:
 
 @contextmanager
 def use_device(name: str | None) -> Iterator[None]:
-    """Image on this device (None: on the one already chosen) until the block ends; two threads cannot choose two.
+    """Image on this device (None: on the one already chosen) until the block ends; two threads
+    cannot choose two.
 
     A device that cannot compute, or whose memory runs out, is a HandbenchError.
     """
@@ -46,7 +50,8 @@ def use_device(name: str | None) -> Iterator[None]:
         if chosen() == "cpu":
             raise
         raise HandbenchError(
-            f"--device {chosen()}: its memory is full ({error}); close what else uses it, or leave the option out"
+            f"--device {chosen()}: its memory is full ({error}); close what else uses it, or "
+            "leave the option out"
         ) from error
     finally:
         os.environ.pop(SETTING, None)
@@ -70,20 +75,26 @@ def array_module(device: str | None = None) -> ModuleType:
         ) from error
     try:
         count, reason = cupy.cuda.runtime.getDeviceCount(), "the driver counts none"
-    except RuntimeError as error:  # the base of CuPy's errors: no driver, too old a driver, no device
+    except (
+        RuntimeError
+    ) as error:  # the base of CuPy's errors: no driver, too old a driver, no device
         count, reason = 0, str(error)
     if count == 0:
-        raise HandbenchError(f"--device cuda: no CUDA device found ({reason}); leave the option out")
+        raise HandbenchError(
+            f"--device cuda: no CUDA device found ({reason}); leave the option out"
+        )
     return cupy
 
 
 def _try(xp: ModuleType) -> None:
-    """A first sine and a first product: a missing compiler or cuBLAS shows here, not in the middle of a run."""
+    """A first sine and a first product: a missing compiler or cuBLAS shows here, not in the middle
+    of a run."""
     try:
         to_host(xp.matmul(xp.cos(xp.zeros((2, 2), np.float32)), xp.ones((2, 2), np.float32)))
     except Exception as error:
         raise HandbenchError(
-            f"--device cuda: CuPy finds a device but cannot compute ({error}); pip install 'handbench[gpu]' brings the "
+            f"--device cuda: CuPy finds a device but cannot compute ({error}); pip install "
+            "'handbench[gpu]' brings the "
             "libraries that it needs, or leave the option out"
         ) from error
 
@@ -104,8 +115,8 @@ def describe(device: str | None = None) -> str:
 
 
 def cis(xp: ModuleType, turns: Array) -> Array:
-    """exp(j2π·turns): complex64 of float64 turns, or of float32 ones where a few turns are exact enough; whole ones are
-    taken out in the precision in which they come."""
+    """exp(j2π·turns): complex64 of float64 turns, or of float32 ones where a few turns are exact
+    enough; whole ones are taken out in the precision in which they come."""
     angle = (turns - xp.rint(turns)).astype(np.float32, copy=False)
     angle *= np.float32(2 * np.pi)
     wave = xp.empty(angle.shape, np.complex64)
@@ -115,5 +126,6 @@ def cis(xp: ModuleType, turns: Array) -> Array:
 
 
 def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
-    """|p − a| in float64 of points (x, y, z) and antennas (x, y, z), each an array; they are broadcast."""
+    """|p − a| in float64 of points (x, y, z) and antennas (x, y, z), each an array; they are
+    broadcast."""
     return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

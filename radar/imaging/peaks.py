@@ -15,10 +15,11 @@ def _none() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Peaks:
-    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx] of the voxel before
-    it, of itself and of the one behind it (NaN beyond the volume); the index `rival` [ny, nx] of the next strongest
-    voxel and its magnitude, `second` [ny, nx] (-1 where there is none); error: the root mean square of the errors that
-    voxels have by the image's tolerance."""
+    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx]
+    of the voxel before it, of itself and of the one behind it (NaN beyond the volume); the index
+    `rival` [ny, nx] of the next strongest voxel and its magnitude, `second` [ny, nx] (-1 where
+    there is none); error: the root mean square of the errors that voxels have by the image's
+    tolerance."""
 
     index: np.ndarray
     magnitude: np.ndarray
@@ -29,7 +30,9 @@ class Peaks:
     def scaled(self, factor: np.float64) -> Peaks:
         """Of the same volume times a factor."""
         second = np.where(self.second < 0, -1.0, self.second * factor)
-        return replace(self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor))
+        return replace(
+            self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor)
+        )
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:
@@ -43,8 +46,18 @@ def strongest_voxels(volume: np.ndarray) -> Peaks:
     peaks = Peaks.empty(volume.shape[1:])
     for row in range(volume.shape[1]):
         here = slice(row, row + 1)
-        re, im = (np.ascontiguousarray(part, np.float32) for part in (volume[:, here].real, volume[:, here].imag))
-        strongest(re, im, peaks.index[here], peaks.magnitude[:, here], peaks.rival[here], peaks.second[here])
+        re, im = (
+            np.ascontiguousarray(part, np.float32)
+            for part in (volume[:, here].real, volume[:, here].imag)
+        )
+        strongest(
+            re,
+            im,
+            peaks.index[here],
+            peaks.magnitude[:, here],
+            peaks.rival[here],
+            peaks.second[here],
+        )
     return peaks
 
 
@@ -77,6 +90,8 @@ def strongest(re, im, index, magnitude, rival, second):  # type: ignore[no-untyp
             for side in (0, 2):
                 k = where[i] + side - 1
                 if 0 <= k < nz:
-                    magnitude[side, j, i] = np.sqrt(re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i])
+                    magnitude[side, j, i] = np.sqrt(
+                        re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
+                    )
                 else:
                     magnitude[side, j, i] = np.nan

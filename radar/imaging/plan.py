@@ -1,7 +1,8 @@
 """Plans: what imaging and simulation of a box or a grid ask for, from the geometry alone.
 
-A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) carry it out: images
-of points, their adjoint, and volumes by band-limited upsampling. What has been planned is kept per geometry.
+A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`)
+carry it out: images of points, their adjoint, and volumes by band-limited upsampling. What has been
+planned is kept per geometry.
 """
 
 import hashlib
@@ -29,11 +30,13 @@ PROBES = 7  # points along each axis of a box at which the local band is looked 
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
 KEPT = 24  # plans; the oldest goes first
-# What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a small one takes. A
-# grid's plan, which images share, may cost PLANNED in any case (some 3 s); beyond that, and of points, a plan costs no
-# more than the exact sum of the image it is for.
+# What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a
+# small one takes. A grid's plan, which images share, may cost PLANNED in any case (some 3 s);
+# beyond that, and of points, a plan costs no more than the exact sum of the image it is for.
 GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
-SCAN = 16  # times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14 to 19)
+# times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14
+# to 19)
+SCAN = 16
 MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
 
 Kept = TypeVar("Kept")
@@ -43,7 +46,8 @@ _lock = Lock()
 
 
 class Sorted(NamedTuple):
-    """Points [3, n] by limb and leaf: order [n] of the original ones, starts [leaves + 1] of each leaf's."""
+    """Points [3, n] by limb and leaf: order [n] of the original ones, starts [leaves + 1] of each
+    leaf's."""
 
     points_m: np.ndarray
     order: np.ndarray
@@ -51,12 +55,17 @@ class Sorted(NamedTuple):
 
 
 class TreePlan:
-    """A box's root, and its division into limbs and leaves, for images and echoes of points within it."""
+    """A box's root, and its division into limbs and leaves, for images and echoes of points within
+    it."""
 
-    def __init__(self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family) -> None:
+    def __init__(
+        self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family
+    ) -> None:
         self.box, self.family = box, family
         low, high = bands(frequencies_hz, aperture, box)
-        leaves = np.maximum(np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1).astype(int)
+        leaves = np.maximum(
+            np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1
+        ).astype(int)
         self.limbs = np.maximum(np.round(leaves / LIMB), 1).astype(int)
         self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
         self.leaves_per_limb = int(np.prod(self.leaves))
@@ -74,8 +83,8 @@ class TreePlan:
         return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
 
     def cost(self, where: Sorted | None = None) -> float:
-        """Cost of planning the limbs and leaves that points lie in, or all, in terms (point × tone × channel) of the
-        exact sum."""
+        """Cost of planning the limbs and leaves that points lie in, or all, in terms (point × tone
+        × channel) of the exact sum."""
         nodes = self.count * (1 + self.leaves_per_limb)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
@@ -106,16 +115,22 @@ class TreePlan:
 
 
 class GridPlan:
-    """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of any one plane
-    between the grid's first and last z. tree: of the nodes, None where skeletons would cost more than they save (too
-    many antennas, too few nodes).
+    """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of
+    any one plane between the grid's first and last z. tree: of the nodes, None where skeletons
+    would cost more than they save (too many antennas, too few nodes).
 
-    Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference) and the middle of the
-    band taken out, an image varies as slowly as the array's angles and bandwidth allow.
+    Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference)
+    and the middle of the band taken out, an image varies as slowly as the array's angles and
+    bandwidth allow.
     """
 
     def __init__(
-        self, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family, planes: bool = False
+        self,
+        frequencies_hz: np.ndarray,
+        aperture: Aperture,
+        grid: VoxelGrid,
+        family: Family,
+        planes: bool = False,
     ) -> None:
         axes = (grid.x_m, grid.y_m, grid.z_m)
         low_m, high_m = grid.ends_m
@@ -138,7 +153,11 @@ class GridPlan:
         images = len(frequencies_hz) if family.apart else 1
         needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
-        self.tree = None if crowded(aperture) else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
+        self.tree = (
+            None
+            if crowded(aperture)
+            else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
+        )
         terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
         if self.tree is not None and (cost := self.tree.cost()) > max(PLANNED, terms):
             self.tree = None
@@ -151,9 +170,11 @@ class GridPlan:
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
-        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz, ny, nx], of numpy or
-        of a device's arrays (`xp`)."""
-        z, y, x = (xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m))
+        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz,
+        ny, nx], of numpy or of a device's arrays (`xp`)."""
+        z, y, x = (
+            xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m)
+        )
         return self.carrier_of(x, y, z, xp)
 
     def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
@@ -164,19 +185,25 @@ class GridPlan:
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)
         return cis(xp, turns)
 
-    def _envelopes(self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray) -> np.ndarray:
-        """Single channels without the carrier, those of both legs' outermost antennas at the band's ends, at points_m
-        [n, lines, 3]: complex64 [n, lines, m]."""
+    def _envelopes(
+        self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+    ) -> np.ndarray:
+        """Single channels without the carrier, those of both legs' outermost antennas at the band's
+        ends, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
         path_m = sum(
-            leg.passes * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
+            leg.passes
+            * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
             for leg in aperture.legs
         )
-        turns_per_m = np.array([np.min(frequencies_hz), np.max(frequencies_hz)]) / SPEED_OF_LIGHT_M_S
+        turns_per_m = (
+            np.array([np.min(frequencies_hz), np.max(frequencies_hz)]) / SPEED_OF_LIGHT_M_S
+        )
         turns = np.multiply.outer(path_m, turns_per_m).reshape(*points_m.shape[:2], -1)
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
-        """The nodes in the order of the plan's tree, which no plane's depth changes while the leaves are one layer."""
+        """The nodes in the order of the plan's tree, which no plane's depth changes while the
+        leaves are one layer."""
         if self.planes and tree.limbs[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
@@ -189,7 +216,8 @@ class GridPlan:
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
-    """Those of antennas [n, 3] that lie furthest out along x, y, z, and the one nearest their middle: [7, 3]."""
+    """Those of antennas [n, 3] that lie furthest out along x, y, z, and the one nearest their
+    middle: [7, 3]."""
     middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
     return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
@@ -201,23 +229,32 @@ def node_cost(aperture: Aperture) -> float:
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:
-    """Terms (point × tone × channel) of exact sums for so many images of a point at a tone, in those of an array."""
-    return float(images) * prod(aperture.channels) * (1 if isinstance(aperture, AntennaArray) else SCAN)
+    """Terms (point × tone × channel) of exact sums for so many images of a point at a tone, in
+    those of an array."""
+    return (
+        float(images)
+        * prod(aperture.channels)
+        * (1 if isinstance(aperture, AntennaArray) else SCAN)
+    )
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the middle of each
-    leg's antennas."""
+    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the
+    middle of each leg's antennas."""
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
 
-def bands(frequencies_hz: np.ndarray, aperture: Aperture, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest spatial frequency [3], [3] (rad/m) that an image has along x, y, z within the box, once
-    exp(jk_c Σ R_reference) is taken out of it."""
+def bands(
+    frequencies_hz: np.ndarray, aperture: Aperture, box: Box
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest spatial frequency [3], [3] (rad/m) that an image has along x, y, z within
+    the box, once exp(jk_c Σ R_reference) is taken out of it."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
-    axes = [np.linspace(low, high, PROBES if high > low else 1) for low, high in zip(*box, strict=True)]
+    axes = [
+        np.linspace(low, high, PROBES if high > low else 1) for low, high in zip(*box, strict=True)
+    ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     low, high = np.zeros_like(points), np.zeros_like(points)
     for leg, passes, reference_m in zip(aperture.legs, *carriers(aperture), strict=True):
@@ -239,8 +276,8 @@ def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
 
 
 def roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of one frame and the
-    next share a plan; what they do not touch is never planned."""
+    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of
+    one frame and the next share a plan; what they do not touch is never planned."""
     extent = high_m - low_m
     cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
     return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
@@ -248,7 +285,8 @@ def roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
 
 @contextmanager
 def fresh_plans() -> Iterator[None]:
-    """Begin without a plan, as a new process does, and drop those made in the block when it ends."""
+    """Begin without a plan, as a new process does, and drop those made in the block when it
+    ends."""
     global _kept
     before, _kept = _kept, OrderedDict()
     try:
@@ -258,7 +296,11 @@ def fresh_plans() -> Iterator[None]:
 
 
 def kept(
-    what: tuple[Any, ...], frequencies_hz: np.ndarray, aperture: Aperture, family: Family, build: Callable[[], Kept]
+    what: tuple[Any, ...],
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    family: Family,
+    build: Callable[[], Kept],
 ) -> Kept:
     """The plan of this geometry with its executor, built once by `build`."""
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
@@ -270,7 +312,9 @@ def kept(
     key = digest.digest()
     with _lock:
         if key not in _kept:
-            with one_blas_thread():  # rounding, and with it the plan, must not depend on the number of threads
+            with (
+                one_blas_thread()
+            ):  # rounding, and with it the plan, must not depend on the number of threads
                 _kept[key] = build()
             if len(_kept) > KEPT:
                 _kept.popitem(last=False)

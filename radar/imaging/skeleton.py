@@ -1,9 +1,9 @@
 """Skeletons: a few members of a band-limited family carry all the others.
 
-Antennas and tones that few of them carry (interpolative decomposition), and the samples of an axis that a few coarse
-nodes carry (band-limited upsampling): with positions in the axis' own unit and a spectrum within ±w,
-fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squares over functions whose spectrum crowds at ±w,
-where an even one (sinc) errs three times more.
+Antennas and tones that few of them carry (interpolative decomposition), and the samples of an axis
+that a few coarse nodes carry (band-limited upsampling): with positions in the axis' own unit and a
+spectrum within ±w, fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squares over
+functions whose spectrum crowds at ±w, where an even one (sinc) errs three times more.
 """
 
 from collections.abc import Callable
@@ -17,9 +17,13 @@ from scipy.special import j0
 from handbench.support.compiled import njit
 
 TIE = 1e-6  # relative difference below which two members are as good
-CROWDING, REACH = 0.6, 4.0  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
+CROWDING, REACH = (
+    0.6,
+    4.0,
+)  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
-WINDOW = 128  # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
+# intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
+WINDOW = 128
 OVERLAP = 14  # ... and nodes beyond them on either side, where they exist anyway
 
 WIDER = 1.015  # steps of a band that leaks, until the worst channel errs no more than ...
@@ -27,24 +31,28 @@ SINGLE = 1.6  # ... this many times what any frequency of the band may
 AMPLIFICATION = 1.6  # of the nodes' own errors, root mean square over the fine samples
 PROBED = 49  # frequencies at which the misfit is looked up
 
-Waves = Callable[[np.ndarray], np.ndarray]  # of single channels [n, lines, m] at points [n, lines, 3]
+Waves = Callable[
+    [np.ndarray], np.ndarray
+]  # of single channels [n, lines, m] at points [n, lines, 3]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pivoted Cholesky of a positive semi-definite kernel [n, n] with unit diagonal until no member is further than
-    `tolerance` from the span of those chosen.
+    """Pivoted Cholesky of a positive semi-definite kernel [n, n] with unit diagonal until no member
+    is further than `tolerance` from the span of those chosen.
 
     Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
     """
     index, factor = _pivoted_cholesky(np.ascontiguousarray(gram, np.float64), tolerance**2)
-    # G_ss⁻¹ G_s,all with G = factorᵀ factor; the checks of solve_triangular would take a quarter of a plan's time
+    # G_ss⁻¹ G_s,all with G = factorᵀ factor; the checks of solve_triangular would take a quarter of
+    # a plan's time
     weights, _ = dtrtrs(factor[:, index].T, factor, lower=1, trans=1)
     return index, weights
 
 
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Π J₀(w (a − b)) [n, m] at a [n, d], b [m, d], half_band [d]: the kernel of a spectrum that crowds at the band's
-    edges. With sinc, of an even one, errors are three to four times larger there for as many members."""
+    """Π J₀(w (a − b)) [n, m] at a [n, d], b [m, d], half_band [d]: the kernel of a spectrum that
+    crowds at the band's edges. With sinc, of an even one, errors are three to four times larger
+    there for as many members."""
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
@@ -60,7 +68,9 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
         residual[j] = gram[j, j]
     for k in range(n):
         pivot = 0
-        for j in range(1, n):  # symmetric arrays have ties, which rounding must not decide: the first one counts
+        for j in range(
+            1, n
+        ):  # symmetric arrays have ties, which rounding must not decide: the first one counts
             if residual[j] > (1 + TIE) * residual[pivot]:
                 pivot = j
         if residual[pivot] <= least:
@@ -83,8 +93,8 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Resampler:
-    """nodes_m [n] and, per window, (fine slice, node slice, weights [fine, nodes] float32); no windows: the nodes are
-    the fine samples."""
+    """nodes_m [n] and, per window, (fine slice, node slice, weights [fine, nodes] float32); no
+    windows: the nodes are the fine samples."""
 
     nodes_m: np.ndarray
     windows: tuple[tuple[slice, slice, np.ndarray], ...]
@@ -106,31 +116,39 @@ class Resampler:
         return fine
 
     def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
-        """The nodes that one fine sample follows from, and their weights; those below `least` at the ends are left."""
+        """The nodes that one fine sample follows from, and their weights; those below `least` at
+        the ends are left."""
         for here, of, weights in self.windows:
             if fine < here.stop:
                 row = weights[fine - here.start]
                 kept = np.flatnonzero(np.abs(row) >= least)
-                return slice(of.start + kept[0], of.start + kept[-1] + 1), row[kept[0] : kept[-1] + 1]
+                return slice(of.start + kept[0], of.start + kept[-1] + 1), row[
+                    kept[0] : kept[-1] + 1
+                ]
         return slice(fine, fine + 1), np.ones(1, np.float32)
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
-        """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or None)."""
+        """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or
+        None)."""
         whole = slice(0, len(self.nodes_m))
         pieces: list[tuple[slice, slice, np.ndarray | None]] = []
         for fine, of, weights in self.windows or ((whole, whole, None),):
             for start in range(fine.start, fine.stop, most):
                 here = slice(start, min(start + most, fine.stop))
                 inside = slice(here.start - fine.start, here.stop - fine.start)
-                pieces.append((here, here, None) if weights is None else (here, of, weights[inside]))
+                pieces.append(
+                    (here, here, None) if weights is None else (here, of, weights[inside])
+                )
         return pieces
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
-    """The fewest nodes for fine_m [n] (ascending, even or not) from which every frequency within ±half_band (rad/m) is
-    regained with a relative L2 error of at most `tolerance`; the fine samples themselves where that saves nothing.
+    """The fewest nodes for fine_m [n] (ascending, even or not) from which every frequency within
+    ±half_band (rad/m) is regained with a relative L2 error of at most `tolerance`; the fine samples
+    themselves where that saves nothing.
 
-    The search begins at the family's degrees of freedom to that error (Slepian 1983), which few nodes stay below."""
+    The search begins at the family's degrees of freedom to that error (Slepian 1983), which few
+    nodes stay below."""
     extent = fine_m[-1] - fine_m[0]
     c = max(extent * half_band / 2, 1.0)
     intervals = max(int(2 / np.pi * c - 2 / np.pi**2 * np.log(c) * np.log(tolerance)), 1)
@@ -140,7 +158,10 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
         for out, of in _windows(fine_m, nodes, intervals):
             weights = _weights(fine_m[out], nodes[of], half_band, tolerance)
             amplification = np.sqrt((weights**2).sum(axis=1).mean())
-            if amplification > AMPLIFICATION or _misfit(fine_m[out], nodes[of], weights, half_band) > tolerance:
+            if (
+                amplification > AMPLIFICATION
+                or _misfit(fine_m[out], nodes[of], weights, half_band) > tolerance
+            ):
                 break
             windows.append((out, of, weights))
         else:
@@ -150,20 +171,33 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
 
 
 def regaining(
-    fine_m: np.ndarray, along: int, half_band: float, tolerance: float, places_m: np.ndarray, waves: Waves
+    fine_m: np.ndarray,
+    along: int,
+    half_band: float,
+    tolerance: float,
+    places_m: np.ndarray,
+    waves: Waves,
 ) -> Resampler:
-    """The `resampler` along one axis of a grid that regains single channels, too, on lines at all combinations of
-    places_m [n, 3] of the other axes: chirps, which leak out of a band, so that it is widened until they are."""
-    sides = list(product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along)))
+    """The `resampler` along one axis of a grid that regains single channels, too, on lines at all
+    combinations of places_m [n, 3] of the other axes: chirps, which leak out of a band, so that it
+    is widened until they are."""
+    sides = list(
+        product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along))
+    )
 
     def on_lines(position_m: np.ndarray) -> np.ndarray:
-        lines = [np.insert(np.tile(side, (len(position_m), 1)), along, position_m, axis=1) for side in sides]
+        lines = [
+            np.insert(np.tile(side, (len(position_m), 1)), along, position_m, axis=1)
+            for side in sides
+        ]
         return waves(np.stack(lines, axis=1))
 
     fine = on_lines(fine_m)
     while (found := resampler(fine_m, half_band, tolerance)).windows:
         nodes = on_lines(found.nodes_m)
-        regained = np.concatenate([np.tensordot(weights, nodes[of], 1) for _, of, weights in found.windows])
+        regained = np.concatenate(
+            [np.tensordot(weights, nodes[of], 1) for _, of, weights in found.windows]
+        )
         if (np.abs(regained - fine) ** 2).mean(axis=(0, 1)).max() <= (SINGLE * tolerance) ** 2:
             break
         half_band *= WIDER
@@ -171,35 +205,46 @@ def regaining(
 
 
 def _crowded(intervals: int) -> np.ndarray:
-    """Nodes [intervals + 1] from 0 to 1, even but for the ends, where they lie closer: beyond an end nothing is known,
-    and nodes within the axis cost less than guards outside it."""
+    """Nodes [intervals + 1] from 0 to 1, even but for the ends, where they lie closer: beyond an
+    end nothing is known, and nodes within the axis cost less than guards outside it."""
     from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
     nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
     return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some empty."""
+    """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some
+    empty."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
     edges = np.searchsorted(fine_m, nodes_m[bounds])
     edges[0], edges[-1] = 0, len(fine_m)
     return [
         (slice(int(start), int(stop)), slice(max(first - OVERLAP, 0), last + OVERLAP + 1))
-        for first, last, start, stop in zip(bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True)
+        for first, last, start, stop in zip(
+            bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True
+        )
         if stop > start
     ]
 
 
-def _misfit(fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float) -> float:
+def _misfit(
+    fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float
+) -> float:
     """Relative L2 error over fine_m of the frequency within ±half_band that is regained worst."""
-    frequency = half_band * np.cos(np.linspace(0, np.pi / 2, PROBED))  # crowded at the band's edge, where it is worst
+    frequency = half_band * np.cos(
+        np.linspace(0, np.pi / 2, PROBED)
+    )  # crowded at the band's edge, where it is worst
     regained = weights @ np.exp(1j * np.multiply.outer(nodes_m - fine_m[0], frequency))
     wave = np.exp(1j * np.multiply.outer(fine_m - fine_m[0], frequency))
     return float(np.sqrt((np.abs(regained - wave) ** 2).mean(axis=0).max()))
 
 
-def _weights(fine_m: np.ndarray, nodes_m: np.ndarray, half_band: float, tolerance: float) -> np.ndarray:
+def _weights(
+    fine_m: np.ndarray, nodes_m: np.ndarray, half_band: float, tolerance: float
+) -> np.ndarray:
     w = np.array([half_band])
-    among = band_kernel(nodes_m[:, None], nodes_m[:, None], w) + REGULARISATION * tolerance**2 * np.eye(len(nodes_m))
+    among = band_kernel(
+        nodes_m[:, None], nodes_m[:, None], w
+    ) + REGULARISATION * tolerance**2 * np.eye(len(nodes_m))
     across = band_kernel(nodes_m[:, None], fine_m[:, None], w)
     return np.ascontiguousarray(np.linalg.solve(among, across).T, np.float32)

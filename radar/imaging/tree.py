@@ -1,12 +1,14 @@
-"""The tree of boxes behind fast imaging: each box knows the few tones and antennas that it needs of its parent's.
+"""The tree of boxes behind fast imaging: each box knows the few tones and antennas that it needs of
+its parent's.
 
-Seen from a small box, most tones and most antennas tell the same story. With ΔR_a(p) = R_a(p) − R_a(c) about the box's
-centre c and samples S in the parent's local phases, a box's samples are
+Seen from a small box, most tones and most antennas tell the same story. With ΔR_a(p) = R_a(p) −
+R_a(c) about the box's centre c and samples S in the parent's local phases, a box's samples are
 
     M[m, a, b] = Σ_f Σ_t Σ_r  L[m, f] X[a, t] Y[b, r] e^{jk_f(R_t(c) + R_r(c))} S[f, t, r],
 
-and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p of the box (a butterfly: Michielssen & Boag
-1996; Candès, Demanet & Ying 2009). L, X and Y are the real weights of interpolative decompositions.
+and O(p) = Σ_m Σ_ab e^{jk_mΔR_a(p)} M[m, a, b] e^{jk_mΔR_b(p)} for every p of the box (a butterfly:
+Michielssen & Boag 1996; Candès, Demanet & Ying 2009). L, X and Y are the real weights of
+interpolative decompositions.
 """
 
 from collections.abc import Callable
@@ -22,13 +24,16 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticSc
 from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
-# Of the tolerance, for each skeleton that keeps more members than the second number: residuals are held below it at
-# their worst member. The errors of many members differ and average out; so few as five are all alike and near their
-# bound: those of both legs in limb and leaf, and of tones, add up to √6 of it (1.2 of the tolerance was measured 100 m
-# away). Chosen so that a single live channel, whose error no other averages, keeps the tolerance (measured: 0.9 of it
-# at worst on the paper's volume, where white noise uses 0.7; with 1.6 in place of 1.3: 1.16).
+# Of the tolerance, for each skeleton that keeps more members than the second number: residuals are
+# held below it at their worst member. The errors of many members differ and average out; so few as
+# five are all alike and near their
+# bound: those of both legs in limb and leaf, and of tones, add up to √6 of it (1.2 of the tolerance
+# was measured 100 m away). Chosen so that a single live channel, whose error no other averages,
+# keeps the tolerance (measured: 0.9 of it at worst on the paper's volume, where white noise uses
+# 0.7; with 1.6 in place of 1.3: 1.16).
 SHARES = (1.3, 15), (1.0, 5), (0.4, 0)
-# In a box of so few wavelengths the residuals of all its points are alike, and add up where the points' echoes cancel
+# In a box of so few wavelengths the residuals of all its points are alike, and add up where the
+# points' echoes cancel
 # each other: to twice the tolerance for 60 points within 2.5 mm, each of which met it.
 TOGETHER, ADDED_UP = 2.0, 0.1
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
@@ -36,7 +41,9 @@ DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
 CROWDED = 1024  # antennas of a leg above which skeletons would outgrow what they save
 
-Reduce = Callable[[float], tuple[np.ndarray, np.ndarray]]  # a tolerance to a skeleton's members and weights
+Reduce = Callable[
+    [float], tuple[np.ndarray, np.ndarray]
+]  # a tolerance to a skeleton's members and weights
 
 
 class Box(NamedTuple):
@@ -58,8 +65,9 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """Antennas position_m [n, 3] that a box keeps, number [n] among all, `passes` of its leg, and length_m [n] = passes
-    · |c − a|: the phase already taken out of the samples (zero above the root)."""
+    """Antennas position_m [n, 3] that a box keeps, number [n] among all, `passes` of its leg, and
+    length_m [n] = passes · |c − a|: the phase already taken out of the samples (zero above the
+    root)."""
 
     position_m: np.ndarray
     passes: int
@@ -73,8 +81,9 @@ class LocalLeg:
 
 @dataclass(frozen=True)
 class Node:
-    """A box with the tones turns_per_m [k] = f/c and antennas it keeps, and how its samples follow from its parent's:
-    tone_weights [k, parent's k], leg_weights [n, parent's n] for each leg, shifts_m [parent's n] for each leg."""
+    """A box with the tones turns_per_m [k] = f/c and antennas it keeps, and how its samples follow
+    from its parent's: tone_weights [k, parent's k], leg_weights [n, parent's n] for each leg,
+    shifts_m [parent's n] for each leg."""
 
     box: Box
     turns_per_m: np.ndarray
@@ -85,10 +94,10 @@ class Node:
 
 
 class Family(NamedTuple):
-    """The properties that a tree's boxes share: the tolerance, whether tones stay apart (one image each), how much
-    longer than geometry a path can be (delays), whether all antennas are kept, the exponent of the antennas' pattern
-    where legs have gains (simulation with spreading), and the sine of the angle by which waves come beside the box, as
-    an antenna sees it (diffraction)."""
+    """The properties that a tree's boxes share: the tolerance, whether tones stay apart (one image
+    each), how much longer than geometry a path can be (delays), whether all antennas are kept, the
+    exponent of the antennas' pattern where legs have gains (simulation with spreading), and the
+    sine of the angle by which waves come beside the box, as an antenna sees it (diffraction)."""
 
     tolerance: float
     apart: bool
@@ -99,24 +108,30 @@ class Family(NamedTuple):
 
 
 def crowded(aperture: Aperture) -> bool:
-    """True where the aperture is none for skeletons: its antennas are too many, as a raster scan's tens of thousands of
-    positions, or do not all hear each other."""
+    """True where the aperture is none for skeletons: its antennas are too many, as a raster scan's
+    tens of thousands of positions, or do not all hear each other."""
     return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
 def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     """The node above the root: all tones, all antennas, no phase taken out."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
-    legs = tuple(LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted)
+    legs = tuple(
+        LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
+    )
     nothing = np.zeros((0, 0), np.float32)
     everywhere = Box(np.full(3, -np.inf), np.full(3, np.inf))
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
-    return Node(everywhere, turns_per_m, legs, nothing, (nothing, nothing), (np.zeros(0), np.zeros(0)))
+    return Node(
+        everywhere, turns_per_m, legs, nothing, (nothing, nothing), (np.zeros(0), np.zeros(0))
+    )
 
 
 def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
     """The node of a box within its parent's."""
-    lengths = [leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs]
+    lengths = [
+        leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs
+    ]
     shifts = tuple(length - leg.length_m for length, leg in zip(lengths, parent.legs, strict=True))
     tones, tone_weights = _tones(parent, box, lengths, family)
     turns_per_m = parent.turns_per_m[tones]
@@ -131,12 +146,14 @@ def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) 
 def split(box: Box, parts: np.ndarray) -> list[Box]:
     """The box in parts [3] equal pieces along each axis."""
     edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
-    return [Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))]
+    return [
+        Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))
+    ]
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
-    """Indices of points [n, 3] that lie near enough together for one tree: halves of halves, until the half-wavelengths
-    in their box are few enough to be counted out."""
+    """Indices of points [n, 3] that lie near enough together for one tree: halves of halves, until
+    the half-wavelengths in their box are few enough to be counted out."""
     half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
     parts, near = [np.arange(len(points_m))], []
     while parts:
@@ -151,12 +168,16 @@ def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarra
     return near
 
 
-def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) -> tuple[np.ndarray, np.ndarray]:
-    """Tones whose paths differ by at most d = Σ_legs max|ΔR| over the box: half-band d over wavenumbers."""
+def _tones(
+    parent: Node, box: Box, lengths: list[np.ndarray], family: Family
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tones whose paths differ by at most d = Σ_legs max|ΔR| over the box: half-band d over
+    wavenumbers."""
     every = np.arange(len(parent.turns_per_m))
     if family.apart or len(every) <= 2:
         return every, np.zeros((0, 0), np.float32)
-    reach_m = sum(  # distances are convex, so that they are largest in a corner; the lowest may be the centre's
+    # distances are convex, so that they are largest in a corner; the lowest may be the centre's
+    reach_m = sum(
         np.abs(leg.passes * _distances(leg.position_m, box.corners_m) - length[:, None]).max()
         for leg, length in zip(parent.legs, lengths, strict=True)
     )
@@ -169,13 +190,15 @@ def _tones(parent: Node, box: Box, lengths: list[np.ndarray], family: Family) ->
 def _antennas(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Antennas of one leg that carry e^{jk(R_a(p) − R_a(c))} of all others, for p in the box and all k.
+    """Antennas of one leg that carry e^{jk(R_a(p) − R_a(c))} of all others, for p in the box and
+    all k.
 
-    The family is sampled rather than bounded by a band: near the aperture its waves are chirps, whose spectrum leaks
-    out of any band. Real weights that fit a family fit its conjugate: the real part of its Gram matrix is enough.
-    Where legs have gains, these belong to the family: in a small box few antennas tell all phases, but not how 1/R and
-    the obliquity differ from one to the next.
-    Around an antenna, where its distance has a kink that no sample may meet, all are kept.
+    The family is sampled rather than bounded by a band: near the aperture its waves are chirps,
+    whose spectrum leaks out of any band. Real weights that fit a family fit its conjugate: the real
+    part of its Gram matrix is enough.
+    Where legs have gains, these belong to the family: in a small box few antennas tell all phases,
+    but not how 1/R and the obliquity differ from one to the next. Around an antenna, where its
+    distance has a kink that no sample may meet, all are kept.
     """
     n = len(leg.position_m)
     if keep or family.whole or n == 1:
@@ -185,10 +208,14 @@ def _antennas(
         box = Box(box.low_m - margin_m, box.high_m + margin_m)
     if (np.abs(leg.position_m - box.centre_m) <= box.high_m - box.low_m).all(axis=1).any():
         return np.arange(n), np.eye(n, dtype=np.float32)
-    return _reduced(_family_skeletons(leg, box, turns_per_m, family.pattern), box, turns_per_m, family.tolerance)
+    return _reduced(
+        _family_skeletons(leg, box, turns_per_m, family.pattern), box, turns_per_m, family.tolerance
+    )
 
 
-def _reduced(reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(
+    reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The skeleton that `reduce` makes to its share of the tolerance, weights in float32."""
     together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
     for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
@@ -198,13 +225,21 @@ def _reduced(reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float
     return index, np.ascontiguousarray(weights, np.float32)
 
 
-def _family_skeletons(leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None) -> Reduce:
-    """Skeletons of a leg's antennas over a box; more than DIRECT are thinned half by half, each for itself."""
+def _family_skeletons(
+    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
+) -> Reduce:
+    """Skeletons of a leg's antennas over a box; more than DIRECT are thinned half by half, each for
+    itself."""
     n = len(leg.position_m)
     if n > DIRECT:
-        order = np.argsort(leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable")
+        order = np.argsort(
+            leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable"
+        )
         halves = np.array_split(order, 2)
-        of_half = [_family_skeletons(leg.only(half, leg.length_m), box, turns_per_m, pattern) for half in halves]
+        of_half = [
+            _family_skeletons(leg.only(half, leg.length_m), box, turns_per_m, pattern)
+            for half in halves
+        ]
 
         def joined(tolerance: float) -> tuple[np.ndarray, np.ndarray]:
             (first, above), (second, below) = (reduce(tolerance) for reduce in of_half)
@@ -214,14 +249,17 @@ def _family_skeletons(leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern:
 
         return joined
     points_m, turns = _probes(box, turns_per_m, PROBES * n)
-    waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(np.float64)
+    waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(
+        np.float64
+    )
     if pattern is not None:
         waves *= np.tile(probe_gains(points_m, leg.position_m, pattern), (2, 1))
     return partial(skeleton, waves.T @ waves / len(points_m))
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c [count] of tones."""
+    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c
+    [count] of tones."""
     across, share = _sequence(count)
     low, high = turns_per_m.min(), turns_per_m.max()
     return box.low_m + (box.high_m - box.low_m) * across, low + (high - low) * share
@@ -229,8 +267,8 @@ def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, 
 
 @lru_cache(maxsize=256)
 def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places [count, 3] in the unit cube and shares [count] of a band: an additive sequence (Roberts' generalised
-    golden ratio), the same every time; not to be changed."""
+    """Places [count, 3] in the unit cube and shares [count] of a band: an additive sequence
+    (Roberts' generalised golden ratio), the same every time; not to be changed."""
     golden = 1.1673039782614187  # g⁵ = g + 1: the ratio for four dimensions
     u = (0.5 + np.arange(count)[:, None] / golden ** np.arange(1, 5)) % 1.0
     across = (1 - np.cos(np.pi * u[:, :3])) / 2

@@ -1,4 +1,5 @@
-"""Advice for a capture that a method's settings do not suit: what its tones lack, and what its images cannot tell."""
+"""Advice for a capture that a method's settings do not suit: what its tones lack, and what its
+images cannot tell."""
 
 from __future__ import annotations
 
@@ -15,10 +16,19 @@ from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 CLIMB = 12.5  # times as far as the rung before it: 200 MHz to 2.5 GHz in the paper
-CLOSER, CLOSEST = 3, 16  # times as close as a method's pair: tones that reach further, and still tell the period
+CLOSER, CLOSEST = (
+    3,
+    16,
+)  # times as close as a method's pair: tones that reach further, and still tell the period
 STRONGEST = 200  # pixels whose echoes tell where the target is, together
 ALIKE = 0.5  # coherence of two tones' images, from which on they show one thing
-TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")  # settings of one tone each, the pair that is close first
+TONES = (
+    "f1_hz",
+    "f2_hz",
+    "close_hz",
+    "f3_hz",
+    "far_hz",
+)  # settings of one tone each, the pair that is close first
 
 
 def asked_hz(config: Config) -> np.ndarray | None:
@@ -28,7 +38,8 @@ def asked_hz(config: Config) -> np.ndarray | None:
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """HandbenchError where the capture lacks tones that a configuration asks for; names settings for those it has."""
+    """HandbenchError where the capture lacks tones that a configuration asks for; names settings
+    for those it has."""
     if (asked := asked_hz(config)) is None:
         return
     try:
@@ -40,21 +51,30 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
             capture.tones(np.asarray(asked_hz(suited)))
         except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
             raise error from None
-        told = " ".join(f"--set {name}={_text(v)}" for name, v in settings.items() if v != getattr(config, name))
+        told = " ".join(
+            f"--set {name}={_text(v)}" for name, v in settings.items() if v != getattr(config, name)
+        )
         raise HandbenchError(f"{error}, as by {told}") from None
 
 
 def _suiting(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
-    """The settings among those known by which a method takes tones that are there, the highest of them first."""
+    """The settings among those known by which a method takes tones that are there, the highest of
+    them first."""
     if "count" in known:
-        return {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0]), "count": len(tones_hz)}
+        return {
+            "start_hz": float(tones_hz[-1]),
+            "stop_hz": float(tones_hz[0]),
+            "count": len(tones_hz),
+        }
     rungs, reach_hz = [0, 1], np.ptp(tones_hz[:2])
     while len(tones_hz) > 2 and reach_hz < np.ptp(tones_hz):
         reach_hz *= CLIMB
         rungs.append(2 + int(np.abs(tones_hz[2:] - tones_hz[0] + reach_hz).argmin()))
     found = tones_hz[np.unique(rungs) % len(tones_hz)].tolist()
     names = [name for name in TONES if name in known]
-    return {"tones_hz": tuple(found)} if "tones_hz" in known else dict(zip(names, found, strict=False))
+    return (
+        {"tones_hz": tuple(found)} if "tones_hz" in known else dict(zip(names, found, strict=False))
+    )
 
 
 def _text(value: Any) -> str:
@@ -70,34 +90,58 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     if asked is None or len(asked) < 2 or not seen.any():
         return
     steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
-    cell_mm, period_mm = (500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min()))
-    ends_m = axis.values_m()[[0, -1]] if isinstance(axis := getattr(config, "z", None), Axis) else np.zeros(2)
+    cell_mm, period_mm = (
+        500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min())
+    )
+    ends_m = (
+        axis.values_m()[[0, -1]]
+        if isinstance(axis := getattr(config, "z", None), Axis)
+        else np.zeros(2)
+    )
     box_mm, set_box = 1e3 * np.ptp(ends_m), "--set z.start_m=… --set z.stop_m=…"
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if first_m := getattr(config, "first_depth_m", None):
-        told = f"the closest tones tell depths within {period_mm / 2:.0f} mm of first_depth_m = {first_m:g}"
+        told = (
+            f"the closest tones tell depths within {period_mm / 2:.0f} mm of first_depth_m = "
+            f"{first_m:g}"
+        )
         off_mm = 1e3 * _off_m(depth, capture, asked, frame)
         if abs(off_mm) > period_mm / 2:
             target_m = float(np.median(depth.z_m[seen])) + 1e-3 * off_mm
             way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
-            yield f"{told}, and the target lies {way}, as closer tones tell; set first_depth_m={target_m:.2f}"
+            yield (
+                f"{told}, and the target lies {way}, as closer tones tell; set "
+                f"first_depth_m={target_m:.2f}"
+            )
         elif flagged > seen.sum() / 2:
             yield f"{flagged} {pixels} flagged; {told}; set that to the target's distance"
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
-        yield f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may lie beyond; {set_box}"
+        yield (
+            f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may lie "
+            f"beyond; {set_box}"
+        )
     if 0 < box_mm < cell_mm:
-        told = f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box {box_mm:.0f} mm deep"
-        yield f"{told}: brightness hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or more bandwidth"
+        told = (
+            f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box "
+            f"{box_mm:.0f} mm deep"
+        )
+        yield (
+            f"{told}: brightness hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or "
+            "more bandwidth"
+        )
     if period_mm < box_mm:
-        told = f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box of {box_mm:.0f} mm"
+        told = (
+            f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box "
+            f"of {box_mm:.0f} mm"
+        )
         yield f"{told}: echoes repeat in it; {set_box}, or more tones"
 
 
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
-    """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones tells that lie
-    closer together than any of those asked for; 0 where there is no such pair."""
+    """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones
+    tells that lie closer together than any of those asked for; 0 where there is no such pair."""
     from handbench.radar.imaging.api import image_points
     from handbench.radar.methods.fsk import depth_step_m
 

@@ -1,24 +1,28 @@
 """Depth where the tones agree: the shift along z at which a few tones' images have one phase.
 
-The aperture focuses on a smooth surface's mirror image and not on the surface, so that the strongest voxel lies before
-or behind it; the delay does not care. An image formed at z_p of a scatterer at z has the phase k_f (z_p − z) and one
-that all tones share, with k_f = 2πf/c · d(|p − t| + |p − r|)/dz averaged over the antennas. Where the paths of the
-scatterer's neighbourhood are those of one depth, the power of the sum over N tones, with the shift Δ,
+The aperture focuses on a smooth surface's mirror image and not on the surface, so that the
+strongest voxel lies before or behind it; the delay does not care. An image formed at z_p of a
+scatterer at z has the phase k_f (z_p − z) and one that all tones share, with k_f = 2πf/c · d(|p −
+t| + |p − r|)/dz averaged over the antennas. Where the paths of the scatterer's neighbourhood are
+those of one depth, the power of the sum over N tones, with the shift Δ,
 
     P(Δ) = |Σ_f O_f e^{jk_f Δ}|² / (N Σ_f |O_f|²),
 
-is their coherence, 1 at Δ = z − z_p: its maximum is the maximum-likelihood depth of one scatterer in white noise (Rife
-& Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). What the phases differ by from a line, variance s² a tone, gives the
-depth the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over
-N − 1 degrees of freedom, gives the odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
+is their coherence, 1 at Δ = z − z_p: its maximum is the maximum-likelihood depth of one scatterer
+in white noise (Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). What the phases differ by
+from a line, variance s² a tone, gives the depth the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao
+bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over N − 1 degrees of freedom, gives the
+odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
 
-`joint` finds each pixel's depth so from any set of tones at once. A ladder uses a tone after the other, and each must
-hold what the next one's period leaves open; all pairs of all tones together leave less open.
+`joint` finds each pixel's depth so from any set of tones at once. A ladder uses a tone after the
+other, and each must hold what the next one's period leaves open; all pairs of all tones together
+leave less open.
 
-For comparison, two established estimators of the shift. Capon (Proc. IEEE 57 (1969) 1408), with the covariance R of
-sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans. ASSP 33 (1985) 806) and loaded diagonally:
-P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l δk Δ}. The coherence factor (Mallart & Fink, JASA 96 (1994) 3721) is
-|Σ O|² / (N Σ |O|²) of the tones' images at each depth that is imaged.
+For comparison, two established estimators of the shift. Capon (Proc. IEEE 57 (1969) 1408), with the
+covariance R of sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans. ASSP 33
+(1985) 806) and loaded diagonally: P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l δk Δ}. The coherence factor
+(Mallart & Fink, JASA 96 (1994) 3721) is |Σ O|² / (N Σ |O|²) of the tones' images at each depth that
+is imaged.
 """
 
 from __future__ import annotations
@@ -50,8 +54,8 @@ CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
-    """shift_m, its standard deviation sigma_m, coherence P and the probability `other` that the second maximum of P is
-    the right one, each [n]."""
+    """shift_m, its standard deviation sigma_m, coherence P and the probability `other` that the
+    second maximum of P is the right one, each [n]."""
 
     shift_m: np.ndarray
     sigma_m: np.ndarray
@@ -59,9 +63,12 @@ class Alignment(NamedTuple):
     other: np.ndarray
 
 
-def align(images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float | None = None) -> Alignment:
-    """The shifts, within ±reach_m, that align images [f, n] of the tones [f], f ≥ 3; rise [n]: of the path, per metre
-    along z. Without a reach: a range cell c/2B, or half of what evenly spaced tones repeat after."""
+def align(
+    images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float | None = None
+) -> Alignment:
+    """The shifts, within ±reach_m, that align images [f, n] of the tones [f], f ≥ 3; rise [n]: of
+    the path, per metre along z. Without a reach: a range cell c/2B, or half of what evenly spaced
+    tones repeat after."""
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
     cell_m = SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
     if reach_m is None:
@@ -81,42 +88,59 @@ def align(images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reac
         shift_m = shift_m - np.divide(slope, leverage, out=np.zeros(len(rise)), where=leverage > 0)
         turned = _turned(images, k, shift_m)
     variance = (weight * _residual(turned) ** 2).sum(axis=0) / total / (len(images) - 2)
-    sigma_m = np.sqrt(np.divide(variance, leverage, out=np.full(len(rise), np.inf), where=leverage > 0))
-    first, second = np.abs(_sum(turned)) ** 2 / (len(images) * total), second / (len(images) * total)
+    sigma_m = np.sqrt(
+        np.divide(variance, leverage, out=np.full(len(rise), np.inf), where=leverage > 0)
+    )
+    first, second = (
+        np.abs(_sum(turned)) ** 2 / (len(images) * total),
+        second / (len(images) * total),
+    )
     odds = (len(images) - 1) * (first - second) / np.maximum(1 - first, TINY)
     return Alignment(shift_m, sigma_m, first, 1 / (1 + np.exp(np.clip(odds, -MANY, MANY))))
 
 
-def agreed(depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig) -> DepthMap:
-    """An aligned depth map of that coherence [ny, nx] without what is no depth, filtered. σ is that of the tones and,
-    in quadrature, what the filter takes away: speckle, of which the tones of one pixel do not tell."""
+def agreed(
+    depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
+) -> DepthMap:
+    """An aligned depth map of that coherence [ny, nx] without what is no depth, filtered. σ is that
+    of the tones and, in quadrature, what the filter takes away: speckle, of which the tones of one
+    pixel do not tell."""
     none, grid = coherence < NONE, PixelGrid(depth.x_m, depth.y_m)
     reach_px = [
-        int(config.edge_m / np.diff(axis).mean() + 1e-6) if len(axis) > 1 else 0 for axis in (grid.y_m, grid.x_m)
+        int(config.edge_m / np.diff(axis).mean() + 1e-6) if len(axis) > 1 else 0
+        for axis in (grid.y_m, grid.x_m)
     ]
     half_cell_m = SPEED_OF_LIGHT_M_S / (4 * bandwidth_hz)
     hidden = beside_nearer(np.where(none, np.nan, depth.z_m), reach_px, half_cell_m)
     dropped = (none | hidden) & config.drop_doubtful
-    z_m, own_m = (np.where(dropped, np.nan, told) for told in (depth.z_m, np.asarray(depth.sigma_m)))
+    z_m, own_m = (
+        np.where(dropped, np.nan, told) for told in (depth.z_m, np.asarray(depth.sigma_m))
+    )
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
-    speckle_m = speckle_spread_m(grid.points_m(z_m), np.sqrt(power), config.fine_filter_px, config.spread_px)
+    speckle_m = speckle_spread_m(
+        grid.points_m(z_m), np.sqrt(power), config.fine_filter_px, config.spread_px
+    )
     wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
     smooth_m = masked_mean(z_m, config.fine_filter_px, power)
     return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)
 
 
 def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than gap_m: at an outline
-    the lobes of what shines behind it are stronger than the dark edge itself."""
-    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px])
+    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than
+    gap_m: at an outline the lobes of what shines behind it are stronger than the dark edge
+    itself."""
+    nearest_m = minimum_filter(
+        np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
+    )
     return np.asarray(z_m > nearest_m + gap_m)
 
 
 def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
-    """Depth map of a frame from any tones at once, with σ and flags; HandbenchError where the capture lacks tones.
+    """Depth map of a frame from any tones at once, with σ and flags; HandbenchError where the
+    capture lacks tones.
 
-    The shift at which all tones agree is searched wide about what the first pair found; each pixel is then imaged from
-    there, and the shift is searched again."""
+    The shift at which all tones agree is searched wide about what the first pair found; each pixel
+    is then imaged from there, and the shift is searched again."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
     step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
     z_m, amplitude = uncertainty.add(step), step.amplitude
@@ -124,9 +148,13 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     for _ in range(config.fine_refinements):
         step = tones.surface(step.grid, masked_mean(z_m, config.coarse_filter_px, amplitude**2))
         points_m = step.grid.points_at_m(step.index, step.formed_m)
-        rise = path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
+        rise = (
+            path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
+        )
         found = align(step.images, tones.frequencies_hz, rise, reach_m)
-        z_m, sigma_m = (step.on_map(told) for told in (points_m[:, 2] + found.shift_m, found.sigma_m))
+        z_m, sigma_m = (
+            step.on_map(told) for told in (points_m[:, 2] + found.shift_m, found.sigma_m)
+        )
         coherence, amplitude = step.on_map(found.coherence, 0.0), step.amplitude
         doubtful = doubtful | step.on_map(found.other > config.wrap_probability, False)
         if config.drop_doubtful and (coherence >= NONE).any():
@@ -135,18 +163,31 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     placed = functools.partial(whole.placed, step.grid)
     db, coherence = amplitude_db(placed(amplitude, 0.0)), placed(coherence, 1.0)
     wrapped = placed(doubtful, False) > 0
-    depth = DepthMap(whole.x_m, whole.y_m, placed(z_m), db, "joint", config.model_dump(), placed(sigma_m), wrapped)
+    depth = DepthMap(
+        whole.x_m,
+        whole.y_m,
+        placed(z_m),
+        db,
+        "joint",
+        config.model_dump(),
+        placed(sigma_m),
+        wrapped,
+    )
     depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
     seen = db >= config.threshold_db  # where it is, no longer in the first plane
     z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))
     return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
 
 
-def capon(images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float) -> np.ndarray:
-    """Shifts [n] within ±reach_m at which the spectrum of images [f, n] at even tones [f] is highest; rise [n]: of the
-    path, per metre along z."""
+def capon(
+    images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float
+) -> np.ndarray:
+    """Shifts [n] within ±reach_m at which the spectrum of images [f, n] at even tones [f] is
+    highest; rise [n]: of the path, per metre along z."""
     half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
-    bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(np.complex128)
+    bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(
+        np.complex128
+    )
     covariance = np.einsum("bni,bnj->nij", bands, bands.conj())
     covariance += covariance[:, ::-1, ::-1].conj()
     mean = np.trace(covariance, axis1=1, axis2=2).real / half
@@ -158,10 +199,13 @@ def capon(images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reac
 
 
 def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
-    """Shifts [n] within ±reach_m at which the tones' images [f, n], made by `image` for a shift, are most coherent."""
+    """Shifts [n] within ±reach_m at which the tones' images [f, n], made by `image` for a shift,
+    are most coherent."""
     tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
     images = map(image, tried_m)
-    factors = [np.abs(o.sum(axis=0)) ** 2 / np.maximum((np.abs(o) ** 2).sum(axis=0), LEAST) for o in images]
+    factors = [
+        np.abs(o.sum(axis=0)) ** 2 / np.maximum((np.abs(o) ** 2).sum(axis=0), LEAST) for o in images
+    ]
     return np.asarray(tried_m[np.argmax(factors, axis=0)])
 
 

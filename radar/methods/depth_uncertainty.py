@@ -1,20 +1,25 @@
-"""Uncertainty of a depth map, computed after it: σ and flags of a phase, and p_gross of any method's depths.
+"""Uncertainty of a depth map, computed after it: σ and flags of a phase, and p_gross of any
+method's depths.
 
-White noise and speckle have no preferred phase: one quadrature of what they add to O_b·conj(O_a) turns its phase, which
-moves the depth; the other, of equal size, changes its amplitude, which ought to be the same at neighbouring tones. The
-amplitudes thus show what the phases suffered. With ρ = (|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the error of φ,
+White noise and speckle have no preferred phase: one quadrature of what they add to O_b·conj(O_a)
+turns its phase, which moves the depth; the other, of equal size, changes its amplitude, which ought
+to be the same at neighbouring tones. The amplitudes thus show what the phases suffered. With ρ =
+(|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the error of φ,
 
-    σ_z = c / (4πΔf) · σ_φ,   σ_φ = rms(ρ·A) / A   (σ_φ ∝ 1/A: noise is as strong where the echo is weak),
+    σ_z = c / (4πΔf) · σ_φ
+    σ_φ = rms(ρ·A) / A   (σ_φ ∝ 1/A: noise is as strong where the echo is weak),
 
-the mean square taken half over a window of a few resolution cells, since speckle is local, and half over the whole
-target, since a window holds few independent values. Nothing is assumed about the noise, and nothing is fitted.
+the mean square taken half over a window of a few resolution cells, since speckle is local, and half
+over the whole target, since a window holds few independent values. Nothing is assumed about the
+noise, and nothing is fitted.
 
-p_gross is the probability, per pixel, that a depth is off by more than 5 mm from the nearest true surface: a logistic
-function of features that any method's map and its own tones tell: the images at the depth that was found (do the tones
-agree there, and on which depth?), depth steps and echoes beside the pixel, the method's own σ and flags, and the same
-over the whole scene, since few scenes hold most wrong depths. The weights of trust.toml are fitted by
-tests/bench/studies/trust/measure_trust.py to scenes of known surfaces; features are clipped, so that no scene lies far
-beyond those.
+p_gross is the probability, per pixel, that a depth is off by more than 5 mm from the nearest true
+surface: a logistic function of features that any method's map and its own tones tell: the images at
+the depth that was found (do the tones agree there, and on which depth?), depth steps and echoes
+beside the pixel, the method's own σ and flags, and the same over the whole scene, since few scenes
+hold most wrong depths. The weights of trust.toml are fitted by
+tests/bench/studies/trust/measure_trust.py to scenes of known surfaces; features are clipped, so
+that no scene lies far beyond those.
 """
 
 from __future__ import annotations
@@ -37,24 +42,37 @@ from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.support.config import Config
 
-FEW = 100  # pixels that may be but a few resolution cells: their median would hide the noise with the gain
-LOCAL_PX = 5  # window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
-OTHER_SURFACE_M = 0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
-TINY_M = 1e-150  # its square is still a number: a point known exactly, exactly between two periods, may be in either
-SHARPER = 1.15  # times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
-# Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own 0.2 to 1.4.
+# pixels that may be but a few resolution cells: their median would hide the noise with the gain
+FEW = 100
+# window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
+LOCAL_PX = 5
+OTHER_SURFACE_M = (
+    0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
+)
+# its square is still a number: a point known exactly, exactly between two periods, may be in either
+TINY_M = 1e-150
+# times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
+SHARPER = 1.15
+# Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own
+# 0.2 to 1.4.
 WIDER = 2.0
-NOISY = 0.25  # share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
-UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
+# share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
+NOISY = 0.25
+UNRELATED_RAD = 2 * np.sqrt(
+    np.pi - 3
+)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
 GROSS_M = 5e-3
 BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide
 TONES = 8  # of a method with more of them: evenly chosen
 TOLERANCE = 1e-3  # of the images, whose phases are looked at to a hundredth of a radian
-LOST = 0.5  # share of a map's pixels in doubt from which on its depths are scattered too widely to be worth an image
+# share of a map's pixels in doubt from which on its depths are scattered too widely to be worth an
+# image
+LOST = 0.5
 FARTHEST_DB = 30.0  # below the peak
 WEIGHTS = Path(__file__).with_name("trust.toml")
 FEATURES = (
-    "sigma",  # log10 of the method's own σ over 5 mm; of what the tones' amplitudes tell where it has none
+    # log10 of the method's own σ over 5 mm; of what the tones' amplitudes tell where it has none
+    "sigma",
     "close",  # log10 of the step from the found depth that the two closest tones ask for, over 5 mm
     "far",  # the same of the two tones furthest apart
     "incoherence",  # log10(1 − |Σ O|² / (N Σ |O|²)) of the tones at the found depth
@@ -62,7 +80,9 @@ FEATURES = (
     "behind",  # log10 of the distance behind the nearest of these over 5 mm, never below 0
     "before",  # the same before the furthest
     "below",  # amplitude below the strongest neighbour's, in tens of dB
-    "island",  # amplitude of the strongest pixel that steps below 5 mm lead to, below the map's peak, in tens of dB
+    # amplitude of the strongest pixel that steps below 5 mm lead to, below the map's peak, in tens
+    # of dB
+    "island",
     "flag",  # 1 where the method itself is in doubt
     "scene_incoherence",  # mean of `incoherence` over the scene
     "scene_range",  # mean of `range` over the scene
@@ -70,8 +90,8 @@ FEATURES = (
 
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """cρ / (4πΔf): Δz of `radar.methods.fsk.depth_step_m` with the amplitudes' relative difference ρ in place of φ;
-    metres."""
+    """cρ / (4πΔf): Δz of `radar.methods.fsk.depth_step_m` with the amplitudes' relative difference
+    ρ in place of φ; metres."""
     b, a = np.abs(image_b).astype(np.float64), np.abs(image_a).astype(np.float64)
     with np.errstate(invalid="ignore"):  # an image of zeros has no confidence
         ratio = 2 * (b - a) / (b + a)
@@ -79,7 +99,8 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
 
 
 def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
-    """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx]; NaN off target.
+    """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx];
+    NaN off target.
 
     The median of many pixels is taken out first: the tones may differ in gain.
     """
@@ -94,28 +115,36 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
     return sigma_m
 
 
-def speckle_spread_m(points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int) -> np.ndarray:
-    """1σ of the depth [ny, nx], metres, by what an averaging filter takes away from points [ny, nx, 3]: the speckle, of
-    which the tones of one pixel need not tell, since all may be turned alike."""
+def speckle_spread_m(
+    points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int
+) -> np.ndarray:
+    """1σ of the depth [ny, nx], metres, by what an averaging filter takes away from points [ny, nx,
+    3]: the speckle, of which the tones of one pixel need not tell, since all may be turned
+    alike."""
     distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
     return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude, spread_px)
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """True where a phase that tells depths within ±ambiguity is noise: three standard deviations σ fill its circle.
+    """True where a phase that tells depths within ±ambiguity is noise: three standard deviations σ
+    fill its circle.
 
-    An amplitude tells σ_φ = πσ_z/a up to that of unrelated images only, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²) undoes that, and
-    3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
+    An amplitude tells σ_φ = πσ_z/a up to that of unrelated images only, σ₀; s = σ_φ/√(1 −
+    (σ_φ/σ₀)²) undoes that, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
     """
     most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
     return sigma_m > most_rad / np.pi * ambiguity_m
 
 
-def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """Probability that a phase step, known within ±ambiguity only, belongs one period 2a further on.
+def wrap_probability(
+    step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float
+) -> np.ndarray:
+    """Probability that a phase step, known within ±ambiguity only, belongs one period 2a further
+    on.
 
-    The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
+    The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a −
+    |Δz|)/σ²).
     """
     variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
     with np.errstate(over="ignore"):
@@ -123,8 +152,8 @@ def wrap_probability(step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.nd
 
 
 def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
-    """Depth map of `radar.methods.fsk.fsk` with its predicted 1σ and its flags. They are computed from
-    the steps after the method, or between them where flagged pixels are dropped."""
+    """Depth map of `radar.methods.fsk.fsk` with its predicted 1σ and its flags. They are computed
+    from the steps after the method, or between them where flagged pixels are dropped."""
     uncertainty = Uncertainty(config)
     if isinstance(config, RefinedConfig) and config.drop_wrapped:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
@@ -148,7 +177,8 @@ class Uncertainty:
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
     def add(self, step: FskStep) -> np.ndarray:
-        """Take the next step; its depths [ny, nx], NaN where flagged if the configuration drops these."""
+        """Take the next step; its depths [ny, nx], NaN where flagged if the configuration drops
+        these."""
         if self.last is not None and isinstance(self.config, RefinedConfig):
             self.wrapped = self._surface(step, self.last, self.config)
         self.quadrature_m = quadrature_m(step)
@@ -171,29 +201,46 @@ class Uncertainty:
             filter_px, spread_px = self.config.fine_filter_px, self.config.spread_px
             sigma_m = self._sigma_m(step, step.filtered(self.quadrature_m, filter_px))
             points_m = step.grid.points_m(np.where(np.isfinite(sigma_m), step.z_m, np.nan))
-            sigma_m = np.fmax(sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px))
+            sigma_m = np.fmax(
+                sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px)
+            )
         flags = whole.placed(step.grid, self.wrapped, elsewhere=False)
         return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
     def _plane(self, step: FskStep) -> np.ndarray:
-        """Flags of the coarse stage: noise, depths of another period, and all if the plane of another is sharper."""
-        noise = incoherent(step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor)
-        if np.count_nonzero(noise) > NOISY * len(noise):  # what is stronger is but the noise's peaks
+        """Flags of the coarse stage: noise, depths of another period, and all if the plane of
+        another is sharper."""
+        noise = incoherent(
+            step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor
+        )
+        if np.count_nonzero(noise) > NOISY * len(
+            noise
+        ):  # what is stronger is but the noise's peaks
             noise[:] = True
         behind_the_array = step.z_m <= 0
-        return step.on_map(noise, False) | behind_the_array | _sharper_elsewhere(step, self.config.grid())
+        return (
+            step.on_map(noise, False)
+            | behind_the_array
+            | _sharper_elsewhere(step, self.config.grid())
+        )
 
     def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
-        """Flags of a rung: those before it, and points that the tones disagree on or that may be a period off."""
+        """Flags of a rung: those before it, and points that the tones disagree on or that may be a
+        period off."""
         if len(step.tones) > len(before.tones):
             self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
-        # The rung below, seen from the same points, tells where these are wrong themselves: where a filter crossed an
-        # edge.
+        # The rung below, seen from the same points, tells where these are wrong themselves: where a
+        # filter crossed an edge.
         below, half_period_m = step.below(), step.tones.period_m / 2
         steps_m = step.correction_m, step.correction_m - below.correction_m
-        sigmas_m = self._sigma_m(before, self.quadrature_m), self._sigma_m(below, quadrature_m(below))
+        sigmas_m = (
+            self._sigma_m(before, self.quadrature_m),
+            self._sigma_m(below, quadrature_m(below)),
+        )
         ambiguity_m = half_period_m * step.factor
-        probability = np.maximum(*map(wrap_probability, steps_m, map(step.at, sigmas_m), (ambiguity_m, ambiguity_m)))
+        probability = np.maximum(
+            *map(wrap_probability, steps_m, map(step.at, sigmas_m), (ambiguity_m, ambiguity_m))
+        )
         parted = np.ptp(step.steps_m(), axis=0) > half_period_m  # one of two has wrapped
         return self.wrapped | step.on_map(parted | (probability > config.wrap_probability), False)
 
@@ -207,33 +254,43 @@ def quadrature_m(step: FskStep) -> np.ndarray:
 
 
 def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
-    """True where the plane a period before or behind the step's, where the pair's phase is the same, has a higher peak
-    and spreads no wider: a plane further away gathers the echoes of several places in its wider cells."""
+    """True where the plane a period before or behind the step's, where the pair's phase is the
+    same, has a higher peak and spreads no wider: a plane further away gathers the echoes of several
+    places in its wider cells."""
     tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
-    planes = [_focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
+    planes = [
+        _focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
+    ]
     higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * step.peak]
     return bool(higher) and min(higher) < WIDER * _focus(tone, grid, z_m)[1]
 
 
 def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
-    """The highest amplitude of one tone on a plane, of points a resolution cell λz/2D apart, then about the highest;
-    and the area (∫P)² / ∫P² of these points' power P, m². Exact: points that change from frame to frame are too few to
-    be worth a plan."""
+    """The highest amplitude of one tone on a plane, of points a resolution cell λz/2D apart, then
+    about the highest; and the area (∫P)² / ∫P² of these points' power P, m². Exact: points that
+    change from frame to frame are too few to be worth a plan."""
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
     cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
-    x_m, y_m = (np.linspace(axis[0], axis[-1], n) for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True))
+    x_m, y_m = (
+        np.linspace(axis[0], axis[-1], n)
+        for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True)
+    )
     points = PixelGrid(x_m, y_m).points_m(z_m).reshape(-1, 3)
     power = np.abs(tone.images(points, None)[0]).astype(np.float64) ** 2
     area_m2 = float(np.ptp(x_m) * np.ptp(y_m)) / len(power)
     spread_m2 = power.sum() ** 2 / max((power**2).sum(), TINY_M) * area_m2
-    about = [np.linspace(-0.5, 0.5, 5) * (axis[1] - axis[0] if len(axis) > 1 else 0.0) for axis in (x_m, y_m)]
+    about = [
+        np.linspace(-0.5, 0.5, 5) * (axis[1] - axis[0] if len(axis) > 1 else 0.0)
+        for axis in (x_m, y_m)
+    ]
     near = points[power.argmax()] + PixelGrid(*about).points_m(0.0).reshape(-1, 3)
     return float(np.abs(tone.images(near, None)).max()), float(spread_m2)
 
 
 def with_trust(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> DepthMap:
-    """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map stays as it is."""
+    """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map
+    stays as it is."""
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
@@ -249,18 +306,30 @@ def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 @cache
 def known_weights() -> dict[str, np.ndarray]:
-    """Weights [1 + k] by method, as they were when first asked for; "any": those of all methods together."""
+    """Weights [1 + k] by method, as they were when first asked for; "any": those of all methods
+    together."""
     found = tomllib.loads(WEIGHTS.read_text("utf-8"))
-    return {id: np.array([values[name] for name in ("constant", *FEATURES)]) for id, values in found.items()}
+    return {
+        id: np.array([values[name] for name in ("constant", *FEATURES)])
+        for id, values in found.items()
+    }
 
 
 def weights_of(method: str) -> np.ndarray:
-    """Weights [1 + k] of a method: its own, those of the method that it is a variant of, or those of any."""
-    return next(known_weights()[id] for id in (method, method.rpartition("-")[0], "any") if id in known_weights())
+    """Weights [1 + k] of a method: its own, those of the method that it is a variant of, or those
+    of any."""
+    return next(
+        known_weights()[id]
+        for id in (method, method.rpartition("-")[0], "any")
+        if id in known_weights()
+    )
 
 
-def features(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices [n] of the pixels that have a depth before the array, and their features [n, k]."""
+def features(
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Flat indices [n] of the pixels that have a depth before the array, and their features [n,
+    k]."""
     on = np.nan_to_num(depth.z_m) > 0
     index = np.flatnonzero(on)
     if not len(index):
@@ -284,8 +353,8 @@ def _log(ratio: np.ndarray) -> np.ndarray:
 def _of_tones(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Features [n] that the method's own tones, or the capture's where its configuration names none, tell at the depths
-    that it found."""
+    """Features [n] that the method's own tones, or the capture's where its configuration names
+    none, tell at the depths that it found."""
     tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
     some = evenly(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
@@ -296,28 +365,42 @@ def _of_tones(
     power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
     close, far = np.argsort(apart_hz)[[min(1, len(f) - 1), -1]]
     turned_rad = {
-        name: (np.angle(images[0] * np.conj(images[i])), apart_hz[i]) for name, i in (("close", close), ("far", far))
+        name: (np.angle(images[0] * np.conj(images[i])), apart_hz[i])
+        for name, i in (("close", close), ("far", far))
     }
-    turned_rad["noise"] = (magnitude.std(axis=0, ddof=min(1, len(f) - 1)) / np.sqrt(power), np.ptp(f))
+    turned_rad["noise"] = (
+        magnitude.std(axis=0, ddof=min(1, len(f) - 1)) / np.sqrt(power),
+        np.ptp(f),
+    )
     steps_m = {
-        name: SPEED_OF_LIGHT_M_S * np.abs(rad) / (4 * np.pi * (hz + 1e-9)) for name, (rad, hz) in turned_rad.items()
+        name: SPEED_OF_LIGHT_M_S * np.abs(rad) / (4 * np.pi * (hz + 1e-9))
+        for name, (rad, hz) in turned_rad.items()
     }
     coherence = np.abs(images.mean(axis=0)) ** 2 / power
-    return {name: _log(step_m / GROSS_M) for name, step_m in steps_m.items()} | {"incoherence": _log(1 - coherence)}
+    return {name: _log(step_m / GROSS_M) for name, step_m in steps_m.items()} | {
+        "incoherence": _log(1 - coherence)
+    }
 
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
     """Features [n] that the map tells about each pixel's surroundings."""
     box = bounding_box(on)
     on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
-    window = [1 + 2 * round(BESIDE_M / np.ptp(axis[:2])) if len(axis) > 1 else 1 for axis in (depth.y_m, depth.x_m)]
+    window = [
+        1 + 2 * round(BESIDE_M / np.ptp(axis[:2])) if len(axis) > 1 else 1
+        for axis in (depth.y_m, depth.x_m)
+    ]
     nearest_m = minimum_filter(np.where(on, z_m, np.inf), window)[on]
     furthest_m = maximum_filter(np.where(on, z_m, -np.inf), window)[on]
     strongest_db = maximum_filter(np.where(on, db, -np.inf), window)[on]
-    joined = np.zeros([2 * n - 1 for n in on.shape], bool)  # pixels, and between them whether a surface goes on
+    joined = np.zeros(
+        [2 * n - 1 for n in on.shape], bool
+    )  # pixels, and between them whether a surface goes on
     joined[::2, ::2] = on
     with np.errstate(invalid="ignore"):
-        joined[1::2, ::2], joined[::2, 1::2] = (np.abs(np.diff(z_m, axis=axis)) < GROSS_M for axis in (0, 1))
+        joined[1::2, ::2], joined[::2, 1::2] = (
+            np.abs(np.diff(z_m, axis=axis)) < GROSS_M for axis in (0, 1)
+        )
     island = label(joined)[0][::2, ::2][on]
     peak_db = np.full(island.max() + 1, -FARTHEST_DB)
     np.maximum.at(peak_db, island, db[on])

@@ -1,11 +1,14 @@
-"""Frequency-shift keying: depth from the phase between images at a few tones, in the paper's five steps.
+"""Frequency-shift keying: depth from the phase between images at a few tones, in the paper's five
+steps.
 
-Under time e^{+jωt} an image formed at z_e of a scatterer at z has φ = arg(O_b · conj(O_a)) = 4π(f_b − f_a)(z_e − z)/c,
-so z = z_e − cφ / (4π(f_b − f_a)), unambiguous within ±c/(4(f_b − f_a)). The path's derivative along z, 2 on the
-axis, is smaller off it; the paper leaves that out and `off_axis` puts it in.
+Under time e^{+jωt} an image formed at z_e of a scatterer at z has φ = arg(O_b · conj(O_a)) = 4π(f_b
+− f_a)(z_e − z)/c, so z = z_e − cφ / (4π(f_b − f_a)), unambiguous within ±c/(4(f_b − f_a)). The
+path's derivative along z, 2 on the axis, is smaller off it; the paper leaves that out and
+`off_axis` puts it in.
 
-Two close tones find the depth far and wide, but roughly. Each further tone is a rung of a ladder: it lies further from
-the first two, measures more finely, and holds where the rungs before it have found the depth to within its ambiguity.
+Two close tones find the depth far and wide, but roughly. Each further tone is a rung of a ladder:
+it lies further from the first two, measures more finely, and holds where the rungs before it have
+found the depth to within its ambiguity.
 """
 
 from __future__ import annotations
@@ -27,7 +30,10 @@ from handbench.support.compiled import FAST, njit
 
 
 def fsk(
-    capture: RadarCapture, config: AnyConfig, frame: int = 0, on_step: Callable[[FskStep], np.ndarray] | None = None
+    capture: RadarCapture,
+    config: AnyConfig,
+    frame: int = 0,
+    on_step: Callable[[FskStep], np.ndarray] | None = None,
 ) -> tuple[DepthMap, list[FskStep]]:
     """Depth map of a frame by 2-FSK, 3-FSK or a longer ladder (Bräunig et al., section II), and the
     imaging steps that led to it, from which `radar.methods.depth_uncertainty` computes σ and flags.
@@ -110,32 +116,57 @@ class Tones:
 
     @property
     def period_m(self) -> float:
-        """Depths that far apart have the same phase between the last tone and one of the first two, on the axis."""
+        """Depths that far apart have the same phase between the last tone and one of the first two,
+        on the axis."""
         return SPEED_OF_LIGHT_M_S / (2 * reach_hz(self.frequencies_hz))
 
     def first(self, count: int) -> Tones:
         """The first `count` of them."""
-        return replace(self, samples=self.samples[:count], frequencies_hz=self.frequencies_hz[:count])
+        return replace(
+            self, samples=self.samples[:count], frequencies_hz=self.frequencies_hz[:count]
+        )
 
     def images(self, points_m: np.ndarray, tolerance: float | None) -> np.ndarray:
         """Every tone at points [n, 3]: complex64 [f, n]."""
-        return image_points(self.samples, self.frequencies_hz, self.aperture, points_m, tolerance, apart=True)
+        return image_points(
+            self.samples, self.frequencies_hz, self.aperture, points_m, tolerance, apart=True
+        )
 
     def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
         """The step at all pixels of a plane, without the phase that all tones share."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
-            self.samples, self.frequencies_hz, self.aperture, plane, tolerance, apart=True, carrier=False
+            self.samples,
+            self.frequencies_hz,
+            self.aperture,
+            plane,
+            tolerance,
+            apart=True,
+            carrier=False,
         )
         images = images.reshape(len(images), -1)
         magnitude, index = np.abs(images), np.arange(images.shape[1])
-        return FskStep(self, grid, index, z_m, images, magnitude.mean(axis=0).reshape(grid.shape), magnitude[0].max())
+        return FskStep(
+            self,
+            grid,
+            index,
+            z_m,
+            images,
+            magnitude.mean(axis=0).reshape(grid.shape),
+            magnitude[0].max(),
+        )
 
     def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
         """The step at those pixels of a grid whose depth z_m [ny, nx] is finite, imaged there."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
-        return _step(self, grid, index, formed_m, self.images(grid.points_at_m(index, formed_m), self.config.tolerance))
+        return _step(
+            self,
+            grid,
+            index,
+            formed_m,
+            self.images(grid.points_at_m(index, formed_m), self.config.tolerance),
+        )
 
 
 @dataclass(frozen=True)
@@ -157,8 +188,8 @@ class FskStep:
 
     @cached_property
     def factor(self) -> np.ndarray | float:
-        """Factor of Δz at the pixels [n]: 2 over `path_rise` where `off_axis` is configured, 1.3 at the
-        corner of the paper's image; else the paper's 1."""
+        """Factor of Δz at the pixels [n]: 2 over `path_rise` where `off_axis` is configured, 1.3 at
+        the corner of the paper's image; else the paper's 1."""
         if not self.tones.config.off_axis:
             return 1.0
         return 2 / path_rise(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
@@ -173,11 +204,15 @@ class FskStep:
         """Depths after the step [ny, nx], metres, NaN off target."""
         return self.on_map(self.formed_m + self.correction_m)
 
-    def steps_m(self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m) -> np.ndarray:
+    def steps_m(
+        self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m
+    ) -> np.ndarray:
         """The last tone's steps from the first two (of two tones, from the other): [1 or 2, n]."""
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
-        return np.array([step_m(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))])
+        return np.array(
+            [step_m(images[i], images[last], f[i] - f[last]) for i in range(min(2, last))]
+        )
 
     def only(self, index: np.ndarray) -> FskStep:
         """The step at some of a plane's pixels."""
@@ -192,7 +227,13 @@ class FskStep:
 
     def below(self) -> FskStep:
         """The same step without its last tone."""
-        return _step(self.tones.first(len(self.tones) - 1), self.grid, self.index, self.formed_m, self.images[:-1])
+        return _step(
+            self.tones.first(len(self.tones) - 1),
+            self.grid,
+            self.index,
+            self.formed_m,
+            self.images[:-1],
+        )
 
     def filtered(self, values: np.ndarray, size_px: int) -> np.ndarray:
         """The averaging filter over a map [ny, nx], weighted with power if so configured."""
@@ -209,27 +250,33 @@ class FskStep:
 
 
 def _step(
-    tones: Tones, grid: PixelGrid, index: np.ndarray, formed_m: float | np.ndarray, images: np.ndarray
+    tones: Tones,
+    grid: PixelGrid,
+    index: np.ndarray,
+    formed_m: float | np.ndarray,
+    images: np.ndarray,
 ) -> FskStep:
     amplitude = grid.on_map(index, np.abs(images).mean(axis=0), elsewhere=0.0)
     return FskStep(tones, grid, index, formed_m, images, amplitude)
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Averaging filter over the finite neighbours in a size × size window (normalised convolution), with a weight for
-    each pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
+    """Averaging filter over the finite neighbours in a size × size window (normalised convolution),
+    with a weight for each pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
     weight = known.astype(np.float64) if weight is None else np.where(known, weight, 0.0)
     offset = values[known].mean()  # keeps the sums small, so that they lose no digits
-    return np.where(known, offset + _window_means(values - offset, weight / weight.max(), size_px), np.nan)
+    return np.where(
+        known, offset + _window_means(values - offset, weight / weight.max(), size_px), np.nan
+    )
 
 
 @njit(**FAST)
 def _window_means(values, weight, size_px):  # type: ignore[no-untyped-def]
-    """Σ weight · values / Σ weight over each window, [ny, nx], where weights are above 0. Each window by itself: a
-    running sum would carry the rounding of strong pixels on to weak ones."""
+    """Σ weight · values / Σ weight over each window, [ny, nx], where weights are above 0. Each
+    window by itself: a running sum would carry the rounding of strong pixels on to weak ones."""
     ny, nx = values.shape
     before, behind = size_px // 2, (size_px - 1) // 2
     along, means, total = np.zeros((2, ny, nx)), np.empty((ny, nx)), np.empty((2, nx))

@@ -19,7 +19,9 @@ SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exce
 
 def _odd(size_px: int) -> int:
     if size_px < 1 or size_px % 2 == 0:
-        raise ValueError("expected an odd number ≥ 1: an even window would shift the map by half a pixel")
+        raise ValueError(
+            "expected an odd number ≥ 1: an even window would shift the map by half a pixel"
+        )
     return size_px
 
 
@@ -42,12 +44,24 @@ class FskConfig(PixelsConfig):
     """Parameters that all FSK methods share."""
 
     first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
-    threshold_db: float = Field(default=-10.0, lt=0, description="pixels weaker than this are off target")
-    corrections: int = Field(default=1, ge=1, description="times that z_e is corrected, at most (paper: once)")
-    settled_m: float = Field(default=0.005, gt=0, description="z_e is corrected again while it moves by more than this")
-    off_axis: bool = Field(default=False, description="use the path's true derivative along z instead of 2")
-    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact")
-    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
+    threshold_db: float = Field(
+        default=-10.0, lt=0, description="pixels weaker than this are off target"
+    )
+    corrections: int = Field(
+        default=1, ge=1, description="times that z_e is corrected, at most (paper: once)"
+    )
+    settled_m: float = Field(
+        default=0.005, gt=0, description="z_e is corrected again while it moves by more than this"
+    )
+    off_axis: bool = Field(
+        default=False, description="use the path's true derivative along z instead of 2"
+    )
+    tolerance: float | None = Field(
+        default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact"
+    )
+    spread_px: OddPixels = Field(
+        default=9, description="window of the predicted error, pixels: two resolution cells"
+    )
 
 
 class AgreementConfig(Config):
@@ -55,33 +69,58 @@ class AgreementConfig(Config):
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
-    fine_filter_px: OddPixels = Field(default=5, description="filter of the result, weighted with power, pixels")
-    spread_px: OddPixels = Field(default=9, description="window of the predicted error, pixels: two resolution cells")
-    edge_m: float = Field(default=0.006, ge=0, description="what lies behind something so close to it is in doubt")
-    drop_doubtful: bool = Field(default=True, description="such pixels and those without coherence are dropped (NaN)")
+    fine_filter_px: OddPixels = Field(
+        default=5, description="filter of the result, weighted with power, pixels"
+    )
+    spread_px: OddPixels = Field(
+        default=9, description="window of the predicted error, pixels: two resolution cells"
+    )
+    edge_m: float = Field(
+        default=0.006, ge=0, description="what lies behind something so close to it is in doubt"
+    )
+    drop_doubtful: bool = Field(
+        default=True, description="such pixels and those without coherence are dropped (NaN)"
+    )
 
 
 class TwoToneConfig(FskConfig):
     """2-FSK with the paper's parameters."""
 
     f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
-    f2_hz: float = Field(default=81.8e9, gt=0, description="second tone; |f1 − f2| sets the unambiguous range")
+    f2_hz: float = Field(
+        default=81.8e9, gt=0, description="second tone; |f1 − f2| sets the unambiguous range"
+    )
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
         """The tones, as `LadderConfig` lists them."""
-        return tuple(getattr(self, tone) for tone in ("f1_hz", "f2_hz", "f3_hz") if tone in type(self).model_fields)
+        return tuple(
+            getattr(self, tone)
+            for tone in ("f1_hz", "f2_hz", "f3_hz")
+            if tone in type(self).model_fields
+        )
 
 
 class RefinedConfig(FskConfig):
-    """Parameters that the methods with further tones share; the paper does not give its filters' sizes."""
+    """Parameters that the methods with further tones share; the paper does not give its filters'
+    sizes."""
 
-    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each further tone, pixels")
-    fine_filter_px: OddPixels = Field(default=5, description="averaging filter of the result, pixels")
-    fine_refinements: int = Field(default=1, ge=1, description="times a further tone corrects each pixel (paper: once)")
+    coarse_filter_px: OddPixels = Field(
+        default=5, description="averaging filter before each further tone, pixels"
+    )
+    fine_filter_px: OddPixels = Field(
+        default=5, description="averaging filter of the result, pixels"
+    )
+    fine_refinements: int = Field(
+        default=1, ge=1, description="times a further tone corrects each pixel (paper: once)"
+    )
     weighted: bool = Field(default=False, description="the filters weigh each pixel with its power")
-    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
-    drop_wrapped: bool = Field(default=False, description="flagged pixels are dropped (NaN) instead of kept")
+    wrap_probability: float = Field(
+        default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged"
+    )
+    drop_wrapped: bool = Field(
+        default=False, description="flagged pixels are dropped (NaN) instead of kept"
+    )
 
 
 class ThreeToneConfig(TwoToneConfig, RefinedConfig):
@@ -94,7 +133,9 @@ class LadderConfig(RefinedConfig):
     """Any number of tones: the first pair finds the depth, each further tone refines it."""
 
     phase_noise_rad: float = Field(
-        default=0.03, gt=0, description="expected between two tones at the strongest pixel; judges the ladder on paper"
+        default=0.03,
+        gt=0,
+        description="expected between two tones at the strongest pixel; judges the ladder on paper",
     )
     tones_hz: tuple[Tone, ...] = Field(
         default=(82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9),
@@ -117,16 +158,28 @@ class LadderConfig(RefinedConfig):
 
 
 class JointConfig(AgreementConfig, FskConfig):
-    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's depth."""
+    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's
+    depth."""
 
-    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
-    tones_hz: tuple[Tone, ...] = Field(
-        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), description="the closest pair first, then any others"
+    off_axis: bool = Field(
+        default=True, description="use the path's true derivative along z instead of 2"
     )
-    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter before each search, pixels")
-    fine_refinements: int = Field(default=2, ge=1, description="times that all tones are imaged and searched")
-    reach_m: float = Field(default=0.03, gt=0, description="of the search before and behind each pixel's depth")
-    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+    tones_hz: tuple[Tone, ...] = Field(
+        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9),
+        description="the closest pair first, then any others",
+    )
+    coarse_filter_px: OddPixels = Field(
+        default=5, description="averaging filter before each search, pixels"
+    )
+    fine_refinements: int = Field(
+        default=2, ge=1, description="times that all tones are imaged and searched"
+    )
+    reach_m: float = Field(
+        default=0.03, gt=0, description="of the search before and behind each pixel's depth"
+    )
+    wrap_probability: float = Field(
+        default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged"
+    )
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
@@ -139,21 +192,40 @@ class JointConfig(AgreementConfig, FskConfig):
         if len(set(tones_hz)) < max(3, len(tones_hz)):
             raise ValueError("expected three different tones or more")
         if abs(tones_hz[0] - tones_hz[1]) > np.diff(np.sort(tones_hz)).min() + 1:
-            raise ValueError("its first two tones are not its closest ones, which find the plane; put those first")
+            raise ValueError(
+                "its first two tones are not its closest ones, which find the plane; put those "
+                "first"
+            )
         return tones_hz
 
 
 class PriorConfig(AgreementConfig, FskConfig):
-    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong one."""
+    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong
+    one."""
 
-    threshold_db: float = Field(default=-16.0, lt=0, description="pixels weaker than this are off target")
-    off_axis: bool = Field(default=True, description="use the path's true derivative along z instead of 2")
-    prior: str = Field(default="", description="depth map .npz, or other sensor; empty: the echoes' own coarse depth")
+    threshold_db: float = Field(
+        default=-16.0, lt=0, description="pixels weaker than this are off target"
+    )
+    off_axis: bool = Field(
+        default=True, description="use the path's true derivative along z instead of 2"
+    )
+    prior: str = Field(
+        default="",
+        description="depth map .npz, or other sensor; empty: the echoes' own coarse depth",
+    )
     f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
-    far_hz: float = Field(default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off")
-    close_hz: float = Field(default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period")
-    coarse_filter_px: OddPixels = Field(default=5, description="averaging filter of the echoes' coarse depth, pixels")
-    wrap_probability: float = Field(default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged")
+    far_hz: float = Field(
+        default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off"
+    )
+    close_hz: float = Field(
+        default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period"
+    )
+    coarse_filter_px: OddPixels = Field(
+        default=5, description="averaging filter of the echoes' coarse depth, pixels"
+    )
+    wrap_probability: float = Field(
+        default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged"
+    )
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
@@ -163,14 +235,17 @@ class PriorConfig(AgreementConfig, FskConfig):
     @model_validator(mode="after")
     def _apart(self) -> PriorConfig:
         if not 0 < abs(self.f1_hz - self.close_hz) < abs(self.f1_hz - self.far_hz) / 3:
-            raise ValueError("close_hz is no witness; expected it within a third of far_hz's distance from f1_hz")
+            raise ValueError(
+                "close_hz is no witness; expected it within a third of far_hz's distance from f1_hz"
+            )
         return self
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
     """ValueError for a ladder that even the strongest pixel cannot climb.
 
-    σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤ π/(SIGMAS·σ_φ).
+    σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤
+    π/(SIGMAS·σ_φ).
     """
     most = np.pi / (SIGMAS * phase_noise_rad)
     reaches_hz = [reach_hz(tones_hz[:count]) for count in range(2, len(tones_hz) + 1)]
@@ -178,20 +253,25 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
         tone = f"rung {rung} ({tones_hz[rung] / 1e9:.4g} GHz)"
         if next_hz <= last_hz or last_hz == 0:
             raise ValueError(
-                f"{tone} reaches {next_hz / 1e9:.4g} GHz from the first tones and the rung before it "
+                f"{tone} reaches {next_hz / 1e9:.4g} GHz from the first tones and the rung "
+                "before it "
                 f"{last_hz / 1e9:.4g} GHz; order the tones so that every rung reaches further"
             )
         if next_hz / last_hz > most:
-            between_hz = tones_hz[0] + np.sign(tones_hz[rung] - tones_hz[0]) * np.sqrt(last_hz * next_hz)
+            between_hz = tones_hz[0] + np.sign(tones_hz[rung] - tones_hz[0]) * np.sqrt(
+                last_hz * next_hz
+            )
             raise ValueError(
-                f"{tone} reaches {next_hz / last_hz:.1f} times as far as the rung before it; a phase noise of "
-                f"{phase_noise_rad:.3g} rad allows {most:.1f}: put a tone near {between_hz / 1e9:.4g} GHz between them"
+                f"{tone} reaches {next_hz / last_hz:.1f} times as far as the rung before it; a "
+                "phase noise of "
+                f"{phase_noise_rad:.3g} rad allows {most:.1f}: put a tone near "
+                f"{between_hz / 1e9:.4g} GHz between them"
             )
 
 
 def reach_hz(tones_hz: Iterable[float]) -> float:
-    """Distance of the last tone from the first two (of two tones, from the other), hertz: the larger distance, which
-    makes the step from them unambiguous within ±c/(4·reach)."""
+    """Distance of the last tone from the first two (of two tones, from the other), hertz: the
+    larger distance, which makes the step from them unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
 

@@ -1,9 +1,10 @@
 """Two tones far apart, about a first depth of each pixel that another sensor found.
 
-A pair Δf apart tells a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one. Multimodal 2-FSK takes that from an
-optical sensor (arXiv 2511.01405) and saves the coarse tones' images. Here a third, close tone is kept as a witness: its
-phase is unambiguous within ±c/(4 · 200 MHz), too rough for a depth, yet its mean over a few resolution cells tells a
-prior that is a period off, and its median one that is wrong as a whole.
+A pair Δf apart tells a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one. Multimodal
+2-FSK takes that from an optical sensor (arXiv 2511.01405) and saves the coarse tones' images. Here
+a third, close tone is kept as a witness: its phase is unambiguous within ±c/(4 · 200 MHz), too
+rough for a depth, yet its mean over a few resolution cells tells a prior that is a period off, and
+its median one that is wrong as a whole.
 """
 
 from __future__ import annotations
@@ -23,19 +24,27 @@ from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.support.errors import HandbenchError
 
-MOST_OFF = 2 / 3  # of half a period: so far off a prior may be on the whole, and its pixels still have room for theirs
+MOST_OFF = (
+    2 / 3
+    # of half a period: so far off a prior may be on the whole, and its pixels still have room for
+    # theirs
+)
 WITNESS_PX = 15  # window of the close pair's mean: some ten resolution cells
 
 
 def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -> DepthMap:
-    """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without depths, or so far
-    from the echoes' own depth, on the whole, that its pixels would be taken for those of another period."""
+    """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without
+    depths, or so far from the echoes' own depth, on the whole, that its pixels would be taken for
+    those of another period."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
     grid, first_m = _first_depths(tones, config, capture, frame)
     step = tones.surface(grid, first_m)
     seen = step.at(amplitude_db(step.amplitude)) >= config.threshold_db
     step = replace(
-        step, index=step.index[seen], formed_m=first_m.ravel()[step.index[seen]], images=step.images[:, seen]
+        step,
+        index=step.index[seen],
+        formed_m=first_m.ravel()[step.index[seen]],
+        images=step.images[:, seen],
     )
     placed = functools.partial(whole.placed, grid)
     db, half_period_m = amplitude_db(placed(step.amplitude, 0.0)), tones.period_m / 2
@@ -48,49 +57,73 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
 
 
-def other_sensor(capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0) -> DepthMap:
-    """Depth map of another sensor, without amplitudes; HandbenchError where the capture has none, or it saw nothing."""
+def other_sensor(
+    capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0
+) -> DepthMap:
+    """Depth map of another sensor, without amplitudes; HandbenchError where the capture has none,
+    or it saw nothing."""
     if name not in capture.sensors:
         known = ", ".join(capture.sensors) or "the radar's alone"
-        raise HandbenchError(f"{name}: the capture holds no depth of that sensor, but {known}; leave it out")
+        raise HandbenchError(
+            f"{name}: the capture holds no depth of that sensor, but {known}; leave it out"
+        )
     grid = config.grid()
     z_m = capture.sensors[name](grid, frame)
     if not np.isfinite(z_m).any():
-        raise HandbenchError(f"{name}: saw nothing at the radar's pixels; check how its frame lies to the radar's")
+        raise HandbenchError(
+            f"{name}: saw nothing at the radar's pixels; check how its frame lies to the radar's"
+        )
     db = np.where(np.isfinite(z_m), 0.0, -np.inf).astype(np.float32)
     return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump(mode="json"))
 
 
-def _first_depths(tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int) -> tuple[PixelGrid, np.ndarray]:
-    """The part of the grid where the prior tells a depth, and these [ny, nx]: a file's, sensor's or the echoes' own."""
+def _first_depths(
+    tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int
+) -> tuple[PixelGrid, np.ndarray]:
+    """The part of the grid where the prior tells a depth, and these [ny, nx]: a file's, sensor's or
+    the echoes' own."""
     whole = config.grid()
     if not config.prior:
         step = first_step(tones, config).cropped()
         return step.grid, masked_mean(step.z_m, config.coarse_filter_px, step.amplitude**2)
     file = config.prior.endswith(".npz")
-    prior = load_depthmap(config.prior) if file else other_sensor(capture, config, config.prior, frame)
-    same = prior.z_m.shape == whole.shape and np.allclose(prior.x_m, whole.x_m) and np.allclose(prior.y_m, whole.y_m)
+    prior = (
+        load_depthmap(config.prior) if file else other_sensor(capture, config, config.prior, frame)
+    )
+    same = (
+        prior.z_m.shape == whole.shape
+        and np.allclose(prior.x_m, whole.x_m)
+        and np.allclose(prior.y_m, whole.y_m)
+    )
     if not same or not np.isfinite(prior.z_m).any():
         raise HandbenchError(
             f"{config.prior}: is a map of {prior.z_m.shape[1]} × {prior.z_m.shape[0]} pixels, "
-            f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the method's x and y"
+            f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the "
+            "method's x and y"
         )
     box = bounding_box(np.isfinite(prior.z_m))
     return whole.part(box), prior.z_m[box].astype(np.float64)
 
 
 def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) -> np.ndarray:
-    """True [ny, nx] where the close pair, or the neighbours, say that the depth is one of another period."""
+    """True [ny, nx] where the close pair, or the neighbours, say that the depth is one of another
+    period."""
     close, power = step.below(), step.amplitude**2
     apart_m = step.on_map(close.correction_m - step.correction_m)
     whole_m = np.median(close.correction_m)
     if config.prior and abs(whole_m) > MOST_OFF * half_period_m:
         raise HandbenchError(
-            f"{config.prior}: lies {1e3 * abs(whole_m):.0f} mm {'before' if whole_m > 0 else 'behind'} the depths that "
-            f"close tones tell (median); expected {1e3 * MOST_OFF * half_period_m:.0f} mm or less: check its frame"
+            f"{config.prior}: lies {1e3 * abs(whole_m):.0f} mm "
+            f"{'before' if whole_m > 0 else 'behind'} the depths that "
+            f"close tones tell (median); expected {1e3 * MOST_OFF * half_period_m:.0f} mm or "
+            "less: check its frame"
         )
     mean_m, q_m = (masked_mean(told, WITNESS_PX, power) for told in (apart_m, quadrature_m(close)))
     with np.errstate(invalid="ignore"):
-        wrapped = wrap_probability(mean_m, spread_m(q_m, step.amplitude, config.spread_px), half_period_m)
-    alone = np.abs(step.z_m - masked_mean(step.z_m, config.coarse_filter_px, power)) > half_period_m / 2
+        wrapped = wrap_probability(
+            mean_m, spread_m(q_m, step.amplitude, config.spread_px), half_period_m
+        )
+    alone = (
+        np.abs(step.z_m - masked_mean(step.z_m, config.coarse_filter_px, power)) > half_period_m / 2
+    )
     return (wrapped > config.wrap_probability) | alone

@@ -1,5 +1,5 @@
-"""The paper's four methods and what improves on them: presets of the same functions, whose code is imported when they
-run, so that a method is known by name and configuration at once."""
+"""The paper's four methods and what improves on them: presets of the same functions, whose code is
+imported when they run, so that a method is known by name and configuration at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,12 @@ from handbench.radar.methods.fsk_config import (
     ThreeToneConfig,
     TwoToneConfig,
 )
-from handbench.radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig, ProjectionConfig
+from handbench.radar.methods.projection_config import (
+    AlignedConfig,
+    BroadbandConfig,
+    NarrowbandConfig,
+    ProjectionConfig,
+)
 from handbench.radar.methods.registry import PAPER, Reconstruction, register
 from handbench.support.config import Config
 
@@ -29,7 +34,12 @@ ALONG_Z = "radar/methods/alignment.py, after Capon 1969 and Mallart & Fink 1994"
 OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # Every improvement: the second refinement settles what the first one, out of focus, leaves.
-PLUS: dict[str, Any] = {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}
+PLUS: dict[str, Any] = {
+    "off_axis": True,
+    "weighted": True,
+    "fine_refinements": 2,
+    "drop_wrapped": True,
+}
 
 
 def _fsk(capture: RadarCapture, config: AnyConfig, frame: int, id: str) -> Reconstruction:
@@ -59,12 +69,13 @@ def _preset(
     source: str = OURS,
     **defaults: bool | float | str,
 ) -> None:
-    """Register make(capture, config, frame, id) with these defaults instead of the configuration's own; a variant's id
-    begins with that of the method that it varies."""
+    """Register make(capture, config, frame, id) with these defaults instead of the configuration's
+    own; a variant's id begins with that of the method that it varies."""
     if defaults:
         known = config.model_fields  # whose limits hold on
         fields: dict[str, Any] = {
-            k: (Annotated[known[k].annotation, *known[k].metadata, Field()], v) for k, v in defaults.items()
+            k: (Annotated[known[k].annotation, *known[k].metadata, Field()], v)
+            for k, v in defaults.items()
         }
         config = create_model(config.__name__, __base__=config, **fields)
 
@@ -74,23 +85,83 @@ def _preset(
 
 
 _preset(_fsk, "2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
-_preset(_fsk, "3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER)
-_preset(_mip, "broadband", BroadbandConfig, "backprojected volume of 128 tones, maximum intensity projection", PAPER)
+_preset(
+    _fsk, "3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER
+)
+_preset(
+    _mip,
+    "broadband",
+    BroadbandConfig,
+    "backprojected volume of 128 tones, maximum intensity projection",
+    PAPER,
+)
 _preset(_mip, "narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
 
-_preset(_fsk, "2fsk-settled", TwoToneConfig, "2-FSK that corrects z_e until it stays", corrections=SETTLING)
-_preset(_fsk, "3fsk-settled", ThreeToneConfig, "3-FSK that corrects z_e until it stays", corrections=SETTLING)
-_preset(_fsk, "3fsk-offaxis", ThreeToneConfig, "3-FSK with the path's true derivative instead of 2", off_axis=True)
-_preset(_fsk, "3fsk-weighted", ThreeToneConfig, "3-FSK with filters that weigh pixels with their power", weighted=True)
-_preset(_fsk, "3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS)
-_preset(_fsk, "nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn")
+_preset(
+    _fsk,
+    "2fsk-settled",
+    TwoToneConfig,
+    "2-FSK that corrects z_e until it stays",
+    corrections=SETTLING,
+)
+_preset(
+    _fsk,
+    "3fsk-settled",
+    ThreeToneConfig,
+    "3-FSK that corrects z_e until it stays",
+    corrections=SETTLING,
+)
+_preset(
+    _fsk,
+    "3fsk-offaxis",
+    ThreeToneConfig,
+    "3-FSK with the path's true derivative instead of 2",
+    off_axis=True,
+)
+_preset(
+    _fsk,
+    "3fsk-weighted",
+    ThreeToneConfig,
+    "3-FSK with filters that weigh pixels with their power",
+    weighted=True,
+)
+_preset(
+    _fsk, "3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS
+)
+_preset(
+    _fsk, "nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn"
+)
 _preset(_fsk, "nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset(
-    _mip, "broadband-subvoxel", BroadbandConfig, "broadband with depths between voxels", subvoxel=True, tolerance=1e-4
+    _mip,
+    "broadband-subvoxel",
+    BroadbandConfig,
+    "broadband with depths between voxels",
+    subvoxel=True,
+    tolerance=1e-4,
 )
-_preset(_mip, "broadband-aligned", AlignedConfig, "broadband with depths at which the tones' phases agree")
-_preset(_mip, "broadband-capon", AlignedConfig, "the same by Capon's spectrum of the tones", ALONG_Z, estimator="capon")
-_preset(_mip, "broadband-coherence", AlignedConfig, "the same by the coherence factor", ALONG_Z, estimator="coherence")
+_preset(
+    _mip,
+    "broadband-aligned",
+    AlignedConfig,
+    "broadband with depths at which the tones' phases agree",
+)
+_preset(
+    _mip,
+    "broadband-capon",
+    AlignedConfig,
+    "the same by Capon's spectrum of the tones",
+    ALONG_Z,
+    estimator="capon",
+)
+_preset(
+    _mip,
+    "broadband-coherence",
+    AlignedConfig,
+    "the same by the coherence factor",
+    ALONG_Z,
+    estimator="coherence",
+)
 
 
 @register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
@@ -100,7 +171,12 @@ def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruc
     return Reconstruction(joint(capture, config, frame))
 
 
-@register("prior-2fsk", PriorConfig, "two tones far apart, about another sensor's depth of each pixel", PRIOR)
+@register(
+    "prior-2fsk",
+    PriorConfig,
+    "two tones far apart, about another sensor's depth of each pixel",
+    PRIOR,
+)
 def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
     from handbench.radar.methods.optical_prior import prior_two_tone
 

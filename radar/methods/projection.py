@@ -1,10 +1,11 @@
-"""Surfaces from volumes by maximum intensity projection: the state of the art that FSK is compared with.
+"""Surfaces from volumes by maximum intensity projection: the state of the art that FSK is compared
+with.
 
-A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its neighbours along z.
-An engine that never holds a whole volume hands over its `Peaks`. Which of two voxels is the stronger, and which pixel
-is on target, is the exact image's answer: where two candidates differ by less than the image's error allows for, both
-are imaged exactly (`settled`). A faster image thus leads to the same map, unless it leaves three voxels of a pixel in
-doubt.
+A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its
+neighbours along z. An engine that never holds a whole volume hands over its `Peaks`. Which of two
+voxels is the stronger, and which pixel is on target, is the exact image's answer: where two
+candidates differ by less than the image's error allows for, both are imaged exactly (`settled`). A
+faster image thus leads to the same map, unless it leaves three voxels of a pixel in doubt.
 """
 
 from __future__ import annotations
@@ -31,10 +32,14 @@ from handbench.radar.methods.alignment import agreed, align, capon, coherence_fa
 from handbench.radar.methods.fsk import path_rise
 from handbench.radar.methods.projection_config import AlignedConfig, ProjectionConfig
 
-EXACT_TO = 1e-6  # relative error of what is called exact where voxels are compared: single precision's
+EXACT_TO = (
+    1e-6  # relative error of what is called exact where voxels are compared: single precision's
+)
 CHECKED = 8  # tones imaged once more, to see whether a depth is an echo's
-# Times the voxels' root mean square error, that a difference of two must exceed. Errors gather where the image is
-# bright: above -13 dB of a point in a large box they were 2.2 times as large on average (measured, at 1e-3).
+# Times the voxels' root mean square error, that a difference of two must exceed. Errors gather
+# where the image is
+# bright: above -13 dB of a point in a large box they were 2.2 times as large on average (measured,
+# at 1e-3).
 SURE = 8.0
 NOISE_PASSES = 0.01  # share of noise's pixels that may pass for an echo's
 SIDELOBE = 0.05  # of sinc², the pulse of an even band: 0.047
@@ -48,13 +53,21 @@ def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> n
     return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
 
 
-def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0) -> DepthMap:
-    """`maximum_projection` of the configured voxels, which are never held all at once; flagged as well are the pixels
-    at whose depth the tones do not agree."""
+def project(
+    capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0
+) -> DepthMap:
+    """`maximum_projection` of the configured voxels, which are never held all at once; flagged as
+    well are the pixels at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = near_one(samples), config.grid()
     kept, reuse = _KEPT.get(({}, False))
-    key = id(capture), frame, frequencies_hz.tobytes(), config.tolerance, str((config.x, config.y, config.z))
+    key = (
+        id(capture),
+        frame,
+        frequencies_hz.tobytes(),
+        config.tolerance,
+        str((config.x, config.y, config.z)),
+    )
     if not reuse or key not in kept:
         made = project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance)
         kept[key] = capture, made  # the capture too: its id is another's once it is gone
@@ -67,14 +80,22 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
     some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
-    if least >= 1 and not isinstance(config, AlignedConfig):  # noise aligns so few tones as well as an echo does
+    if least >= 1 and not isinstance(
+        config, AlignedConfig
+    ):  # noise aligns so few tones as well as an echo does
         return depth
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points = grid.pixels.points_at_m(index, grid.z_m[peaks.index.ravel()[index]])
-    images = image_points(samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True)
-    power = len(frequencies_hz) ** 2 * np.mean(np.abs(images) ** 2, axis=0)  # of all tones, were they in phase
+    images = image_points(
+        samples[some], frequencies_hz[some], capture.aperture, points, None, apart=True
+    )
+    power = len(frequencies_hz) ** 2 * np.mean(
+        np.abs(images) ** 2, axis=0
+    )  # of all tones, were they in phase
     incoherent = peaks.magnitude[1].ravel()[index] ** 2 < least * power
-    depth = replace(depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0))
+    depth = replace(
+        depth, wrapped=np.asarray(depth.wrapped) | (grid.pixels.on_map(index, incoherent, 0.0) > 0)
+    )
     if not isinstance(config, AlignedConfig):
         return depth
 
@@ -88,14 +109,24 @@ def project(capture: RadarCapture, config: ProjectionConfig, method: str, frame:
             apart=True,
         )
 
-    return _aligned(depth, config, points, images, frequencies_hz[some], path_rise(points, capture.aperture), image)
+    return _aligned(
+        depth,
+        config,
+        points,
+        images,
+        frequencies_hz[some],
+        path_rise(points, capture.aperture),
+        image,
+    )
 
 
 def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
-    """The peaks whose strongest voxels, where pixels are at or above the threshold, are those of the exact image.
+    """The peaks whose strongest voxels, where pixels are at or above the threshold, are those of
+    the exact image.
 
-    exact: flat pixel index [n] and voxel index along z [n] → magnitude [n] in the exact image. beside: voxels along z,
-    where the magnitudes beside a voxel that another gives way to are asked for, too; else they are NaN.
+    exact: flat pixel index [n] and voxel index along z [n] → magnitude [n] in the exact image.
+    beside: voxels along z, where the magnitudes beside a voxel that another gives way to are asked
+    for, too; else they are NaN.
     """
     doubt = SURE * peaks.error
     if doubt == 0:
@@ -105,7 +136,9 @@ def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) ->
     floor = height.max() * 10 ** (threshold_db / 20)
     rivalled = (height - second <= doubt) & (height >= floor - doubt) & (rival >= 0)
     paired = np.flatnonzero(rivalled)
-    single = np.flatnonzero(((np.abs(height - floor) <= doubt) | (height >= height.max() - doubt)) & ~rivalled)
+    single = np.flatnonzero(
+        ((np.abs(height - floor) <= doubt) | (height >= height.max() - doubt)) & ~rivalled
+    )
     places = index[single], index[paired], rival[paired]
     found = exact(np.concatenate([single, paired, paired]), np.concatenate(places))
     alone, own, other = np.split(found, [len(single), len(single) + len(paired)])
@@ -123,19 +156,24 @@ def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) ->
 
 
 def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """The value that |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's strongest voxel to be
-    an echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n = `known` of the tones tell.
+    """The value that |Σ O|² / (N Σ |O|²) of the N = count tones' images O must reach at a pixel's
+    strongest voxel to be an echo's: that of one depth has 1, noise 1/N on average. Of Σ |O|², n =
+    `known` of the tones tell.
 
-    Of noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so that the strongest of K depths,
-    two a range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the pixels: NOISE_PASSES. An echo from
-    outside the volume is seen by its range sidelobes: SIDELOBE at most.
+    Of noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so that the
+    strongest of K depths, two a range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of
+    the pixels: NOISE_PASSES. An echo from outside the volume is seen by its range sidelobes:
+    SIDELOBE at most.
     """
     depths = 1 + 2 * range_cells
     return max(known / count * ((depths / NOISE_PASSES) ** (1 / known) - 1), SIDELOBE)
 
 
-def _exact(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid) -> Exact:
-    """The exact image for `settled`: voxels' magnitudes, of as many tones of an array as carry all the others."""
+def _exact(
+    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
+) -> Exact:
+    """The exact image for `settled`: voxels' magnitudes, of as many tones of an array as carry all
+    the others."""
 
     @cache
     def few() -> tuple[np.ndarray, np.ndarray]:
@@ -163,8 +201,8 @@ def _aligned(
     rise: np.ndarray,
     image: Callable[[float], np.ndarray],
 ) -> DepthMap:
-    """The map with depths at which the images [f, n] at its strongest voxels, points_m [n, 3], agree. image: makes
-    them anew at places shifted along z."""
+    """The map with depths at which the images [f, n] at its strongest voxels, points_m [n, 3],
+    agree. image: makes them anew at places shifted along z."""
     pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
     index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
     found = align(images, frequencies_hz, rise)
@@ -183,8 +221,8 @@ _KEPT: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = ContextV
 
 @contextmanager
 def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False) -> Iterator[None]:
-    """While it lasts, `project` keeps the peaks of its captures' volumes; reuse: and takes them from there, for maps
-    that differ in filters and thresholds alone have one volume."""
+    """While it lasts, `project` keeps the peaks of its captures' volumes; reuse: and takes them
+    from there, for maps that differ in filters and thresholds alone have one volume."""
     token = _KEPT.set((kept, reuse))
     try:
         yield
@@ -193,9 +231,10 @@ def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False)
 
 
 def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> DepthMap:
-    """Maximum intensity projection along z, of the peaks of a volume: each pixel takes the depth of its
-    strongest voxel, whole voxels as in the paper or between them; pixels below the threshold are NaN. Flagged are the
-    pixels whose strongest voxel is the first or the last: the echo may lie beyond."""
+    """Maximum intensity projection along z, of the peaks of a volume: each pixel takes the depth of
+    its strongest voxel, whole voxels as in the paper or between them; pixels below the threshold
+    are NaN. Flagged are the pixels whose strongest voxel is the first or the last: the echo may lie
+    beyond."""
     grid = config.grid()
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
@@ -207,13 +246,16 @@ def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> D
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:
-    """The place of the maximum between three voxels [3, ...], in voxels about the middle one, within ±½; 0 where one of
-    them is NaN, since the maximum may lie beyond the volume.
+    """The place of the maximum between three voxels [3, ...], in voxels about the middle one,
+    within ±½; 0 where one of them is NaN, since the maximum may lie beyond the volume.
 
-    The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is closer to a parabola
-    than the lobe itself (the quartic term of sinc x over the quadratic is π²/20, that of its logarithm π²/30).
+    The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is
+    closer to a parabola than the lobe itself (the quartic term of sinc x over the quadratic is
+    π²/20, that of its logarithm π²/30).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         before, middle, behind = np.log(magnitude.astype(np.float64))
         offset = 0.5 * (before - behind) / (before - 2 * middle + behind)
-    return np.where(np.isfinite(offset), offset, 0.0)  # not for NaN, and three equal voxels have no vertex
+    return np.where(
+        np.isfinite(offset), offset, 0.0
+    )  # not for NaN, and three equal voxels have no vertex

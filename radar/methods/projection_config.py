@@ -18,9 +18,15 @@ class _VolumeConfig(Config):
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
     z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
-    threshold_db: float = Field(default=-13.0, lt=0, description="pixels weaker than this are off target")
-    subvoxel: bool = Field(default=False, description="depth between voxels, by a parabola (paper: whole voxels)")
-    tolerance: float | None = Field(default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact")
+    threshold_db: float = Field(
+        default=-13.0, lt=0, description="pixels weaker than this are off target"
+    )
+    subvoxel: bool = Field(
+        default=False, description="depth between voxels, by a parabola (paper: whole voxels)"
+    )
+    tolerance: float | None = Field(
+        default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact"
+    )
 
     def grid(self) -> VoxelGrid:
         """The voxels."""
@@ -30,10 +36,14 @@ class _VolumeConfig(Config):
 class BroadbandConfig(_VolumeConfig):
     """Broadband backprojection with the paper's parameters."""
 
-    tolerance: float | None = Field(default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact")
+    tolerance: float | None = Field(
+        default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact"
+    )
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
-    count: int = Field(default=128, ge=2, description="stepped tones from start to stop, both included")
+    count: int = Field(
+        default=128, ge=2, description="stepped tones from start to stop, both included"
+    )
 
     def tones_hz(self) -> np.ndarray:
         """The stepped tones."""
@@ -43,7 +53,9 @@ class BroadbandConfig(_VolumeConfig):
 class AlignedConfig(AgreementConfig, BroadbandConfig):
     """Broadband with depths at which some tones' phases agree."""
 
-    estimator: Literal["phases", "capon", "coherence"] = Field(default="phases", description="of the shift along z")
+    estimator: Literal["phases", "capon", "coherence"] = Field(
+        default="phases", description="of the shift along z"
+    )
 
     @model_validator(mode="after")
     def _alignable(self) -> AlignedConfig:
@@ -51,7 +63,9 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
         if self.count < fewest:
             raise ValueError(f"count = {self.count}: aligned needs {fewest} tones or more")
         if self.subvoxel:
-            raise ValueError("subvoxel does nothing to aligned depths, which are between voxels; leave it out")
+            raise ValueError(
+                "subvoxel does nothing to aligned depths, which are between voxels; leave it out"
+            )
         return self
 
 

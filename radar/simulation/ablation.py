@@ -1,8 +1,10 @@
-"""Effects left out of a coarse simulation: the scene simulated with its effects at the few tones that depths are told
-between, its surfaces sampled coarsely, and the depth maps that come of it with and without some of the effects.
+"""Effects left out of a coarse simulation: the scene simulated with its effects at the few tones
+that depths are told between, its surfaces sampled coarsely, and the depth maps that come of it with
+and without some of the effects.
 
-The effects themselves are applied, each together with all others that are on, so that what one does by way of another
-(obliquity and skin to echoes over two places) is in it, and an effect needs nothing of its own for it.
+The effects themselves are applied, each together with all others that are on, so that what one does
+by way of another (obliquity and skin to echoes over two places) is in it, and an effect needs
+nothing of its own for it.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -14,7 +16,13 @@ import numpy as np
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.fsk import fsk
-from handbench.radar.methods.fsk_config import PAPER_LATERAL, SETTLING, AnyConfig, ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.fsk_config import (
+    PAPER_LATERAL,
+    SETTLING,
+    AnyConfig,
+    ThreeToneConfig,
+    TwoToneConfig,
+)
 from handbench.radar.methods.projection import project
 from handbench.radar.methods.projection_config import NarrowbandConfig
 from handbench.radar.simulation.catalogue import Effect
@@ -27,8 +35,15 @@ LOST_MM = 10.0  # a pixel lost or gained counts as much as one that moves so far
 COARSER = 2.0  # edges of facets and mirrors over those of a simulation
 PIXELS = 8000  # of the box around the target, about
 MARGIN_M = 5e-3  # of that box
-STEP_M, FILTER_M = (1e-3, 2e-3), 5e-3  # least and largest of the pixels, and of 3-FSK's averaging filters
-METHODS = ("2fsk", FINE := "3fsk", "narrowband")  # whose maps are made; FINE alone where no close tones are measured
+STEP_M, FILTER_M = (
+    (1e-3, 2e-3),
+    5e-3,
+)  # least and largest of the pixels, and of 3-FSK's averaging filters
+METHODS = (
+    "2fsk",
+    FINE := "3fsk",
+    "narrowband",
+)  # whose maps are made; FINE alone where no close tones are measured
 VOXEL_M = 1e-3  # along z
 DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
 BOUNCING = "multipath"
@@ -37,8 +52,9 @@ REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places ta
 
 @dataclass(frozen=True)
 class Change:
-    """The change of a depth map where effects are left out: depth_mm, the mean |Δz| of the pixels that are on target
-    with and without them; pixels, those lost and gained as a share of those on target with all effects."""
+    """The change of a depth map where effects are left out: depth_mm, the mean |Δz| of the pixels
+    that are on target with and without them; pixels, those lost and gained as a share of those on
+    target with all effects."""
 
     depth_mm: float
     pixels: float
@@ -49,7 +65,10 @@ class Change:
         there, still = np.isfinite(whole_m), np.isfinite(without_m)
         moved_m = np.abs(whole_m - without_m)[there & still]
         count = max(int(there.sum()), 1)
-        return cls(1e3 * float(moved_m.mean()) if len(moved_m) else 0.0, float((there ^ still).sum()) / count)
+        return cls(
+            1e3 * float(moved_m.mean()) if len(moved_m) else 0.0,
+            float((there ^ still).sum()) / count,
+        )
 
 
 def worst_mm(changes: Mapping[str, Change]) -> float:
@@ -58,14 +77,22 @@ def worst_mm(changes: Mapping[str, Change]) -> float:
 
 
 class Ablation:
-    """A scene simulated coarsely with `effects`, in their order: `change(without)` tells what leaving some out does.
-    contained: effects that another one does, where that is on."""
+    """A scene simulated coarsely with `effects`, in their order: `change(without)` tells what
+    leaving some out does. contained: effects that another one does, where that is on."""
 
-    def __init__(self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]) -> None:
+    def __init__(
+        self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]
+    ) -> None:
         self._contained = contained
-        self.scene, self.effects, self._close = _coarse(scene), tuple(effects), scene.coarse_hz is not None
+        self.scene, self.effects, self._close = (
+            _coarse(scene),
+            tuple(effects),
+            scene.coarse_hz is not None,
+        )
         self._after: dict[tuple[str, ...], Echoes] = {}  # by the effects that are in them
-        self._bounced: dict[str, Callable[[], np.ndarray]] | None = None  # the whole's extra echo over two places
+        self._bounced: dict[str, Callable[[], np.ndarray]] | None = (
+            None  # the whole's extra echo over two places
+        )
         self._made: dict[frozenset[str], np.ndarray] = {}
         self.samples = self._simulated(frozenset())
         self._grid = _box(self.scene)
@@ -77,9 +104,14 @@ class Ablation:
         return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
 
     def level_db(self, without: Iterable[str]) -> float:
-        """Power of the echoes' change where these effects are left out, against that of all of them."""
+        """Power of the echoes' change where these effects are left out, against that of all of
+        them."""
         change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
-        return float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30))) if change else -np.inf
+        return (
+            float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30)))
+            if change
+            else -np.inf
+        )
 
     def _left_out(self, without: frozenset[str]) -> np.ndarray:
         if without not in self._made:
@@ -87,8 +119,8 @@ class Ablation:
         return self._made[without]
 
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
-        """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over from the whole,
-        unless what they reflect with is left out."""
+        """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over
+        from the whole, unless what they reflect with is left out."""
         names = {effect.id for effect in self.effects} - without
         names = {name for name in names if self._contained.get(name) not in names}
         echoes, applied = bare_echoes(self.scene, 1, TOLERANCE), tuple[str, ...]()
@@ -131,10 +163,12 @@ class Ablation:
 
 
 def _coarse(scene: EchoScene) -> EchoScene:
-    """The scene at the tones of a coarse and a fine depth step below the highest, ascending, coarsely sampled; with the
-    rays that the simulation will cast, too."""
+    """The scene at the tones of a coarse and a fine depth step below the highest, ascending,
+    coarsely sampled; with the rays that the simulation will cast, too."""
     high_hz, low_hz = scene.pair_hz
-    tones_hz = np.array([low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz])
+    tones_hz = np.array(
+        [low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz]
+    )
     measured = np.abs(scene.frequencies_hz - tones_hz[:, None]).argmin(axis=1)
     coarse = replace(scene, frequencies_hz=tones_hz, time_s=scene.time_s[measured], coarser=COARSER)
     if scene.target is not None:
@@ -143,8 +177,8 @@ def _coarse(scene: EchoScene) -> EchoScene:
 
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
-    """Axes of a box around the target's facets and balls, and the filters' size. A room may outshine the target: the
-    box is then as wide as the methods' images."""
+    """Axes of a box around the target's facets and balls, and the filters' size. A room may
+    outshine the target: the box is then as wide as the methods' images."""
     points_m = bare_echoes(scene).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m
@@ -157,4 +191,6 @@ def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
 
 
 def _axis(low_m: float, high_m: float, step_m: float) -> Axis:
-    return Axis(start_m=low_m, stop_m=low_m + step_m * np.ceil((high_m - low_m) / step_m), step_m=step_m)
+    return Axis(
+        start_m=low_m, stop_m=low_m + step_m * np.ceil((high_m - low_m) / step_m), step_m=step_m
+    )

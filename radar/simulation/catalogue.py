@@ -1,5 +1,5 @@
-"""The effects of simulated echoes: the cause of each in a scene, and the function that applies it; in the order of
-known_effects.toml, in which they are applied."""
+"""The effects of simulated echoes: the cause of each in a scene, and the function that applies it;
+in the order of known_effects.toml, in which they are applied."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +14,10 @@ OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect. id: its name in scene files and in known_effects.toml; needs: its cause, as a phrase for people;
-    cause: whether a scene has that; apply: the echoes with the effect; cost_s: seconds that it takes on one core (what
-    takes none is always on); estimate: its size, without a ray or a random number (None: not known so quickly)."""
+    """One effect. id: its name in scene files and in known_effects.toml; needs: its cause, as a
+    phrase for people; cause: whether a scene has that; apply: the echoes with the effect; cost_s:
+    seconds that it takes on one core (what takes none is always on); estimate: its size, without a
+    ray or a random number (None: not known so quickly)."""
 
     id: str
     needs: str
@@ -85,10 +86,25 @@ EFFECTS: tuple[Effect, ...] = (
         target_surface.skin,
     ),
     Effect(
-        "dielectric", "a target of foam or plastic, or balls in foam", dielectric.has_dielectric, dielectric.dielectric
+        "dielectric",
+        "a target of foam or plastic, or balls in foam",
+        dielectric.has_dielectric,
+        dielectric.dielectric,
     ),
-    Effect("roughness", "[target.roughness] with rms_m or layer_depth_m", _rough, target_surface.roughness),
-    Effect("multipath", OPAQUE, _opaque, further.multipath, further.multipath_cost_s, further.estimate_multipath),
+    Effect(
+        "roughness",
+        "[target.roughness] with rms_m or layer_depth_m",
+        _rough,
+        target_surface.roughness,
+    ),
+    Effect(
+        "multipath",
+        OPAQUE,
+        _opaque,
+        further.multipath,
+        further.multipath_cost_s,
+        further.estimate_multipath,
+    ),
     Effect(
         "motion",
         "[target.motion] with an amplitude or a velocity",

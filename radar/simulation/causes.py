@@ -9,8 +9,9 @@ from handbench.support.config import Config
 
 
 class Noise(Config):
-    """Thermal noise: phase_noise_rad, standard deviation of the phase *between two tones* at the strongest pixel; or
-    snr_db, the strongest pixel's power against the noise in the image of one tone. Nothing: no noise."""
+    """Thermal noise: phase_noise_rad, standard deviation of the phase *between two tones* at the
+    strongest pixel; or snr_db, the strongest pixel's power against the noise in the image of one
+    tone. Nothing: no noise."""
 
     phase_noise_rad: float = Field(default=0.0, ge=0)
     snr_db: float | None = Field(default=None, ge=-200, le=200)
@@ -23,21 +24,23 @@ class Noise(Config):
 
     @property
     def between_tones_rad(self) -> float:
-        """Standard deviation of the phase between two tones at the strongest pixel: 1/√SNR, since half of the noise's
-        power turns the phase of each tone."""
+        """Standard deviation of the phase between two tones at the strongest pixel: 1/√SNR, since
+        half of the noise's power turns the phase of each tone."""
         return self.phase_noise_rad if self.snr_db is None else 10 ** (-self.snr_db / 20)
 
 
 class Oscillator(Config):
-    """Phase noise of the common oscillator: level_dbc_hz at 1 MHz from the carrier, falling with 1/f²; bandwidth_hz of
-    the receiver's filter. Transmitter and receiver share it, so that the target's short delay cancels most of it."""
+    """Phase noise of the common oscillator: level_dbc_hz at 1 MHz from the carrier, falling with
+    1/f²; bandwidth_hz of the receiver's filter. Transmitter and receiver share it, so that the
+    target's short delay cancels most of it."""
 
     level_dbc_hz: float | None = Field(default=None, ge=-300, lt=0)
     bandwidth_hz: float = Field(default=1e6, gt=0)
 
     @property
     def density(self) -> float:
-        """Noise density over the carrier's power, 1/Hz, at 1 MHz from the carrier; 0 without a level."""
+        """Noise density over the carrier's power, 1/Hz, at 1 MHz from the carrier; 0 without a
+        level."""
         return 0.0 if self.level_dbc_hz is None else 10 ** (self.level_dbc_hz / 10)
 
 
@@ -52,8 +55,9 @@ def somewhere(direction: Direction) -> Direction:
 
 
 class Motion(Config):
-    """Motion of the target as a whole along `direction` (radar frame): a sine of tremor (peak amplitude_m,
-    frequency_hz, its phase at random) and a steady velocity_m_s. The first tone of each frame meets it in its place."""
+    """Motion of the target as a whole along `direction` (radar frame): a sine of tremor (peak
+    amplitude_m, frequency_hz, its phase at random) and a steady velocity_m_s. The first tone of
+    each frame meets it in its place."""
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
@@ -62,9 +66,9 @@ class Motion(Config):
 
 
 class Roughness(Config):
-    """Relief of the target that its mesh does not have: heights of standard deviation rms_m, whose correlation falls as
-    exp(−r²/correlation_m²); and a print's layer lines, layer_depth_m from ridge to valley and layer_pitch_m apart along
-    `layers_along` (radar frame)."""
+    """Relief of the target that its mesh does not have: heights of standard deviation rms_m, whose
+    correlation falls as exp(−r²/correlation_m²); and a print's layer lines, layer_depth_m from
+    ridge to valley and layer_pitch_m apart along `layers_along` (radar frame)."""
 
     rms_m: float = Field(default=0.0, ge=0, le=1e-3)
     correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
@@ -79,20 +83,23 @@ class Roughness(Config):
 
 
 class Pattern(Config):
-    """Antenna pattern: beamwidth_deg, the full width at half power of one antenna, as a power of cos θ."""
+    """Antenna pattern: beamwidth_deg, the full width at half power of one antenna, as a power of
+    cos θ."""
 
     beamwidth_deg: float | None = Field(default=None, gt=1, lt=180)
 
     @property
     def exponent(self) -> float:
-        """q of the amplitude cosᵠθ whose power, cos²ᵠθ, is halved at half the beamwidth off the axis; 0: even."""
+        """q of the amplitude cosᵠθ whose power, cos²ᵠθ, is halved at half the beamwidth off the
+        axis; 0: even."""
         if self.beamwidth_deg is None:
             return 0.0
         return float(-np.log(2) / (2 * np.log(np.cos(np.radians(self.beamwidth_deg) / 2))))
 
 
 class Coupling(Config):
-    """Leakage from transmitters to receivers: level_db, its mean power over the channels against the target's."""
+    """Leakage from transmitters to receivers: level_db, its mean power over the channels against
+    the target's."""
 
     level_db: float | None = Field(default=None, ge=-200, le=200)
 
@@ -109,7 +116,8 @@ class Positions(Config):
 
 
 class Channels(Config):
-    """Standard deviations of each antenna's gain (dB), phase (rad, the same at all tones) and delay (as a length)."""
+    """Standard deviations of each antenna's gain (dB), phase (rad, the same at all tones) and delay
+    (as a length)."""
 
     gain_db: float = Field(default=0.0, ge=0, le=100)
     phase_rad: float = Field(default=0.0, ge=0, le=100)
@@ -124,8 +132,8 @@ class Dead(Config):
 
 
 class Converter(Config):
-    """Analogue-to-digital conversion: bits of each quadrature; headroom_db between the largest sample and full scale
-    (negative: the largest are clipped)."""
+    """Analogue-to-digital conversion: bits of each quadrature; headroom_db between the largest
+    sample and full scale (negative: the largest are clipped)."""
 
     bits: int | None = Field(default=None, ge=1, le=32)
     headroom_db: float = Field(default=6.0, ge=-100, le=200)

@@ -2,9 +2,10 @@
 
     S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r| + 2δ(p))/c)
 
-with an optional one-way delay δ (foam) and the spreading and obliquity of each leg, g_a(p) = √max(n·û_a, 0) / |p − a|:
-the physical-optics integrand of a smooth surface, whose obliquity is shared evenly by both legs so that it stays
-separable and reciprocal (exact where transmitter and receiver see the facet under the same angle).
+with an optional one-way delay δ (foam) and the spreading and obliquity of each leg, g_a(p) =
+√max(n·û_a, 0) / |p − a|: the physical-optics integrand of a smooth surface, whose obliquity is
+shared evenly by both legs so that it stays separable and reciprocal (exact where transmitter and
+receiver see the facet under the same angle).
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
-NEAR = 5.0  # wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the next
+# wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the
+# next
+NEAR = 5.0
 
 
 @dataclass(frozen=True)
 class Scatterers:
-    """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for points); normal [p, 3]
-    unit vectors, or None for points that scatter evenly; delay_m [p] extra one-way optical path, or None; seen: which
-    antennas see each point, (bool [t, p], bool [r, p]), or None for all; sight: how much of each point antennas see, or
-    None for all of it."""
+    """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for
+    points); normal [p, 3] unit vectors, or None for points that scatter evenly; delay_m [p] extra
+    one-way optical path, or None; seen: which antennas see each point, (bool [t, p], bool [r, p]),
+    or None for all; sight: how much of each point antennas see, or None for all of it."""
 
     position_m: np.ndarray
     weight: np.ndarray
@@ -44,9 +47,13 @@ class Scatterers:
     def where(self, chosen: np.ndarray) -> Scatterers:
         """Some of them, by mask or index [n]."""
         seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
-        normal, delay_m = (None if values is None else values[chosen] for values in (self.normal, self.delay_m))
+        normal, delay_m = (
+            None if values is None else values[chosen] for values in (self.normal, self.delay_m)
+        )
         sight = None if self.sight is None else self.sight.where(chosen)
-        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, delay_m, seen, sight)
+        return Scatterers(
+            self.position_m[chosen], self.weight[chosen], normal, delay_m, seen, sight
+        )
 
 
 def simulate(
@@ -58,11 +65,14 @@ def simulate(
     pattern: float = 0.0,
     sight_tolerance: float = 0.0,
 ) -> np.ndarray:
-    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of backprojection.
-    pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis; a factor of g.
+    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of
+    backprojection. pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis;
+    a factor of g.
 
-    tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone of every scatterer.
-    sight_tolerance: the same of what is in partial sight, if that is larger: few antennas then stand for all there too.
+    tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone
+    of every scatterer.
+    sight_tolerance: the same of what is in partial sight, if that is larger: few antennas then
+    stand for all there too.
     """
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
@@ -70,13 +80,17 @@ def simulate(
     if tolerance is None:
         return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    delay_m = 0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
+    delay_m = (
+        0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
+    )
     family = Family(tolerance, apart=False, delay_m=delay_m, pattern=pattern if spreading else None)
     kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
     sight = scatterers.sight
     kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for whole in range(3):  # a gain with a kink is not smooth enough to be carried by few antennas, nor what diffracts
+    for whole in range(
+        3
+    ):  # a gain with a kink is not smooth enough to be carried by few antennas, nor what diffracts
         alike = np.flatnonzero(kind == whole)
         for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
             chosen = alike[near]
@@ -84,17 +98,21 @@ def simulate(
             if sight is not None and whole == 2:
                 family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
                 if sight_tolerance > tolerance:
-                    family = family._replace(tolerance=sight_tolerance, whole=False, beside=sight.beside)
+                    family = family._replace(
+                        tolerance=sight_tolerance, whole=False, beside=sight.beside
+                    )
             executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
-            samples += executor.echoes(_source(part, where.points_m, spreading, pattern, whole), where)
+            samples += executor.echoes(
+                _source(part, where.points_m, spreading, pattern, whole), where
+            )
     return samples
 
 
 def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """The scatterers that some transmitter and some receiver see, and the mask [p] of those that some antenna does
-    not."""
+    """The scatterers that some transmitter and some receiver see, and the mask [p] of those that
+    some antenna does not."""
     if scatterers.seen is None:
         return scatterers, np.zeros(len(scatterers.position_m), bool)
     tx, rx = scatterers.seen
@@ -104,7 +122,8 @@ def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
 
 
 def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
-    """Refuse places that no phase can be told of and, where echoes fade as 1/R, those without an R."""
+    """Refuse places that no phase can be told of and, where echoes fade as 1/R, those without
+    an R."""
     places_m = positions("scatterers.position_m", scatterers.position_m)
     if not spreading:
         return
@@ -114,35 +133,49 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
     on = inside[cKDTree(antennas_m).query(places_m[inside])[0] == 0]
     if len(on) > 0:
         raise HandbenchError(
-            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} lies on an antenna, where its echo is "
+            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} lies on an "
+            "antenna, where its echo is "
             "infinite; leave it out, or simulate without spreading"
         )
 
 
-def _source(part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int) -> Source:
-    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with sight."""
+def _source(
+    part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
+) -> Source:
+    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with
+    sight."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
-    normal = np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
+    normal = (
+        np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
+    )
     everyone = np.zeros((0, 0), np.uint8)
     seen = part.seen if whole == 1 and part.seen is not None else (everyone, everyone)
     seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
     weight = np.asarray(part.weight, np.complex64)
     sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
-    return Source(points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight)
+    return Source(
+        points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight
+    )
 
 
-def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray:
-    """Mask [p] of the points whose gain has a bend within the corners of the array's box: those close to it, facets
-    that some antenna sees at grazing incidence or from behind, and points far off the axis of some antenna's
-    pattern."""
+def _bent(
+    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
+) -> np.ndarray:
+    """Mask [p] of the points whose gain has a bend within the corners of the array's box: those
+    close to it, facets that some antenna sees at grazing incidence or from behind, and points far
+    off the axis of some antenna's pattern."""
     antennas = np.concatenate([array.tx_m, array.rx_m])
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
     bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
     if scatterers.normal is None and pattern == 0:
         return bent
-    least, most, ahead = np.full(len(bent), np.inf), np.full(len(bent), -np.inf), np.full(len(bent), np.inf)
+    least, most, ahead = (
+        np.full(len(bent), np.inf),
+        np.full(len(bent), -np.inf),
+        np.full(len(bent), np.inf),
+    )
     for corner_m in np.unique(box.corners_m, axis=0):
         towards = corner_m - scatterers.position_m
         distance = np.sqrt(np.einsum("pi,pi->p", towards, towards))
@@ -155,10 +188,18 @@ def _bent(scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArra
 
 
 def _simulate_exactly(
-    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, spreading: bool, pattern: float
+    scatterers: Scatterers,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    spreading: bool,
+    pattern: float,
 ) -> np.ndarray:
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    delay = np.zeros(len(position)) if scatterers.delay_m is None else np.asarray(scatterers.delay_m, np.float64)
+    delay = (
+        np.zeros(len(position))
+        if scatterers.delay_m is None
+        else np.asarray(scatterers.delay_m, np.float64)
+    )
     antennas = [leg.position_m for leg in array.legs]
     gains = [np.ones((len(leg_m), len(position)), np.float32) for leg_m in antennas]
     if spreading:
@@ -166,7 +207,9 @@ def _simulate_exactly(
     if scatterers.seen is not None:
         gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
     gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
-    distances = [np.linalg.norm(position[None] - leg_m[:, None], axis=2) + delay for leg_m in antennas]
+    distances = [
+        np.linalg.norm(position[None] - leg_m[:, None], axis=2) + delay for leg_m in antennas
+    ]
     legs = list(zip(distances, gains, strict=True))
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
 
@@ -186,13 +229,18 @@ def _simulate_exactly(
     return samples
 
 
-def _gain(points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
-    """g [a, p]: 1/R, times the square root of the obliquity n·û where the scatterers have normals, and cosᵠθ."""
+def _gain(
+    points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float
+) -> np.ndarray:
+    """g [a, p]: 1/R, times the square root of the obliquity n·û where the scatterers have normals,
+    and cosᵠθ."""
     gains = np.empty((len(antennas_m), len(points_m)), np.float32)
     for gain, antenna in zip(gains, antennas_m, strict=True):
         towards = antenna - points_m
         distance = np.linalg.norm(towards, axis=1)
-        obliquity = 1.0 if normal is None else np.maximum((normal * towards).sum(axis=1) / distance, 0.0)
+        obliquity = (
+            1.0 if normal is None else np.maximum((normal * towards).sum(axis=1) / distance, 0.0)
+        )
         gain[:] = np.sqrt(obliquity) / distance
         if pattern != 0:
             gain *= np.maximum(-towards[:, 2] / distance, 0.0) ** pattern

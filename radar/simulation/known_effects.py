@@ -1,5 +1,5 @@
-"""The effects of simulated echoes by name, as known_effects.toml declares them, and the row that says which of them a
-capture shows: what is read without their code."""
+"""The effects of simulated echoes by name, as known_effects.toml declares them, and the row that
+says which of them a capture shows: what is read without their code."""
 
 import tomllib
 from pathlib import Path
@@ -7,14 +7,17 @@ from pathlib import Path
 from handbench.support.config import Config, suggest
 from handbench.support.errors import HandbenchError
 
-DECLARED: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+DECLARED: dict[str, dict[str, str]] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text("utf-8")
+)
 IDS = tuple(DECLARED)  # in the order in which they are applied
 
 
 class Choice(Config):
-    """One effect's row: whether it is on and why; its estimate (None: not asked for, or the scene has no cause):
-    depth_mm, of 3-FSK's map, worst_mm, of that of the method that it changes most, pixels_percent, lost and gained, and
-    level_db; cost_s, what it was expected to take; seconds, what it took (None: off or not simulated)."""
+    """One effect's row: whether it is on and why; its estimate (None: not asked for, or the scene
+    has no cause): depth_mm, of 3-FSK's map, worst_mm, of that of the method that it changes most,
+    pixels_percent, lost and gained, and level_db; cost_s, what it was expected to take; seconds,
+    what it took (None: off or not simulated)."""
 
     effect: str
     on: bool

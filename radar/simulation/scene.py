@@ -1,4 +1,5 @@
-"""The scene of the echoes: bodies with their materials before an array, and the causes of effects."""
+"""The scene of the echoes: bodies with their materials before an array, and the causes of
+effects."""
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
@@ -12,16 +13,18 @@ from handbench.radar.simulation.causes import Causes
 from handbench.support.config import Config
 
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
-COARSE = 0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks
+COARSE = (
+    0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks
+)
 MOST_FOAM = 1.5
 USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
 
 class Material(Config):
-    """A body's material. metal: a perfect mirror; skin: see `radar.simulation.effects`, with palm_thickness_m of
-    the palm's horny layer and `wet` when moistened; foam and plastic: a dielectric with `loss_tangent` and
-    `permittivity` (1.03 and 2.7 by default). reflectivity_db: of what stands around: its echo against metal's, instead
-    of all this."""
+    """A body's material. metal: a perfect mirror; skin: see `radar.simulation.effects`, with
+    palm_thickness_m of the palm's horny layer and `wet` when moistened; foam and plastic: a
+    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). reflectivity_db: of
+    what stands around: its echo against metal's, instead of all this."""
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)
@@ -32,7 +35,10 @@ class Material(Config):
     @model_validator(mode="after")
     def _light_foam(self) -> "Material":
         if self.kind == "foam" and self.real_permittivity > MOST_FOAM:
-            raise ValueError(f"foam that rays pass straight has a permittivity of {MOST_FOAM} at most; call it plastic")
+            raise ValueError(
+                f"foam that rays pass straight has a permittivity of {MOST_FOAM} at most; call "
+                "it plastic"
+            )
         return self
 
     @property
@@ -43,9 +49,9 @@ class Material(Config):
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Closed triangle mesh in the radar frame, counter-clockwise seen from outside: vertices_m [n, 3], faces [m, 3].
-    palm [m]: which faces carry the palm's thick horny layer (None: none does); reflectivity_db: its echo against
-    metal's where that is known instead of the material."""
+    """Closed triangle mesh in the radar frame, counter-clockwise seen from outside: vertices_m [n,
+    3], faces [m, 3]. palm [m]: which faces carry the palm's thick horny layer (None: none does);
+    reflectivity_db: its echo against metal's where that is known instead of the material."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -71,12 +77,16 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
-    """A scene as the radar meets it. frequencies_hz [f] ascending, time_s [f]: when each tone of a frame is measured.
+    """A scene as the radar meets it. frequencies_hz [f] ascending, time_s [f]: when each tone of a
+    frame is measured.
 
-    target: what is measured (it may be None where there are balls alone); room: what stands around it and stays when
-    it is taken away; depth_step_hz: the step between tones by which an effect's phase is told in millimetres;
-    polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two places mind it);
-    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of bounces beyond that;
+    target: what is measured (it may be None where there are balls alone); room: what stands around
+    it and stays when it is taken away; depth_step_hz: the step between tones by which an effect's
+    phase is told in millimetres;
+    polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two
+    places mind it);
+    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of bounces
+    beyond that;
     nodes_apart: by how much farther apart the antennas are for which bounces are traced.
     """
 
@@ -115,26 +125,41 @@ class EchoScene:
 
     @property
     def pair_hz(self) -> tuple[float, float]:
-        """The tones between which depths are told: the highest, and of the others the one nearest to a depth step below
-        it; a lone tone has a partner that is not measured, a depth step below it."""
+        """The tones between which depths are told: the highest, and of the others the one nearest
+        to a depth step below it; a lone tone has a partner that is not measured, a depth step below
+        it."""
         low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
         wanted_hz = high_hz - self.depth_step_hz
         below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
-        return high_hz, float(below_hz[np.abs(below_hz - wanted_hz).argmin()]) if len(below_hz) else wanted_hz
+        return high_hz, float(below_hz[np.abs(below_hz - wanted_hz).argmin()]) if len(
+            below_hz
+        ) else wanted_hz
 
     @property
     def coarse_hz(self) -> float | None:
-        """The measured tone nearest to COARSE of a depth step below the highest, which 2-FSK tells depths by; None
-        where it is half as far again."""
-        usual_hz, below_hz = COARSE * self.depth_step_hz, self.frequencies_hz.max() - self.frequencies_hz
+        """The measured tone nearest to COARSE of a depth step below the highest, which 2-FSK tells
+        depths by; None where it is half as far again."""
+        usual_hz, below_hz = (
+            COARSE * self.depth_step_hz,
+            self.frequencies_hz.max() - self.frequencies_hz,
+        )
         nearest = int(np.abs(below_hz - usual_hz).argmin())
-        return float(self.frequencies_hz[nearest]) if abs(below_hz[nearest] - usual_hz) < usual_hz / 2 else None
+        return (
+            float(self.frequencies_hz[nearest])
+            if abs(below_hz[nearest] - usual_hz) < usual_hz / 2
+            else None
+        )
 
     @property
     def strictness(self) -> float:
-        """The weight of a phase in 2-FSK, if its tones are measured, over that between the pair of tones."""
+        """The weight of a phase in 2-FSK, if its tones are measured, over that between the pair of
+        tones."""
         high_hz, low_hz = self.pair_hz
-        return 1.0 if self.coarse_hz is None else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
+        return (
+            1.0
+            if self.coarse_hz is None
+            else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
+        )
 
     @property
     def depth_m_per_rad(self) -> float:

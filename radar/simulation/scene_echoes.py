@@ -1,4 +1,5 @@
-"""The echoes of a scene in the making, which effects change one after another, from the array to recorded samples."""
+"""The echoes of a scene in the making, which effects change one after another, from the array to
+recorded samples."""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -24,9 +25,10 @@ TARGET = "echoes"  # the target's own echoes, among the effects that times are c
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex amplitude [f] per
-    layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p], bool [r, p]), None: all; sight: how much
-    of it each sees, None: all of it; delay_m [p]: extra one-way path."""
+    """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex
+    amplitude [f] per layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p],
+    bool [r, p]), None: all; sight: how much of it each sees, None: all of it; delay_m [p]: extra
+    one-way path."""
 
     body: Body
     facets: Facets
@@ -53,12 +55,14 @@ class Surface:
 class Echoes:
     """The echoes of a scene in the making, of which each effect returns changed ones.
 
-    Effects come in the order of the catalogue: first those that change the array or the antennas' pattern (the exponent
-    of cos θ), then those that change the target's surface or add an extra echo of it, samples [f, t, r] by effect; the
-    first that reads `samples` has them computed, and the rest record others.
+    Effects come in the order of the catalogue: first those that change the array or the antennas'
+    pattern (the exponent of cos θ), then those that change the target's surface or add an extra
+    echo of it, samples [f, t, r] by effect; the first that reads `samples` has them computed, and
+    the rest record others.
 
-    ball_delay_m [n]: extra one-way path of each ball's echo; levels: by effect, measured with the target and kept for
-    the room without it (with_target False); timed: the context in which each effect's own part is computed.
+    ball_delay_m [n]: extra one-way path of each ball's echo; levels: by effect, measured with the
+    target and kept for the room without it (with_target False); timed: the context in which each
+    effect's own part is computed.
     """
 
     scene: EchoScene
@@ -80,14 +84,17 @@ class Echoes:
 
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
         """The same for each frame; the empty room has its own."""
-        return [self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)]
+        return [
+            self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)
+        ]
 
     def level(self, name: str, measure: Callable[[], float]) -> float:
         """A level that is measured with the target; the room without it has the same."""
         return measure() if self.with_target else self.levels[name]
 
     def record(self, samples: np.ndarray, **levels: float) -> "Echoes":
-        """The echoes with other samples [frame, f, t, r], and levels that were measured for them."""
+        """The echoes with other samples [frame, f, t, r], and levels that were measured for
+        them."""
         return replace(self, recorded=samples, levels={**self.levels, **levels})
 
     def add(self, effect: str, echo: Callable[[], np.ndarray]) -> "Echoes":
@@ -101,21 +108,30 @@ class Echoes:
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
     def echo(self, array: AntennaArray) -> np.ndarray:
-        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without extra echoes."""
+        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without
+        extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         with self.timed(TARGET):
             if self.surface is not None:
                 samples += self._surface_echo(self.surface, array)
             if self.with_target:
-                samples += ball_echoes(self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern)
+                samples += ball_echoes(
+                    self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern
+                )
         return samples
 
     def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
         """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
-        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen, surface.sight)
-        layers = [every] if layer is None else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
+        every = Scatterers(
+            facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen, surface.sight
+        )
+        layers = (
+            [every]
+            if layer is None
+            else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
+        )
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         for n, part in enumerate(layers):
             echoes = simulate(
@@ -126,7 +142,11 @@ class Echoes:
                 pattern=self.pattern,
                 sight_tolerance=SIGHT_TOLERANCE,
             )
-            samples += echoes if surface.reflection is None else echoes * surface.reflection[n][:, None, None]
+            samples += (
+                echoes
+                if surface.reflection is None
+                else echoes * surface.reflection[n][:, None, None]
+            )
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:
@@ -139,21 +159,27 @@ class Echoes:
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until an effect differs."""
+        """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until
+        an effect differs."""
         if self.recorded is not None:
             return self.recorded
         return np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
 
 
 def bare_echoes(
-    scene: EchoScene, frames: int = 1, tolerance: float | None = 1e-5, levels: Mapping[str, float] | None = None
+    scene: EchoScene,
+    frames: int = 1,
+    tolerance: float | None = 1e-5,
+    levels: Mapping[str, float] | None = None,
 ) -> Echoes:
-    """The echoes of a scene before any effect. levels: as those with the target have them; these are then of the room
-    without it."""
+    """The echoes of a scene before any effect. levels: as those with the target have them; these
+    are then of the room without it."""
     body = scene.target if levels is None else None
     surface = None if body is None else Surface(body, facing(scene, body))
     still = np.zeros(len(scene.balls))
-    return Echoes(scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {})
+    return Echoes(
+        scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {}
+    )
 
 
 def generator(seed: tuple[int, ...]) -> np.random.Generator:
@@ -165,14 +191,15 @@ def require_facets(facets: Facets) -> Facets:
     """The facets, if there are any."""
     if len(facets) == 0:
         raise HandbenchError(
-            "target: no facet faces the array; check the mesh's orientation (normals point outwards) and place"
+            "target: no facet faces the array; check the mesh's orientation (normals point "
+            "outwards) and place"
         )
     return facets
 
 
 def facing(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
-    """The body's facets, with edges of `longest` wavelengths at most, whose face turns its front to some antenna. Made
-    once."""
+    """The body's facets, with edges of `longest` wavelengths at most, whose face turns its front to
+    some antenna. Made once."""
     return scene.kept(("facing", id(body), longest), lambda: _facing(scene, body, longest))
 
 

@@ -1,7 +1,9 @@
-"""The effects that a scene is simulated with, and why: those that are listed, or those that "auto" leaves on.
+"""The effects that a scene is simulated with, and why: those that are listed, or those that "auto"
+leaves on.
 
-"auto" leaves out an effect that takes time where a quick estimate shows that it, together with all others that are left
-out, changes no method's map by more than the tolerance. An effect of which no estimate is sure is on.
+"auto" leaves out an effect that takes time where a quick estimate shows that it, together with all
+others that are left out, changes no method's map by more than the tolerance. An effect of which no
+estimate is sure is on.
 """
 
 from dataclasses import dataclass, field
@@ -23,8 +25,9 @@ Wanted = tuple[str, ...] | Literal["auto"]
 
 @dataclass
 class Selection:
-    """left_out: the effects that are not needed, and why; reasons: of those that are on; changes: by method, and
-    levels_db, of those that were left out of a coarse simulation; costs_s: the seconds expected."""
+    """left_out: the effects that are not needed, and why; reasons: of those that are on; changes:
+    by method, and levels_db, of those that were left out of a coarse simulation; costs_s: the
+    seconds expected."""
 
     left_out: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -33,14 +36,19 @@ class Selection:
     costs_s: dict[str, float] = field(default_factory=dict)
 
 
-def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False) -> tuple[Choice, ...]:
-    """The row of every effect in the order of the catalogue. explain: give estimates for a list too."""
+def choose(
+    scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False
+) -> tuple[Choice, ...]:
+    """The row of every effect in the order of the catalogue. explain: give estimates for a list
+    too."""
     missing = {effect.id: effect.missing(scene) for effect in EFFECTS}
     if wanted != "auto":
         check_names(wanted)
         for name in wanted:
             if missing[name]:
-                raise HandbenchError(f"effects: '{name}' needs {missing[name]}; add it or leave the effect out")
+                raise HandbenchError(
+                    f"effects: '{name}' needs {missing[name]}; add it or leave the effect out"
+                )
     there = [effect for effect in EFFECTS if not missing[effect.id]]
     found = _auto(scene, there, tolerance_mm) if wanted == "auto" else Selection()
     on = {effect.id for effect in there} - set(found.left_out)
@@ -53,11 +61,16 @@ def choose(scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool 
 
 
 def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:
-    """The effects (of those that the scene has a cause for) that together change no method's map by more than the
-    tolerance."""
-    there, own_s = {effect.id for effect in effects}, {effect.id: effect.cost_s(scene) for effect in effects}
+    """The effects (of those that the scene has a cause for) that together change no method's map by
+    more than the tolerance."""
+    there, own_s = (
+        {effect.id for effect in effects},
+        {effect.id: effect.cost_s(scene) for effect in effects},
+    )
     # What another effect does takes no time of its own.
-    costs = {name: 0.0 if CONTAINED.get(name) in there else seconds for name, seconds in own_s.items()}
+    costs = {
+        name: 0.0 if CONTAINED.get(name) in there else seconds for name, seconds in own_s.items()
+    }
     found, spent_mm, whole_s = Selection(costs_s=costs), 0.0, echo_s(scene) + sum(costs.values())
     for effect in sorted(effects, key=lambda effect: effect.id in CONTAINED):
         if CONTAINED.get(effect.id) in found.left_out:
@@ -67,13 +80,21 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
         elif (estimate := effect.estimate(scene)) is None:
             found.reasons[effect.id] = "its size is not known without simulating it"
         else:
-            told = f"about {estimate.worst_mm:.2g} mm, to a factor of {estimate.factor:g}: {estimate.why}"
-            if max(estimate.factor * estimate.worst_mm, spent_mm + SAFETY * estimate.worst_mm) <= tolerance_mm:
+            told = (
+                f"about {estimate.worst_mm:.2g} mm, to a factor of {estimate.factor:g}: "
+                f"{estimate.why}"
+            )
+            if (
+                max(estimate.factor * estimate.worst_mm, spent_mm + SAFETY * estimate.worst_mm)
+                <= tolerance_mm
+            ):
                 spent_mm += SAFETY * estimate.worst_mm
                 found.left_out[effect.id] = told
             else:
                 alone = estimate.factor * estimate.worst_mm <= tolerance_mm
-                found.reasons[effect.id] = told + ("; too much beside what is left out" if alone else "")
+                found.reasons[effect.id] = told + (
+                    "; too much beside what is left out" if alone else ""
+                )
     return found
 
 
@@ -84,21 +105,28 @@ def _container(name: str, on: set[str]) -> str | None:
 
 
 def _explain(found: Selection, scene: EchoScene, effects: list[Effect]) -> None:
-    """Add what leaving out each effect does, beside all others; of a contained one, together with what contains it."""
+    """Add what leaving out each effect does, beside all others; of a contained one, together with
+    what contains it."""
     ablation, there = Ablation(scene, effects, CONTAINED), {effect.id for effect in effects}
     found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
     for name in there:
         without = {name}
         while container := _container(name, there - without):
             without.add(container)
-        found.changes[name], found.levels_db[name] = ablation.change(without), ablation.level_db(without)
+        found.changes[name], found.levels_db[name] = (
+            ablation.change(without),
+            ablation.level_db(without),
+        )
 
 
 def _choice(name: str, wanted: Wanted, missing: str, found: Selection) -> Choice:
     if missing:
         return Choice(effect=name, on=False, why=f"needs {missing}")
     if wanted == "auto":
-        on, why = name not in found.left_out, found.left_out.get(name, found.reasons.get(name, "called for"))
+        on, why = (
+            name not in found.left_out,
+            found.left_out.get(name, found.reasons.get(name, "called for")),
+        )
     else:
         on, why = name in wanted, "listed" if name in wanted else "not listed"
     known: dict[str, float | None] = {"cost_s": found.costs_s.get(name)}

@@ -16,7 +16,8 @@ from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
 
 @dataclass
 class Stopwatch:
-    """Seconds per name; the time of what is timed inside something else counts for the inner alone."""
+    """Seconds per name; the time of what is timed inside something else counts for the inner
+    alone."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     _inner: list[float] = field(default_factory=list)
@@ -37,8 +38,8 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class SimulatedCapture:
-    """A scene's capture, the rows of its effects with the seconds that each took, and the same room without the target
-    (one frame; None: not asked for)."""
+    """A scene's capture, the rows of its effects with the seconds that each took, and the same room
+    without the target (one frame; None: not asked for)."""
 
     capture: RadarCapture
     rows: tuple[Choice, ...]
@@ -53,10 +54,14 @@ class SimulatedCapture:
 
 
 def simulate_scene(
-    scene: EchoScene, choices: tuple[Choice, ...], frames: int = 1, tolerance: float | None = 1e-5, empty: bool = False
+    scene: EchoScene,
+    choices: tuple[Choice, ...],
+    frames: int = 1,
+    tolerance: float | None = 1e-5,
+    empty: bool = False,
 ) -> SimulatedCapture:
-    """The capture of a scene with the chosen effects. Frames differ in what is random from frame to frame alone; the
-    empty room has the same sensor, and noise of its own."""
+    """The capture of a scene with the chosen effects. Frames differ in what is random from frame to
+    frame alone; the empty room has the same sensor, and noise of its own."""
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
     echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
     seconds = {name: watch.seconds.get(name, 0.0) for name in on}

@@ -1,6 +1,7 @@
 """Boards on paper at true scale, as cameras know them: single ArUco markers and ChArUco boards.
 
-All that is black is one path: its rectangles meet without the hairlines that viewers leave between neighbours.
+All that is black is one path: its rectangles meet without the hairlines that viewers leave between
+neighbours.
 """
 
 from collections.abc import Iterator
@@ -21,18 +22,23 @@ if TYPE_CHECKING:
 
 MILLIMETRES = 1e3
 FLAT_M = 5e-5  # how far a corner may lie off the plane of print: finer than paper is flat
-SQUARE = 0.02  # how far a marker's sides may differ, relative: a measured board's corners are not exact
-QUIET = 1 / 6  # white around the board, in sides of its largest marker: one module of the smallest dictionaries
+SQUARE = (
+    0.02  # how far a marker's sides may differ, relative: a measured board's corners are not exact
+)
+QUIET = (
+    1 / 6
+)  # white around the board, in sides of its largest marker: one module of the smallest dictionaries
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """The board's sheets, its frame's x to the right; title: heads them. Raises HandbenchError for an unknown paper, a
-    marker that the dictionary lacks, and a board that is not flat."""
+    """The board's sheets, its frame's x to the right; title: heads them. Raises HandbenchError for
+    an unknown paper, a marker that the dictionary lacks, and a board that is not flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
 def board_drawing(board: "Board", title: str) -> Drawing:
-    """The board as a drawing: its quads (`black_quads_mm`) and a white border; errors as `board_sheets`."""
+    """The board as a drawing: its quads (`black_quads_mm`) and a white border; errors as
+    `board_sheets`."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
     quiet_mm = QUIET * MILLIMETRES * max(_sides_m(board) + charuco_m)
@@ -44,27 +50,37 @@ def board_drawing(board: "Board", title: str) -> Drawing:
         ink = Path.make_compound_path(*rings)
         axes.add_patch(PathPatch(ink, facecolor="black", edgecolor="none", snap=False, gid="ink"))
 
-    return Drawing(float(width), float(height), title, f"{width:.1f} × {height:.1f} mm: {_sizes(board)}", paint)
+    return Drawing(
+        float(width), float(height), title, f"{width:.1f} × {height:.1f} mm: {_sizes(board)}", paint
+    )
 
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
-    """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on the print, whose
-    origin is the board frame's. A frame whose z points into the print (y downwards) is turned about its x axis."""
+    """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on
+    the print, whose origin is the board frame's. A frame whose z points into the print (y
+    downwards) is turned about its x axis."""
     upward = _upward(board)
     for marker in board.marker:
         corners_mm = MILLIMETRES * np.array(marker.corners_m)[:, :2] * (1, upward)
         yield from _modules(board.cv_dictionary(), board.dictionary, marker.id, corners_mm)
     if board.charuco is None:
         return
-    side_mm, inner = MILLIMETRES * board.charuco.square_m, board.charuco.marker_m / board.charuco.square_m
+    side_mm, inner = (
+        MILLIMETRES * board.charuco.square_m,
+        board.charuco.marker_m / board.charuco.square_m,
+    )
     cv_board = board.charuco.cv_board()
     white = set()
     for number, corners_m in zip(cv_board.getIds().ravel(), cv_board.getObjPoints(), strict=True):
-        column, row = (int(v) for v in np.floor(np.mean(corners_m, axis=0)[:2] / board.charuco.square_m))
+        column, row = (
+            int(v) for v in np.floor(np.mean(corners_m, axis=0)[:2] / board.charuco.square_m)
+        )
         white.add((column, row))
         # From the square, not from OpenCV's corners: these are float32.
         quad_mm = side_mm * _square(column, row, inner)
-        yield from _modules(cv_board.getDictionary(), board.charuco.dictionary, int(number), quad_mm)
+        yield from _modules(
+            cv_board.getDictionary(), board.charuco.dictionary, int(number), quad_mm
+        )
     for column in range(board.charuco.columns):
         for row in range(board.charuco.rows):
             if (column, row) not in white:
@@ -72,46 +88,60 @@ def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
 
 
 def _square(column: int, row: int, side: float) -> np.ndarray:
-    """Corners [4, 2] of a square in the middle of a chessboard's, in OpenCV's order; unit: the chessboard's side."""
-    return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    """Corners [4, 2] of a square in the middle of a chessboard's, in OpenCV's order; unit: the
+    chessboard's side."""
+    return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array(
+        [(-1, 1), (1, 1), (1, -1), (-1, -1)]
+    )
 
 
-def _modules(known: Any, dictionary: str, number: int, corners_mm: np.ndarray) -> Iterator[np.ndarray]:
-    """A marker's runs of black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order); known: OpenCV's
-    dictionary of that name."""
+def _modules(
+    known: Any, dictionary: str, number: int, corners_mm: np.ndarray
+) -> Iterator[np.ndarray]:
+    """A marker's runs of black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order);
+    known: OpenCV's dictionary of that name."""
     if number >= len(known.bytesList):
         raise HandbenchError(
-            f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to {len(known.bytesList) - 1}"
+            f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to "
+            f"{len(known.bytesList) - 1}"
         )
     count = known.markerSize + 2  # a border of one module
     bits = cv2.aruco.generateImageMarker(known, number, count)
     for row in range(count):
         edges = np.flatnonzero(np.diff(bits[row] == 0, prepend=False, append=False))
         for start, stop in edges.reshape(-1, 2):
-            u, v = np.array([start, stop, stop, start]) / count, np.array([row, row, row + 1, row + 1]) / count
+            u, v = (
+                np.array([start, stop, stop, start]) / count,
+                np.array([row, row, row + 1, row + 1]) / count,
+            )
             weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=1)
             yield weights @ corners_mm
 
 
 def _upward(board: "Board") -> int:
-    """1 where the frame's z points out of the print, −1 where it points into it; refuses what cannot be printed."""
+    """1 where the frame's z points out of the print, −1 where it points into it; refuses what
+    cannot be printed."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
     for marker in board.marker:
         corners_m = np.array(marker.corners_m)
         heights_m += list(corners_m[:, 2])
         sides_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=0), axis=1)
-        lengths_m = np.r_[sides_m, np.linalg.norm(corners_m[:2] - corners_m[2:], axis=1) / np.sqrt(2)]  # and diagonals
+        lengths_m = np.r_[
+            sides_m, np.linalg.norm(corners_m[:2] - corners_m[2:], axis=1) / np.sqrt(2)
+        ]  # and diagonals
         if not np.ptp(lengths_m) < SQUARE * lengths_m.max():
             shown = ", ".join(f"{MILLIMETRES * side:.2f}" for side in sides_m)
             raise HandbenchError(
-                f"board: marker {marker.id} has sides of {shown} mm; expected a square, its corners clockwise"
+                f"board: marker {marker.id} has sides of {shown} mm; expected a square, its "
+                "corners clockwise"
             )
         (ax, ay), (bx, by) = (corners_m[2] - corners_m[0])[:2], (corners_m[3] - corners_m[1])[:2]
         turns.add(-int(np.sign(ax * by - ay * bx)))
     if np.ptp(heights_m) > FLAT_M or len(turns) > 1:
         raise HandbenchError(
-            "board: its markers do not lie in one plane of constant z, all facing one way; a print is flat: draw the "
+            "board: its markers do not lie in one plane of constant z, all facing one way; a "
+            "print is flat: draw the "
             "faces as boards of their own, each with z = 0"
         )
     return turns.pop()

@@ -1,7 +1,7 @@
 """Drawings at true scale on sheets of paper: sizes, tiles with crop marks, PDF and SVG.
 
-A drawing is painted in millimetres. Each sheet shows a window of it on axes of exactly the window's size, above a bar
-that tells whether the printer kept the scale.
+A drawing is painted in millimetres. Each sheet shows a window of it on axes of exactly the window's
+size, above a bar that tells whether the printer kept the scale.
 """
 
 import re
@@ -25,7 +25,10 @@ from handbench.support.files import atomic_path
 INCH_MM = 25.4
 PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "letter": (279.4, 215.9)}
 FIT = "fit"  # one sheet as large as the drawing needs, for a print shop or a plotter
-MARGIN_MM, FOOTER_MM = 7.0, 14.0  # printers leave up to 6.4 mm white; crop marks stand in the margin
+MARGIN_MM, FOOTER_MM = (
+    7.0,
+    14.0,
+)  # printers leave up to 6.4 mm white; crop marks stand in the margin
 OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
@@ -46,8 +49,8 @@ THIN, GREY = 0.25, "0.55"  # points; colour of what is no edge
 
 @dataclass(frozen=True)
 class Drawing:
-    """Something to print at true scale. paint: draws it on axes in millimetres, origin at the lower left, y up; title
-    and note: two lines of text for the foot of each sheet."""
+    """Something to print at true scale. paint: draws it on axes in millimetres, origin at the lower
+    left, y up; title and note: two lines of text for the foot of each sheet."""
 
     width_mm: float
     height_mm: float
@@ -57,19 +60,24 @@ class Drawing:
 
 
 def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
-    """One figure of the paper's size for each sheet: a drawing that does not fit is cut into overlapping tiles. Raises
-    HandbenchError for an unknown paper and for a drawing beyond LARGEST_MM."""
+    """One figure of the paper's size for each sheet: a drawing that does not fit is cut into
+    overlapping tiles. Raises HandbenchError for an unknown paper and for a drawing beyond
+    LARGEST_MM."""
     for drawing in drawings:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
             size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
-            raise HandbenchError(f"drawing: is {size}; expected at most {LARGEST_MM:.0f} mm; are all lengths metres?")
+            raise HandbenchError(
+                f"drawing: is {size}; expected at most {LARGEST_MM:.0f} mm; are all lengths metres?"
+            )
     plan = [(drawing, *tiles(drawing, paper)) for drawing in drawings]
     total = sum(len(windows) for _, _, windows in plan)
     figures: list[Figure] = []
     with matplotlib.rc_context(STYLE):
         for drawing, page_mm, windows in plan:
             for window in windows:
-                figures.append(_sheet(drawing, page_mm, window, f"sheet {len(figures) + 1} of {total}"))
+                figures.append(
+                    _sheet(drawing, page_mm, window, f"sheet {len(figures) + 1} of {total}")
+                )
     return figures
 
 
@@ -84,8 +92,8 @@ def usable_mm(paper: str) -> tuple[float, float]:
 
 
 def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
-    """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover the drawing row by
-    row from the top, upright or sideways, whichever takes fewer sheets."""
+    """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover
+    the drawing row by row from the top, upright or sideways, whichever takes fewer sheets."""
     usable_mm(paper)  # refuses an unknown one
     if paper == FIT:
         width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
@@ -96,7 +104,9 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
         width, height = page[0] - 2 * MARGIN_MM, page[1] - 2 * MARGIN_MM - FOOTER_MM
         lefts, bottoms = _starts(drawing.width_mm, width), _starts(drawing.height_mm, height)
         size = min(width, drawing.width_mm), min(height, drawing.height_mm)
-        choices.append((page, [np.array([left, bottom, *size]) for bottom in bottoms[::-1] for left in lefts]))
+        choices.append(
+            (page, [np.array([left, bottom, *size]) for bottom in bottoms[::-1] for left in lefts])
+        )
     return min(choices, key=lambda choice: len(choice[1]))
 
 
@@ -108,7 +118,9 @@ def _starts(length_mm: float, window: float) -> np.ndarray:
     return np.linspace(0, length_mm - window, count)
 
 
-def _sheet(drawing: Drawing, page_mm: tuple[float, float], window: np.ndarray, number: str) -> Figure:
+def _sheet(
+    drawing: Drawing, page_mm: tuple[float, float], window: np.ndarray, number: str
+) -> Figure:
     figure = Figure(figsize=(page_mm[0] / INCH_MM, page_mm[1] / INCH_MM))
     page = _axes(figure, page_mm, np.array([0, 0, *page_mm]), np.array([0, 0, *page_mm]))
     corner = (np.array(page_mm) - window[2:] + (0, FOOTER_MM)) / 2  # centred, above the foot
@@ -121,14 +133,27 @@ def _sheet(drawing: Drawing, page_mm: tuple[float, float], window: np.ndarray, n
     bar.set_gid("scale-bar")
     for x in np.linspace(bar_x, bar_x + BAR_MM, 11):
         line(page, [x, x], [bar_y, bar_y + (2 if x in (bar_x, bar_x + BAR_MM) else 1)])
-    page.text(bar_x + BAR_MM / 2, bar_y + 3, f"measure me: {BAR_MM:.1f} mm; print at 100 %", ha="center", fontsize=8)
-    for height, text, weight in ((7.2, drawing.title, "bold"), (3.8, drawing.note, "normal"), (0.4, number, "normal")):
+    page.text(
+        bar_x + BAR_MM / 2,
+        bar_y + 3,
+        f"measure me: {BAR_MM:.1f} mm; print at 100 %",
+        ha="center",
+        fontsize=8,
+    )
+    for height, text, weight in (
+        (7.2, drawing.title, "bold"),
+        (3.8, drawing.note, "normal"),
+        (0.4, number, "normal"),
+    ):
         page.text(right, MARGIN_MM + height, _plain(text), ha="right", weight=weight)
     return figure
 
 
-def _axes(figure: Figure, page_mm: tuple[float, float], place: np.ndarray, window: np.ndarray) -> Axes:
-    """Axes at `place` on the page that show `window` ([left, bottom, width, height], mm) at true scale."""
+def _axes(
+    figure: Figure, page_mm: tuple[float, float], place: np.ndarray, window: np.ndarray
+) -> Axes:
+    """Axes at `place` on the page that show `window` ([left, bottom, width, height], mm) at true
+    scale."""
     axes = figure.add_axes(tuple(place / (*page_mm, *page_mm)))
     axes.set(xlim=(window[0], window[0] + window[2]), ylim=(window[1], window[1] + window[3]))
     axes.set_axis_off()
@@ -136,7 +161,8 @@ def _axes(figure: Figure, page_mm: tuple[float, float], place: np.ndarray, windo
 
 
 def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing) -> None:
-    """Crop marks outside the window's corners, and ticks where the right and the lower neighbour's edge comes."""
+    """Crop marks outside the window's corners, and ticks where the right and the lower neighbour's
+    edge comes."""
     (left, bottom), (right, top) = corner, corner + window[2:]
     for x, outward in ((left, -1), (right, 1)):
         for y, upward in ((bottom, -1), (top, 1)):
@@ -154,7 +180,12 @@ def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing)
 
 
 def line(
-    axes: Axes, x_mm: ArrayLike, y_mm: ArrayLike, width: float = THIN, color: str = "black", dashed: bool = False
+    axes: Axes,
+    x_mm: ArrayLike,
+    y_mm: ArrayLike,
+    width: float = THIN,
+    color: str = "black",
+    dashed: bool = False,
 ) -> Line2D:
     """A line of `width` points on axes in millimetres."""
     style = "--" if dashed else "-"
@@ -163,26 +194,32 @@ def line(
 
 def _plain(text: str) -> str:
     """A line that the font can show: names of files may hold anything."""
-    shown = "".join(c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1"))
+    shown = "".join(
+        c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1")
+    )
     return textwrap.shorten(shown, 76, placeholder="…") if " " in shown else shown[:76]
 
 
 def save(path: str | Path, figures: Sequence[Figure]) -> None:
-    """Write the sheets as PDF or, if there is only one, as SVG; atomically, and the same bytes every time. Raises
-    HandbenchError for another suffix and for an SVG of several sheets."""
+    """Write the sheets as PDF or, if there is only one, as SVG; atomically, and the same bytes
+    every time. Raises HandbenchError for another suffix and for an SVG of several sheets."""
     path = Path(path)
     check_suffix(path, (".pdf", ".svg"))
     svg = path.suffix.lower() == ".svg"
     if svg and len(figures) > 1:
         raise HandbenchError(
-            f"{path}: an SVG has one page, the drawing {len(figures)} sheets; write a PDF, or choose a larger --paper"
+            f"{path}: an SVG has one page, the drawing {len(figures)} sheets; write a PDF, or "
+            "choose a larger --paper"
         )
     with matplotlib.rc_context(STYLE), atomic_path(path) as temporary:
         if svg:
             figures[0].savefig(temporary, format="svg", metadata={"Date": None})
             width, height = figures[0].get_size_inches() * INCH_MM
-            size = f'width="{width:.6g}mm" height="{height:.6g}mm"'  # some programs take matplotlib's points for pixels
-            svg_text = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', size, temporary.read_text("utf-8"), count=1)
+            # some programs take matplotlib's points for pixels
+            size = f'width="{width:.6g}mm" height="{height:.6g}mm"'
+            svg_text = re.sub(
+                r'width="[\d.]+pt" height="[\d.]+pt"', size, temporary.read_text("utf-8"), count=1
+            )
             temporary.write_text(svg_text, encoding="utf-8")
             return
         with PdfPages(temporary, metadata={"CreationDate": None}) as pages:

@@ -1,7 +1,8 @@
 """The calibration target on paper at true scale: views, ordinates, parts, and where to drill.
 
-The front view is the target as the radar sees it, so that x grows to the left; the side view beside it is from the
-viewer's right, the radar on its left (third-angle projection). The front view is also the template for the carrier.
+The front view is the target as the radar sees it, so that x grows to the left; the side view beside
+it is from the viewer's right, the radar on its left (third-angle projection). The front view is
+also the template for the carrier.
 """
 
 import textwrap
@@ -26,18 +27,21 @@ TABLE_MM, TABLE_GAP_MM = 41.0, 5.0
 SAME_MM = 0.005  # ordinates closer than that are one
 CLEAR = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # behind numbers
 NOTES = (
-    "Front view: seen from the radar, x to the left. Side view: from the right, the radar on its left.",
-    "Hole: depth from behind (+z), along z, as wide as the ball. Push the ball to its ground: its centre is then "
+    "Front view: seen from the radar, x to the left. Side view: from the right, the radar on its "
+    "left.",
+    "Hole: depth from behind (+z), along z, as wide as the ball. Push the ball to its ground: "
+    "its centre is then "
     "the sphere's. Close it with a plug of the same foam.",
-    "Template: lay the front view on the carrier, prick the crosses, glue the spheres there. Spacer: its length, "
+    "Template: lay the front view on the carrier, prick the crosses, glue the spheres there. "
+    "Spacer: its length, "
     "between carrier and sphere.",
     "Speckle plain foam, matt, 0.5 to 3 mm, for the photographs.",
 )
 
 
 def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
-    """The target's sheets: views and parts list on one if they fit side by side, else apart. title: heads the sheets.
-    Raises HandbenchError for an unknown paper."""
+    """The target's sheets: views and parts list on one if they fit side by side, else apart. title:
+    heads the sheets. Raises HandbenchError for an unknown paper."""
     views, table = _Views(target), _parts(target)
     width, depth, height = views.high_mm - views.low_mm
     note = (
@@ -55,12 +59,14 @@ def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
     if both <= usable_mm(paper)[0]:
         return sheets([Drawing(both, height_mm, title, note, paint)], paper)
     apart = Drawing(TABLE_MM, list_mm, title, note, lambda axes: _write(axes, table, 0.0, list_mm))
-    return sheets([Drawing(views.width_mm, views.height_mm, title, note, views.paint), apart], paper)
+    return sheets(
+        [Drawing(views.width_mm, views.height_mm, title, note, views.paint), apart], paper
+    )
 
 
 class _Views:
-    """Front and side view with their ordinates. Page columns of points: to the right in the front view (−x), to the
-    right in the side view (z), up (y); millimetres."""
+    """Front and side view with their ordinates. Page columns of points: to the right in the front
+    view (−x), to the right in the side view (z), up (y); millimetres."""
 
     def __init__(self, target: "Target") -> None:
         self.centres_mm = MILLIMETRES * target.centres_m[:, [0, 2, 1]] * (-1, 1, 1)
@@ -81,13 +87,22 @@ class _Views:
         self._ordinates(axes)
         for columns, place in (([0, 2], self.front), ([1, 2], self.side)):
             points_mm = self.centres_mm[:, columns] + place
-            for centre_mm, foam_mm, ball_mm in zip(points_mm, self.foam_mm, self.ball_mm, strict=True):
+            for centre_mm, foam_mm, ball_mm in zip(
+                points_mm, self.foam_mm, self.ball_mm, strict=True
+            ):
                 axes.add_patch(Circle(centre_mm, foam_mm, fill=False, lw=0.7))
                 axes.add_patch(Circle(centre_mm, ball_mm, fc="0.88", ec="black", lw=0.5))
                 for along in np.eye(2):
-                    line(axes, *np.transpose([centre_mm - (ball_mm + 1) * along, centre_mm + (ball_mm + 1) * along]))
+                    line(
+                        axes,
+                        *np.transpose(
+                            [centre_mm - (ball_mm + 1) * along, centre_mm + (ball_mm + 1) * along]
+                        ),
+                    )
             self._numbers(axes, points_mm)
-        for (_, z, y), foam_mm, ball_mm in zip(self.centres_mm, self.foam_mm, self.ball_mm, strict=True):
+        for (_, z, y), foam_mm, ball_mm in zip(
+            self.centres_mm, self.foam_mm, self.ball_mm, strict=True
+        ):
             # The drilled hole, from the ball's far end to the sphere's back.
             ground, back = z - ball_mm + self.side[0], z + foam_mm + self.side[0]
             sides = y + self.side[1] + ball_mm * np.array([-1, -1, 1, 1])
@@ -95,7 +110,9 @@ class _Views:
 
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
         """Each element's number beside its ball, on the target's outer side if there is room."""
-        taken = [(point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)]  # half sizes
+        taken = [
+            (point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)
+        ]  # half sizes
         for members in _coincident(points_mm):
             i, text = members[0], ", ".join(str(member + 1) for member in members)
             outward = np.arctan2(*(points_mm[i] - points_mm.mean(axis=0))[::-1])
@@ -106,13 +123,20 @@ class _Views:
                 for far in (4, 8, 12, 16)
                 for angle in angles
             ]
-            place = next((p for p in ring if all((np.abs(p - q) > half + r).any() for q, r in taken)), ring[0])
+            place = next(
+                (p for p in ring if all((np.abs(p - q) > half + r).any() for q, r in taken)),
+                ring[0],
+            )
             taken.append((place, half))
             axes.text(*place, text, ha="center", va="center", fontsize=9, weight="bold", bbox=CLEAR)
 
     def _ordinates(self, axes: Axes) -> None:
-        """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its number outside."""
-        ends = ((0, self.front[0], "← x", self.low_mm[0]), (1, self.side[0], "z →", self.high_mm[1]))
+        """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its
+        number outside."""
+        ends = (
+            (0, self.front[0], "← x", self.low_mm[0]),
+            (1, self.side[0], "z →", self.high_mm[1]),
+        )
         for column, place, name, end in ends:
             for value, shown in self._spread(column):
                 top = self._members(column, value)[:, 2].max() + self.front[1]
@@ -132,13 +156,14 @@ class _Views:
         axes.text(left + 3, self.height_mm - 3, "y ↑", ha="center")
 
     def _members(self, column: int, value: float) -> np.ndarray:
-        """The centres that have the value in the column; if none has, what the views show of the frame's axis."""
+        """The centres that have the value in the column; if none has, what the views show of the
+        frame's axis."""
         members = self.centres_mm[np.abs(self.centres_mm[:, column] - value) < SAME_MM]
         return members if len(members) else np.clip(np.zeros((1, 3)), self.low_mm, self.high_mm)
 
     def _spread(self, column: int) -> Iterator[tuple[float, float]]:
-        """Each different value of a column, zero too if the views show it, and where its number stands so that no two
-        overlap."""
+        """Each different value of a column, zero too if the views show it, and where its number
+        stands so that no two overlap."""
         zero = [0.0] if self.low_mm[column] < 0 < self.high_mm[column] else []
         values = np.sort([*self.centres_mm[:, column], *zero])
         values = values[np.diff(values, prepend=-np.inf) > SAME_MM]
@@ -171,15 +196,21 @@ def _parts(target: "Target") -> list[Sequence[str]]:
 
 def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
     """Numbered rows of lengths, millimetres."""
-    return [(str(i), *(_mm(MILLIMETRES * length_m) for length_m in row)) for i, row in enumerate(lengths_m, 1)]
+    return [
+        (str(i), *(_mm(MILLIMETRES * length_m) for length_m in row))
+        for i, row in enumerate(lengths_m, 1)
+    ]
 
 
 def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: float) -> None:
-    """The list's lines from the top down; cells are right-aligned, the first row of each block bold."""
+    """The list's lines from the top down; cells are right-aligned, the first row of each block
+    bold."""
     for i, cells in enumerate(table):
         y = top_mm - TEXT_MM * (i + 1)
         if len(cells) == 1:
-            axes.text(left_mm, y, cells[0], weight="bold" if cells[0].endswith(", mm") else "normal")
+            axes.text(
+                left_mm, y, cells[0], weight="bold" if cells[0].endswith(", mm") else "normal"
+            )
             continue
         for k, cell in enumerate(cells):
             axes.text(left_mm + 4 + k * (TABLE_MM - 4) / (len(cells) - 1), y, cell, ha="right")

@@ -1,5 +1,5 @@
-"""Charts of a whole result: errors against time, their distribution, how far repeats scatter, errors by cause, and the
-reliability of the methods' own σ."""
+"""Charts of a whole result: errors against time, their distribution, how far repeats scatter,
+errors by cause, and the reliability of the methods' own σ."""
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
@@ -39,7 +39,8 @@ LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
 def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
-    """The pictures of all captures together that the result has the data for; counts: of their errors, if at hand."""
+    """The pictures of all captures together that the result has the data for; counts: of their
+    errors, if at hand."""
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
@@ -51,7 +52,8 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
 
 
 def accuracy_against_time(result: Result) -> Picture:
-    """Mean error over seconds per frame with both intervals; the paper's as an open marker at our time."""
+    """Mean error over seconds per frame with both intervals; the paper's as an open marker at our
+    time."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
     figure, axes = side_by_side(len(references))
@@ -59,22 +61,39 @@ def accuracy_against_time(result: Result) -> Picture:
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
         for method in methods(result):
-            error, time = (result.row(metric, method.name, reference) for metric in (HEADLINE, "seconds"))
+            error, time = (
+                result.row(metric, method.name, reference) for metric in (HEADLINE, "seconds")
+            )
             if not (error and time and error.value > 0 and time.value > 0):
                 continue
             colour, marker = look[method.name]
             x, y = time.value, error.value
             bars = (whiskers(of.value, of.low, of.high) for of in (error, time))
-            style = {"color": colour, "marker": marker, "markersize": 6, "capsize": 3, "elinewidth": 1}
+            style = {
+                "color": colour,
+                "marker": marker,
+                "markersize": 6,
+                "capsize": 3,
+                "elinewidth": 1,
+            }
             handles[method.title] = axis.errorbar(x, y, *bars, linestyle="none", **style)
             if error.paper > 0:
                 axis.plot(x, error.paper, marker, color=colour, markersize=6, fillstyle="none")
-            notes.append(f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in {time_text(result, method)}")
-        axis.set(xlabel="seconds per frame", ylabel=f"{result.title(HEADLINE)} in mm", title=AGAINST[reference])
+            notes.append(
+                f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in "
+                f"{time_text(result, method)}"
+            )
+        axis.set(
+            xlabel="seconds per frame",
+            ylabel=f"{result.title(HEADLINE)} in mm",
+            title=AGAINST[reference],
+        )
         axis.margins(0.15)
         for side in ("x", "y"):
             log_axis(axis, side)
-    handles["paper (at our time)"] = Line2D([], [], color="0.5", marker="o", linestyle="none", fillstyle="none")
+    handles["paper (at our time)"] = Line2D(
+        [], [], color="0.5", marker="o", linestyle="none", fillstyle="none"
+    )
     name_all(figure, handles.values(), handles)
     return Picture(
         "accuracy_time",
@@ -86,7 +105,8 @@ def accuracy_against_time(result: Result) -> Picture:
 
 
 def error_distributions(result: Result, counts: Counts) -> Picture:
-    """Share of the observed pixels whose error is smaller than e: the whole distribution, not only its mean."""
+    """Share of the observed pixels whose error is smaller than e: the whole distribution, not only
+    its mean."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
@@ -96,31 +116,43 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
             shares = 100 * np.array(below) / (observed or np.nan)
             draw(result, axis, method, EDGES_MM, shares, markevery=every)
         log_axis(axis, "x")
-        axis.set(xlim=EDGES_MM[[0, -1]], ylim=(0, 100), xlabel="|z − z_ref| in mm", title=AGAINST[reference])
+        axis.set(
+            xlim=EDGES_MM[[0, -1]],
+            ylim=(0, 100),
+            xlabel="|z − z_ref| in mm",
+            title=AGAINST[reference],
+        )
         axis.set_ylabel("share of observed pixels in %")
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "error_distribution",
-        "Share of the observed pixels, of all captures together, whose absolute error is not above the abscissa.",
+        "Share of the observed pixels, of all captures together, whose absolute error is not "
+        "above the abscissa.",
         "Cumulative distribution of the absolute errors of each method.",
         figure,
     )
 
 
 def risk_coverage(result: Result) -> Picture:
-    """Error over completeness: each method's strongest pixels, as many as make up a share of the surface."""
+    """Error over completeness: each method's strongest pixels, as many as make up a share of the
+    surface."""
     figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
     for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
         for method in methods(result):
-            curve = result.curves[(result.curves.method == method.name) & (result.curves.treatment == treatment)]
+            curve = result.curves[
+                (result.curves.method == method.name) & (result.curves.treatment == treatment)
+            ]
             draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
-        axis.set(xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm", title=said)
+        axis.set(
+            xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm", title=said
+        )
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "risk_coverage",
-        f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's strongest pixels, as "
+        f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's "
+        "strongest pixels, as "
         "many as make up a share of the surface. No threshold decides; the mean of the captures.",
         "Mean absolute error over completeness for each method, unsmoothed and all smoothed alike.",
         figure,
@@ -128,13 +160,21 @@ def risk_coverage(result: Result) -> Picture:
 
 
 def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
-    """The observed pixels of some captures with an absolute error up to each of EDGES_MM, and all of them."""
-    counts = {(m.name, reference): np.zeros(len(EDGES_MM) + 1, int) for m in methods(result) for reference in DRAWN}
+    """The observed pixels of some captures with an absolute error up to each of EDGES_MM, and all
+    of them."""
+    counts = {
+        (m.name, reference): np.zeros(len(EDGES_MM) + 1, int)
+        for m in methods(result)
+        for reference in DRAWN
+    }
     for capture in captures:
         for method, reference in (key for key in counts if key[1] in capture.references):
             error_m = result.errors(capture.name, method, reference).error_m
             error_mm = np.sort(1e3 * np.abs(error_m[np.isfinite(error_m)]))
-            counts[method, reference] += [*np.searchsorted(error_mm, EDGES_MM, side="right"), len(error_mm)]
+            counts[method, reference] += [
+                *np.searchsorted(error_mm, EDGES_MM, side="right"),
+                len(error_mm),
+            ]
     return counts
 
 
@@ -158,7 +198,16 @@ def repeats(result: Result) -> Picture:
             deviation_mm = 1e3 * (z_m - z_m.mean()) if len(z_m) else z_m
             place = column + 0.5 * (i - (len(hands) - 1) / 2) / max(len(hands), 1)
             place_of = np.full(len(z_m), place)
-            axis.plot(place_of, deviation_mm, ls="none", marker=marker, color=colour, markersize=4, alpha=0.6, mew=0)
+            axis.plot(
+                place_of,
+                deviation_mm,
+                ls="none",
+                marker=marker,
+                color=colour,
+                markersize=4,
+                alpha=0.6,
+                mew=0,
+            )
     axis.axhline(0, color="0.6", linewidth=0.6)
     titles = [method.title for method in repeated]
     axis.set_xticks(range(len(repeated)), titles, rotation=30, ha="right", rotation_mode="anchor")
@@ -166,7 +215,8 @@ def repeats(result: Result) -> Picture:
     axis.grid(axis="y", alpha=0.25, linewidth=0.4)
     return Picture(
         "repeats",
-        f"Precision: depth of the strongest scatterer in each repeat, from the mean of its hand; a column for each of "
+        "Precision: depth of the strongest scatterer in each repeat, from the mean of its hand; "
+        "a column for each of "
         f"{len(hands)} hands.",
         "Scatter of the strongest scatterer's depth over the repeats, for each method and hand.",
         figure,
@@ -185,23 +235,41 @@ def explained(result: Result) -> Iterator[Picture]:
 
 def bin_label(line: Any) -> str:
     """The bin of a line of the causes, as it is printed."""
-    return line.part or (f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}")
+    return line.part or (
+        f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}"
+    )
 
 
 def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
     """Mean absolute and signed error of each method over the bins of each cause."""
     shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
-    widths = [causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1 for cause in shown]
+    widths = [
+        causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1
+        for cause in shown
+    ]
     figure = Figure(figsize=(wide(2.6 * len(shown) + 1.6, columns=2), 4.6), layout="constrained")
-    axes = figure.subplots(2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths)
+    axes = figure.subplots(
+        2, len(shown), sharex="col", sharey="row", squeeze=False, width_ratios=widths
+    )
     for column, cause in zip(axes.T, shown, strict=True):
-        lines = causes[causes.cause == cause].assign(bin=[bin_label(x) for x in each(causes[causes.cause == cause])])
+        lines = causes[causes.cause == cause].assign(
+            bin=[bin_label(x) for x in each(causes[causes.cause == cause])]
+        )
         bins = list(dict.fromkeys(lines.sort_values(["low", "part"]).bin))
         for axis, value in zip(column, ROWS, strict=True):
             for method, mine in _of_methods(result, lines):
-                draw(result, axis, method, [bins.index(name) for name in mine.bin], mine[value], linewidth=0.9)
+                draw(
+                    result,
+                    axis,
+                    method,
+                    [bins.index(name) for name in mine.bin],
+                    mine[value],
+                    linewidth=0.9,
+                )
         column[1].axhline(0, color="0.6", linewidth=0.6)
-        column[1].set_xticks(range(len(bins)), bins, rotation=45, ha="right", rotation_mode="anchor")
+        column[1].set_xticks(
+            range(len(bins)), bins, rotation=45, ha="right", rotation_mode="anchor"
+        )
         column[1].set(xlim=(-0.5, len(bins) - 0.5), xlabel=CAUSES[cause])
     for axis, label in zip(axes[:, 0], ROWS.values(), strict=True):
         axis.set_ylabel(label)
@@ -212,15 +280,18 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
     name_all(figure, *axes[0, 0].get_legend_handles_labels())
     return Picture(
         f"causes__{reference}",
-        f"Errors by cause, {AGAINST[reference]}: means of the pixels in each bin, formed for each capture and averaged "
+        f"Errors by cause, {AGAINST[reference]}: means of the pixels in each bin, formed for "
+        "each capture and averaged "
         f"over those that have some. Signed means (below) are drawn linearly up to {LINEAR_MM} mm.",
-        f"Mean absolute and signed error of each method over {', '.join(CAUSES[cause] for cause in shown)}.",
+        "Mean absolute and signed error of each method over "
+        f"{', '.join(CAUSES[cause] for cause in shown)}.",
         figure,
     )
 
 
 def reliability(result: Result) -> Picture:
-    """Share of all errors within the interval that each method's σ promises, over what it promises."""
+    """Share of all errors within the interval that each method's σ promises, over what it
+    promises."""
     lines = result.reliability[result.reliability.pixels == "all"]
     references = [reference for reference in DRAWN if (lines.reference == reference).any()]
     figure, axes = side_by_side(len(references), 3.2)
@@ -228,12 +299,17 @@ def reliability(result: Result) -> Picture:
         axis.plot((50, 100), (50, 100), color="0.6", linewidth=0.8)
         for method, mine in _of_methods(result, lines[lines.reference == reference]):
             draw(result, axis, method, mine.nominal_percent, mine.observed_percent, linewidth=0.9)
-        axis.set(title=AGAINST[reference], xlabel="nominal coverage in %", ylabel="observed coverage in %")
+        axis.set(
+            title=AGAINST[reference],
+            xlabel="nominal coverage in %",
+            ylabel="observed coverage in %",
+        )
         axis.set_xticks(sorted(set(lines.nominal_percent)))
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "reliability",
-        "Reliability of σ: share of all errors that lie within the normal interval about the depth; on the grey line σ "
+        "Reliability of σ: share of all errors that lie within the normal interval about the "
+        "depth; on the grey line σ "
         "is right, below it too small.",
         "Observed over nominal coverage of each method that predicts its own error.",
         figure,

@@ -1,4 +1,5 @@
-"""Depth maps and error maps, as seen from the array: x grows to the left, so that they look like the photograph."""
+"""Depth maps and error maps, as seen from the array: x grows to the left, so that they look like
+the photograph."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,21 +19,34 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from handbench.bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
-from handbench.reports.figures.layers import Box, Layer, box_of, depth_layer, depth_scale, error_layer
+from handbench.reports.figures.layers import (
+    Box,
+    Layer,
+    box_of,
+    depth_layer,
+    depth_scale,
+    error_layer,
+)
 from handbench.reports.figures.style import COLUMN_IN, STYLE, Picture, methods, narrow, time_text
 from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
 
-X_LABEL, X_SHORT = "x in mm, growing to the left (as seen from the array)", "x in mm (as seen from the array)"
-# Of a page and of a paper's column: panels in a row at most; in inches the width of one (0: what the column leaves),
-# the gap, the margins at the left and the right, the width of a colour bar.
+X_LABEL, X_SHORT = (
+    "x in mm, growing to the left (as seen from the array)",
+    "x in mm (as seen from the array)",
+)
+# Of a page and of a paper's column: panels in a row at most; in inches the width of one (0: what
+# the column leaves), the gap, the margins at the left and the right, the width of a colour bar.
 PAGE, COLUMN = (6, 1.9, 0.14, 0.8, 0.75, 0.14), (4, 0.0, 0.05, 0.48, 0.74, 0.08)
 LINE_IN, BOTTOM_IN = 0.155, 0.45  # of a title's line, and below the lowest panels
 SIGNED = (
-    "red lies behind the reference, blue before it, grey was not observed; the line is the reference's outline. The "
+    "red lies behind the reference, blue before it, grey was not observed; the line is the "
+    "reference's outline. The "
     "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
 )
 
-Row = Sequence[Layer | np.ndarray | None]  # maps of one colour scale, a photograph's pixels, or nothing
+Row = Sequence[
+    Layer | np.ndarray | None
+]  # maps of one colour scale, a photograph's pixels, or nothing
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
@@ -45,32 +59,42 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
-    """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each its errors against
-    the reference, beside the photograph."""
+    """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each
+    its errors against the reference, beside the photograph."""
     found = [result.surface(capture.name, method.name) for method in methods(result)]
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
-    maps = [depth_layer(_title(result, m), s, norm) for m, s in zip(methods(result), found, strict=True)]
-    before: list[Layer | np.ndarray | None] = [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
+    maps = [
+        depth_layer(_title(result, m), s, norm) for m, s in zip(methods(result), found, strict=True)
+    ]
+    before: list[Layer | np.ndarray | None] = (
+        [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
+    )
     errors: list[Row] = []
     said, alt = "; grey: not observed.", ""
     if reference:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[reference]
         below, alt = _errors(result, capture, reference, timed=False)
         errors = [[*(before or [None]), *below]]
-        before = [depth_layer("ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm)]
+        before = [
+            depth_layer(
+                "ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm
+            )
+        ]
         said = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
     names = ", ".join(_title_of(panel).replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
         f"Capture {capture.name}: depth maps on one colour scale{said}",
-        f"Depth maps of capture {capture.name}, side by side: {names}{', and the photograph' * bool(photo)}. {alt}",
+        f"Depth maps of capture {capture.name}, side by side: "
+        f"{names}{', and the photograph' * bool(photo)}. {alt}",
         sheet([[*before, *maps], *errors], box_of(surfaces)),
     )
 
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
-    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every capture."""
+    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every
+    capture."""
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
@@ -81,19 +105,27 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below these their errors,
-    which hold the surface of all."""
+    """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below
+    these their errors, which hold the surface of all."""
     maps = [errors for *_, errors in shown]
     truth = Surface(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
-    depths = [depth_layer(title, Surface(errors.x_m, errors.y_m, z_m), norm) for title, z_m, errors in shown]
+    depths = [
+        depth_layer(title, Surface(errors.x_m, errors.y_m, z_m), norm)
+        for title, z_m, errors in shown
+    ]
     below = [None, *(error_layer(errors, "") for errors in maps)]
     with matplotlib.rc_context(STYLE):
-        return sheet([[depth_layer("true surface\n", truth, norm), *depths], below], box_of([truth]))
+        return sheet(
+            [[depth_layer("true surface\n", truth, norm), *depths], below], box_of([truth])
+        )
 
 
-def _errors(result: Result, capture: CaptureFacts, reference: str, timed: bool) -> tuple[list[Layer], str]:
-    """The methods' errors, titled by their means and, if timed, by names and times too; and all in words."""
+def _errors(
+    result: Result, capture: CaptureFacts, reference: str, timed: bool
+) -> tuple[list[Layer], str]:
+    """The methods' errors, titled by their means and, if timed, by names and times too; and all in
+    words."""
     shown, words = [], []
     for m in methods(result):
         errors = result.errors(capture.name, m.name, reference)
@@ -115,7 +147,11 @@ def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
 def mean_text(result: Result, error_m: np.ndarray) -> str:
     """Mean absolute error of one map, in words."""
     seen = error_m[np.isfinite(error_m)]
-    return f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
+    return (
+        f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm"
+        if len(seen)
+        else "nothing observed"
+    )
 
 
 def _title_of(panel: Layer | np.ndarray | None) -> str:
@@ -123,15 +159,23 @@ def _title_of(panel: Layer | np.ndarray | None) -> str:
 
 
 def sheet(rows: Sequence[Row], box: Box) -> Figure:
-    """A figure of rows of panels cut to a box, one below the other, in as many turns as a row has too few places, with
-    a colour bar at the right of each; numbers and names stand on the outer axes only, and nothing where no panel is."""
+    """A figure of rows of panels cut to a box, one below the other, in as many turns as a row has
+    too few places, with a colour bar at the right of each; numbers and names stand on the outer
+    axes only, and nothing where no panel is."""
     count = max(map(len, rows))
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
     wide = wide or (COLUMN_IN - left - right) / columns - gap
     high = wide * min(max((box[3] - box[2]) / (box[0] - box[1]), 0.5), 2.2)
-    turns = [row[i : i + columns] for i in range(0, count, columns) for row in rows if row[i : i + columns]]
-    tops = [0.1 + LINE_IN * (1 + max(_title_of(panel).count("\n") for panel in turn)) for turn in turns]
+    turns = [
+        row[i : i + columns]
+        for i in range(0, count, columns)
+        for row in rows
+        if row[i : i + columns]
+    ]
+    tops = [
+        0.1 + LINE_IN * (1 + max(_title_of(panel).count("\n") for panel in turn)) for turn in turns
+    ]
     width, height = left + columns * (wide + gap) + right, BOTTOM_IN + sum(tops) + len(turns) * high
     lowers = height - np.cumsum(np.array(tops) + high)
     lefts = [left + column * (wide + gap) for column in range(columns)]
@@ -146,7 +190,11 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
             _draw(axis, panel, box)
         _number(axes[-1][0], "y", box)
         axes[-1][0].set_ylabel("y in mm", labelpad=1)
-        _bar(figure, next(panel for panel in turn if isinstance(panel, Layer)), place(width - right, y, bar_wide))
+        _bar(
+            figure,
+            next(panel for panel in turn if isinstance(panel, Layer)),
+            place(width - right, y, bar_wide),
+        )
     for below in zip_longest(*axes):  # a photograph has no numbers
         _number(next(axis for axis in reversed(below) if axis), "x", box)
     middle = (lefts[0] + lefts[-1] + wide) / 2 / width
@@ -156,7 +204,9 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
 
 def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
     """A map's colour bar, that of signed errors with their ticks."""
-    bar = figure.colorbar(ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both")
+    bar = figure.colorbar(
+        ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
+    )
     bar.set_label(layer.label, labelpad=1)
     if layer.ticks:
         ticks = layer.ticks[:: 2 if narrow() else 1]
@@ -166,7 +216,9 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
     """One map in mm, cut to `box`; or a photograph."""
-    axis.set_title(_title_of(panel), y=1.0)  # told, for to find it takes as long as to draw the axes
+    axis.set_title(
+        _title_of(panel), y=1.0
+    )  # told, for to find it takes as long as to draw the axes
     if not isinstance(panel, Layer):
         axis.set_axis_off()
         if panel is not None:
@@ -181,18 +233,29 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
         "markersize": 2.5,
         "markeredgewidth": 0.6,
     }
-    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):  # as one line each: ticks of their own are five a tick
+    for side, marker in (
+        ("x", TICKDOWN),
+        ("y", TICKLEFT),
+    ):  # as one line each: ticks of their own are five a tick
         at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
-        axis.add_artist(Line2D(*places, transform=along, clip_on=False, **style | {"marker": marker}))
+        axis.add_artist(
+            Line2D(*places, transform=along, clip_on=False, **style | {"marker": marker})
+        )
 
 
 def ticks_mm(side: str, box: Box) -> np.ndarray:
-    """The places of ticks along one side of a box; numbers at the edges of x would meet the next panel's."""
+    """The places of ticks along one side of a box; numbers at the edges of x would meet the next
+    panel's."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
-    most, pruned = {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side], side == "x" and not narrow()
-    ticks_mm = np.asarray(MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high))
+    most, pruned = (
+        {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side],
+        side == "x" and not narrow(),
+    )
+    ticks_mm = np.asarray(
+        MaxNLocator(most, prune="both" if pruned else None).tick_values(low, high)
+    )
     return ticks_mm[(ticks_mm >= low) & (ticks_mm <= high)]
 
 

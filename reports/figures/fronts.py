@@ -1,4 +1,5 @@
-"""Pictures of a trade-off: error against time of every setting, the front that none beats, and where time goes."""
+"""Pictures of a trade-off: error against time of every setting, the front that none beats, and
+where time goes."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -12,7 +13,17 @@ from matplotlib.typing import MarkerType
 
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
 from handbench.reports.figures.numbers import number_points
-from handbench.reports.figures.style import COLOURS, COLUMN_IN, INK, Picture, log_axis, look, looks, narrow, whiskers
+from handbench.reports.figures.style import (
+    COLOURS,
+    COLUMN_IN,
+    INK,
+    Picture,
+    log_axis,
+    look,
+    looks,
+    narrow,
+    whiskers,
+)
 from handbench.reports.tables.blocks import figure as figure_text
 from handbench.reports.tables.blocks import known, number, three_digits
 
@@ -41,11 +52,13 @@ def plotted(setting: Setting) -> bool:
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Error over seconds: the front as a line of numbered points, the other settings faint, the reference in a square;
-    colours and markers are the methods', where settings have one."""
+    """Error over seconds: the front as a line of numbered points, the other settings faint, the
+    reference in a square; colours and markers are the methods', where settings have one."""
     shown = [s for s in settings if plotted(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    styles = looks(filter(None, (s.method for s in shown))) | {"": look(0)}  # some settings have no method
+    styles = looks(filter(None, (s.method for s in shown))) | {
+        "": look(0)
+    }  # some settings have no method
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
     rows = sum(name.count("\n") + 1 for name in names) / abreast + 1
@@ -53,15 +66,38 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
-    axis.plot([s.seconds for s in line], [s.error for s in line], color=INK, linewidth=1.2, zorder=2)
+    axis.plot(
+        [s.seconds for s in line], [s.error for s in line], color=INK, linewidth=1.2, zorder=2
+    )
     for s in shown:
         colour, marker = styles[s.method]
-        bold = {"markersize": 6, "zorder": 3} if s.on_front else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
+        bold = (
+            {"markersize": 6, "zorder": 3}
+            if s.on_front
+            else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
+        )
         bars = whiskers(s.error, s.low, s.high), whiskers(s.seconds, s.seconds_low, s.seconds_high)
-        axis.errorbar(s.seconds, s.error, *bars, color=colour, marker=marker, elinewidth=0.7, linestyle="none", **bold)
+        axis.errorbar(
+            s.seconds,
+            s.error,
+            *bars,
+            color=colour,
+            marker=marker,
+            elinewidth=0.7,
+            linestyle="none",
+            **bold,
+        )
     reference = next((s for s in settings if s.name == about.reference), None)
     if reference in shown:
-        axis.plot(reference.seconds, reference.error, "s", color=INK, fillstyle="none", markersize=12, zorder=4)
+        axis.plot(
+            reference.seconds,
+            reference.error,
+            "s",
+            color=INK,
+            fillstyle="none",
+            markersize=12,
+            zorder=4,
+        )
     for side in ("x", "y"):
         log_axis(axis, side)
     axis.margins(0.1)
@@ -69,36 +105,56 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     if reference and reference.seconds:
         _ratios(axis, reference.title, reference.seconds)
     handles = _legend({s.method: styles[s.method] for s in shown}, reference in shown)
-    plain = {"frameon": False, "fontsize": 8, "labelspacing": 0.25, "columnspacing": 1, "handletextpad": 0.3}
+    plain = {
+        "frameon": False,
+        "fontsize": 8,
+        "labelspacing": 0.25,
+        "columnspacing": 1,
+        "handletextpad": 0.3,
+    }
     picture.legend(handles=handles, loc="outside upper center", ncols=of_styles, **plain)
     blank = [Line2D([], [], linestyle="none", label=name) for name in names]
-    picture.legend(handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain)
+    picture.legend(
+        handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
+    )
     if best:
-        picture.draw_without_rendering()  # lays it out: only then is known where points and numbers lie
+        # lays it out: only then is known where points and numbers lie
+        picture.draw_without_rendering()
         _number(axis, best, shown, line)
     told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
     notes = ""
     if line != best:
-        notes += " The line joins those that none beats in time and accuracy alone; the others see more."
+        notes += (
+            " The line joins those that none beats in time and accuracy alone; the others see more."
+        )
     if reference in shown:
         notes += f" The square marks the reference, {reference.title}."
     if len(shown) < len(settings):
-        notes += " Settings with no error, or without a figure, have no place on these axes and stand in the table."
+        notes += (
+            " Settings with no error, or without a figure, have no place on these axes and "
+            "stand in the table."
+        )
     return Picture(
         f"front_{about.name}",
-        f"{about.title}: {metric_words(about)} over seconds, with the 95 % interval of the error and the range of the "
-        f"repeats. Filled, numbered points: no other setting is as good in {good}; faint, hollow points: one "
+        f"{about.title}: {metric_words(about)} over seconds, with the 95 % interval of the error "
+        "and the range of the "
+        f"repeats. Filled, numbered points: no other setting is as good in {good}; faint, hollow "
+        "points: one "
         f"is.{notes}",
-        f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast to slow: {told}.",
+        f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast "
+        f"to slow: {told}.",
         picture,
     )
 
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
-    """The front's numbers, which give way to the other settings, to the intervals and to the line."""
-    ends = [[(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)]
+    """The front's numbers, which give way to the other settings, to the intervals and to the
+    line."""
+    ends = [
+        [(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)
+    ]
     ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
     crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
     others = np.array([(s.seconds, s.error) for s in shown if s not in best]).reshape(-1, 2)
@@ -113,7 +169,9 @@ def metric_words(about: Section) -> str:
 
 def _ratios(axis: Axes, title: str, seconds: float) -> None:
     """The same axis above, in times of the reference's seconds."""
-    above = axis.secondary_xaxis("top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds)))
+    above = axis.secondary_xaxis(
+        "top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds))
+    )
     above.set_xlabel(f"time ÷ that of {title}")
     above.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     above.xaxis.set_major_formatter("{x:g}")
@@ -123,12 +181,22 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
 def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
     """The markers' meaning."""
     handles = [
-        Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=name or "setting")
+        Line2D(
+            [],
+            [],
+            color=colour,
+            marker=marker,
+            markersize=5,
+            linestyle="none",
+            label=name or "setting",
+        )
         for name, (colour, marker) in styles.items()
     ]
     handles.append(Line2D([], [], color=INK, marker=".", label="front"))
     if reference:
-        square = Line2D([], [], color=INK, marker="s", markersize=9, fillstyle="none", linestyle="none")
+        square = Line2D(
+            [], [], color=INK, marker="s", markersize=9, fillstyle="none", linestyle="none"
+        )
         square.set_label("reference")
         handles.append(square)
     return handles
@@ -141,8 +209,8 @@ def parts(setting: Setting) -> list[float]:
 
 
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their end; and the plan,
-    which many frames share."""
+    """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their
+    end; and the plan, which many frames share."""
     told = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(told[:BARS], key=lambda s: sum(parts(s))), len(told[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
@@ -153,10 +221,21 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     shares = 100 * seconds / seconds.sum(axis=1, keepdims=True)
     left = np.zeros(len(known))
     for (name, colour, hatch), share in zip(PARTS.values(), shares.T, strict=True):
-        frame.barh(rows, share, left=left, color=colour, hatch=hatch, edgecolor="white", linewidth=0.4, label=name)
+        frame.barh(
+            rows,
+            share,
+            left=left,
+            color=colour,
+            hatch=hatch,
+            edgecolor="white",
+            linewidth=0.4,
+            label=name,
+        )
         left += share
     for row, total in enumerate(seconds.sum(axis=1)):
-        frame.annotate(f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=8)
+        frame.annotate(
+            f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=8
+        )
     plan.barh(rows, [s.plan_s or 0 for s in known], color="0.55")
     plan.set_xlabel("plan in s" if narrow() else "plan in seconds")
     frame.set_yticks(range(len(known)), names, fontsize=8)
@@ -167,7 +246,8 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     more = f" {left_out} settings that others beat are left out." if left_out else ""
     return Picture(
         f"time_{about.name}",
-        f"{about.title}: where the time of one frame goes, with the whole at the end of each bar; at the right what "
+        f"{about.title}: where the time of one frame goes, with the whole at the end of each "
+        "bar; at the right what "
         f"its plan takes, once for a geometry.{more}",
         "; ".join(f"{s.title}: " + ", ".join(_parts_in_words(s)) for s in known) + ".",
         figure,
@@ -175,7 +255,11 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _parts_in_words(setting: Setting) -> list[str]:
-    values = zip([*(name for name, *_ in PARTS.values()), "plan"], [*parts(setting), setting.plan_s], strict=True)
+    values = zip(
+        [*(name for name, *_ in PARTS.values()), "plan"],
+        [*parts(setting), setting.plan_s],
+        strict=True,
+    )
     return [f"{name} {number(value, three_digits(value))} s" for name, value in values if value]
 
 

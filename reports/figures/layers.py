@@ -1,4 +1,5 @@
-"""Maps in millimetres: what is drawn of each, and several side by side, each with a scale of its own."""
+"""Maps in millimetres: what is drawn of each, and several side by side, each with a scale of its
+own."""
 
 import math
 from collections.abc import Sequence
@@ -20,16 +21,31 @@ from handbench.reports.figures.style import STYLE
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
-LIGHT = np.array([-0.45, 0.55, 0.70])  # of the eye's axes: from the upper left, a little before the surface
+LIGHT = np.array(
+    [-0.45, 0.55, 0.70]
+)  # of the eye's axes: from the upper left, a little before the surface
 HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and beside it: names, and a bar of colours
-DECIBELS: dict[str, Any] = {"colours": "magma", "norm": Normalize(-40, 0), "label": "dB below the maximum"}
-SIGMAS: dict[str, Any] = {"colours": "cividis", "norm": LogNorm(0.01, 10), "ticks": (0.01, 0.1, 1, 10)}
+DECIBELS: dict[str, Any] = {
+    "colours": "magma",
+    "norm": Normalize(-40, 0),
+    "label": "dB below the maximum",
+}
+SIGMAS: dict[str, Any] = {
+    "colours": "cividis",
+    "norm": LogNorm(0.01, 10),
+    "ticks": (0.01, 0.1, 1, 10),
+}
 KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units, look
     "amplitude_db": (1, DECIBELS | {"title": "amplitude"}),
     "sigma_m": (1e3, SIGMAS | {"title": "predicted error", "label": "σ in mm"}),
     "p_gross": (
         1,
-        {"title": "probability to be off by > 5 mm", "colours": "plasma", "norm": Normalize(0, 1), "label": " "},
+        {
+            "title": "probability to be off by > 5 mm",
+            "colours": "plasma",
+            "norm": Normalize(0, 1),
+            "label": " ",
+        },
     ),
 }
 
@@ -38,9 +54,9 @@ Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left 
 
 @dataclass(frozen=True)
 class Layer:
-    """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with its axes' names; of
-    values the colours, their scale, its name (empty: as another panel's) and numbers. outline [ny, nx]: what is
-    encircled; box: what is shown (None: all)."""
+    """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with
+    its axes' names; of values the colours, their scale, its name (empty: as another panel's) and
+    numbers. outline [ny, nx]: what is encircled; box: what is shown (None: all)."""
 
     title: str
     x_mm: np.ndarray
@@ -56,7 +72,8 @@ class Layer:
 
     @property
     def shown_mm(self) -> Box:
-        """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger than the second."""
+        """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger
+        than the second."""
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
@@ -66,18 +83,29 @@ class Layer:
         colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
         shown = np.ma.masked_invalid(self.values) if colours else self.values
         extent = (*edges(self.x_mm), *edges(self.y_mm))
-        image = axis.imshow(shown, colours, self.norm, interpolation="nearest", origin="lower", extent=extent)
+        image = axis.imshow(
+            shown, colours, self.norm, interpolation="nearest", origin="lower", extent=extent
+        )
         if self.outline is not None and self.outline.any() and not self.outline.all():
-            axis.contour(self.x_mm, self.y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4)
+            axis.contour(
+                self.x_mm, self.y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4
+            )
         return image
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
-    """A figure of panels in a row, all millimetres as long; x, and z from the side, grow to the left."""
-    spans_mm = np.array([(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)])
+    """A figure of panels in a row, all millimetres as long; x, and z from the side, grow to the
+    left."""
+    spans_mm = np.array(
+        [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
+    )
     sizes_in = np.maximum(HIGH_IN * spans_mm / spans_mm[:, 1].max(), 0.3)
     rights_in = [RIGHT_IN if layer.label else 0.1 for layer in layers]
-    width, height, x = sizes_in[:, 0].sum() + len(layers) * LEFT_IN + sum(rights_in), HIGH_IN + 1.05, LEFT_IN
+    width, height, x = (
+        sizes_in[:, 0].sum() + len(layers) * LEFT_IN + sum(rights_in),
+        HIGH_IN + 1.05,
+        LEFT_IN,
+    )
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width, height))
         figure.suptitle(title, fontsize=9, y=1 - 0.06 / height)
@@ -85,7 +113,13 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
             y, box = 0.5 + (HIGH_IN - high) / 2, layer.shown_mm
             axis = figure.add_axes((x / width, y / height, wide / width, high / height))
             image = layer.draw(axis)
-            axis.set(xlabel=layer.axes[0], ylabel=layer.axes[1], title=layer.title, xlim=box[:2], ylim=box[2:])
+            axis.set(
+                xlabel=layer.axes[0],
+                ylabel=layer.axes[1],
+                title=layer.title,
+                xlim=box[:2],
+                ylim=box[2:],
+            )
             axis.xaxis.set_major_locator(MaxNLocator(2 if wide < 1.6 else 4))
             if layer.label:
                 place = ((x + wide + 0.07) / width, y / height, 0.11 / width, high / height)
@@ -109,7 +143,12 @@ def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
         x_mm, y_mm = 1e3 * surfaces[0].x_m, 1e3 * surfaces[0].y_m
-    return x_mm.max() + margin_mm, x_mm.min() - margin_mm, y_mm.min() - margin_mm, y_mm.max() + margin_mm
+    return (
+        x_mm.max() + margin_mm,
+        x_mm.min() - margin_mm,
+        y_mm.min() - margin_mm,
+        y_mm.max() + margin_mm,
+    )
 
 
 def depth_scale(surface: Surface) -> Normalize:
@@ -121,7 +160,8 @@ def depth_scale(surface: Surface) -> Normalize:
 
 
 def error_scale() -> SymLogNorm:
-    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to ±50 mm."""
+    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to
+    ±50 mm."""
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
@@ -139,8 +179,8 @@ def depth_layers(surface: Surface, others: dict[str, np.ndarray]) -> list[Layer]
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
-    """Signed errors with the reference's outline; red lies behind the reference, blue before it. title: None for their
-    mean."""
+    """Signed errors with the reference's outline; red lies behind the reference, blue before it.
+    title: None for their mean."""
     if title is None:
         seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
         title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
@@ -158,20 +198,32 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
     )
 
 
-def volume_layers(volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> list[Layer]:
-    """Maximum projections of a complex volume [nz, ny, nx] along its three axes, in dB below its maximum."""
-    magnitude, (x, y, z), silent = np.abs(volume), (1e3 * x_m, 1e3 * y_m, 1e3 * z_m), DECIBELS | {"label": ""}
+def volume_layers(
+    volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray
+) -> list[Layer]:
+    """Maximum projections of a complex volume [nz, ny, nx] along its three axes, in dB below its
+    maximum."""
+    magnitude, (x, y, z), silent = (
+        np.abs(volume),
+        (1e3 * x_m, 1e3 * y_m, 1e3 * z_m),
+        DECIBELS | {"label": ""},
+    )
     with np.errstate(divide="ignore"):
-        front, above, side = (20 * np.log10(magnitude.max(axis=i) / max(magnitude.max(), 1e-38)) for i in range(3))
+        front, above, side = (
+            20 * np.log10(magnitude.max(axis=i) / max(magnitude.max(), 1e-38)) for i in range(3)
+        )
     layers = [Layer("from the array", x, y, front, **silent)]
     layers.append(Layer("from above", x, z, above, axes=("x in mm", "z in mm"), **silent))
     return [*layers, Layer("from the left", z, y, side.T, axes=("z in mm", "y in mm"), **DECIBELS)]
 
 
 def shade(surface: Surface) -> np.ndarray:
-    """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow to the left."""
+    """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow
+    to the left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
-    normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)  # in the eye's axes: x and z are turned
+    normal = np.stack(
+        [-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1
+    )  # in the eye's axes: x and z are turned
     light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
     return np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
 

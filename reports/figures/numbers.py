@@ -1,4 +1,5 @@
-"""Numbers beside the points of a chart: none on another or on a point, and none across a line where there is room."""
+"""Numbers beside the points of a chart: none on another or on a point, and none across a line where
+there is room."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -10,28 +11,48 @@ from matplotlib.axes import Axes
 SIZE_PT, DIGIT_PT = 8.0, 5.5  # of the font, and a digit's width
 MARKER_PT, LEADER_PT = 4.0, 10  # half a marker; from where on a line leads to the point
 CROSSED_PT = 6.0  # of distance that a crossed line is worth
-RADII_PT, ANGLES_RAD = (9, 13, 18, 24, 31, 39, 48, 58, 70, 84, 100), np.pi / 4 + np.arange(0, 2 * np.pi, np.pi / 12)
-OFFSETS_PT = np.vstack([radius * np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)], axis=1) for radius in RADII_PT])
+RADII_PT, ANGLES_RAD = (
+    (9, 13, 18, 24, 31, 39, 48, 58, 70, 84, 100),
+    np.pi / 4 + np.arange(0, 2 * np.pi, np.pi / 12),
+)
+OFFSETS_PT = np.vstack(
+    [radius * np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)], axis=1) for radius in RADII_PT]
+)
 
 
-def number_points(axis: Axes, points: np.ndarray, others: np.ndarray, lines: Sequence[np.ndarray]) -> None:
-    """Write 1, 2, … beside `points` [n, 2], in data coordinates, of an axis that is laid out. others: further points
-    [m, 2]; lines: corners [k, 2] of what is better not crossed."""
+def number_points(
+    axis: Axes, points: np.ndarray, others: np.ndarray, lines: Sequence[np.ndarray]
+) -> None:
+    """Write 1, 2, … beside `points` [n, 2], in data coordinates, of an axis that is laid out.
+    others: further points [m, 2]; lines: corners [k, 2] of what is better not crossed."""
 
     def places_pt(data: np.ndarray) -> np.ndarray:
         return axis.transData.transform(data) * 72 / axis.figure.dpi
 
-    marks, crossed = places_pt(np.vstack([points, others])), np.vstack([_along(places_pt(line)) for line in lines])
+    marks, crossed = (
+        places_pt(np.vstack([points, others])),
+        np.vstack([_along(places_pt(line)) for line in lines]),
+    )
     low, high = axis.bbox.get_points() * 72 / axis.figure.dpi
     taken = np.zeros((0, 2, 2))  # the numbers' lower left and upper right corners
     for i, (at, value) in enumerate(zip(places_pt(points), points, strict=True), 1):
         half = np.array([DIGIT_PT * len(str(i)), SIZE_PT]) / 2
         cost = np.hypot(*OFFSETS_PT.T)
         for k, centre in enumerate(at + OFFSETS_PT):
-            meets = (np.abs(taken.mean(axis=1) - centre) < half + np.diff(taken, axis=1)[:, 0] / 2).all(axis=1).any()
+            meets = (
+                (np.abs(taken.mean(axis=1) - centre) < half + np.diff(taken, axis=1)[:, 0] / 2)
+                .all(axis=1)
+                .any()
+            )
             outside = (centre - half < low).any() or (centre + half > high).any()
-            blocked = meets or outside or (np.abs(marks - centre) < half + MARKER_PT).all(axis=1).any()
-            cost[k] += np.inf if blocked else CROSSED_PT * min((np.abs(crossed - centre) < half).all(axis=1).sum(), 3)
+            blocked = (
+                meets or outside or (np.abs(marks - centre) < half + MARKER_PT).all(axis=1).any()
+            )
+            cost[k] += (
+                np.inf
+                if blocked
+                else CROSSED_PT * min((np.abs(crossed - centre) < half).all(axis=1).sum(), 3)
+            )
         offset = OFFSETS_PT[cost.argmin()]
         taken = np.concatenate([taken, [[at + offset - half, at + offset + half]]])
         leader = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
@@ -40,7 +61,9 @@ def number_points(axis: Axes, points: np.ndarray, others: np.ndarray, lines: Seq
             "ha": "center",
             "va": "center",
         }
-        text = axis.annotate(str(i), value, offset, textcoords="offset points", fontsize=SIZE_PT, zorder=5, **style)
+        text = axis.annotate(
+            str(i), value, offset, textcoords="offset points", fontsize=SIZE_PT, zorder=5, **style
+        )
         text.set_in_layout(False)
 
 

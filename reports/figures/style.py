@@ -1,4 +1,5 @@
-"""The look of every picture: fonts, colours and markers of the methods, how times are written; and its file."""
+"""The look of every picture: fonts, colours and markers of the methods, how times are written; and
+its file."""
 
 import io
 from collections.abc import Iterable
@@ -39,7 +40,12 @@ PAGE = STYLE | {
     "savefig.facecolor": "none",
 }
 COLUMN_IN = 3.5  # of a paper in two columns (IEEEtran), whose figures have 8 pt throughout
-COLUMN = STYLE | {"font.size": 8, "axes.titlesize": 8, "figure.figsize": (COLUMN_IN, 2.6), "savefig.dpi": 300}
+COLUMN = STYLE | {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "figure.figsize": (COLUMN_IN, 2.6),
+    "savefig.dpi": 300,
+}
 ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker everywhere
     "broadband",
     "2fsk",
@@ -71,7 +77,8 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its file name's stem, its caption and a description for those who cannot see it."""
+    """A figure with its file name's stem, its caption and a description for those who cannot see
+    it."""
 
     stem: str
     caption: str
@@ -106,15 +113,19 @@ def look(i: int) -> tuple[str, MarkerType]:
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
 
-def draw(result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
-    """Add a method's line to an axis with a grid, under its title, in its colour and with its marker."""
+def draw(
+    result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any
+) -> None:
+    """Add a method's line to an axis with a grid, under its title, in its colour and with its
+    marker."""
     colour, marker = looks(m.name for m in methods(result))[method.name]
     axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
     axis.grid(alpha=0.25, linewidth=0.4)
 
 
 def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """A figure of axes in a row, one below the other in a paper's column, with room for names; and the axes."""
+    """A figure of axes in a row, one below the other in a paper's column, with room for names; and
+    the axes."""
     if narrow():
         figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
         return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -123,10 +134,16 @@ def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray
 
 
 def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
-    """A legend of everything beside the axes, or below them in a paper's column; labels on the outer axes alone."""
+    """A legend of everything beside the axes, or below them in a paper's column; labels on the
+    outer axes alone."""
     place: dict[str, Any] = {"loc": "outside right center"}
     if narrow():
-        place = {"loc": "outside lower center", "ncols": 2, "columnspacing": 1, "handletextpad": 0.4}
+        place = {
+            "loc": "outside lower center",
+            "ncols": 2,
+            "columnspacing": 1,
+            "handletextpad": 0.4,
+        }
     figure.legend(list(handles), list(names), frameon=False, fontsize="medium", **place)
     for axis in figure.axes:
         axis.label_outer()
@@ -159,7 +176,9 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
 def save(figure: Figure, file: str | Path) -> None:
     """Write a figure, atomically; HandbenchError for a suffix other than those of FORMATS."""
     if Path(file).suffix.lower() not in FORMATS:
-        raise HandbenchError(f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}")
+        raise HandbenchError(
+            f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"
+        )
     with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
         figure.savefig(temporary, format=Path(file).suffix[1:].lower())
 

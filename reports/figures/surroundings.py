@@ -1,4 +1,5 @@
-"""A recording and what stands around it: echoes over tones and range, antennas, cameras and frames."""
+"""A recording and what stands around it: echoes over tones and range, antennas, cameras and
+frames."""
 
 from collections.abc import Mapping
 
@@ -19,17 +20,30 @@ def echoes_figure(
     places_m: Mapping[str, np.ndarray],
     profile: tuple[np.ndarray, np.ndarray] | None,
 ) -> Figure:
-    """The level of every tone, levels_db [3, f] at SHARES of the channels; the antennas [n, 3] by name, as seen from
-    behind the array; profile: ranges [n] in metres up to where they repeat and their level in dB, if there are any."""
+    """The level of every tone, levels_db [3, f] at SHARES of the channels; the antennas [n, 3] by
+    name, as seen from behind the array; profile: ranges [n] in metres up to where they repeat and
+    their level in dB, if there are any."""
     order = np.argsort(frequencies_hz)
     ghz, (low, middle, high) = frequencies_hz[order] / 1e9, levels_db[:, order]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10 if profile else 7, 3.2), layout="constrained")
         figure.suptitle(title, fontsize=9)
         spectrum, places, *more = figure.subplots(1, 3 if profile else 2)
-        spectrum.fill_between(ghz, low, high, color=COLOURS[0], alpha=0.2, linewidth=0, label="10 to 90 % of channels")
-        spectrum.plot(ghz, middle, color=COLOURS[0], marker="." if len(ghz) <= 64 else "", label="median channel")
-        spectrum.set(xlabel="frequency in GHz", ylabel="level in dB below the largest sample", title="spectrum")
+        spectrum.fill_between(
+            ghz, low, high, color=COLOURS[0], alpha=0.2, linewidth=0, label="10 to 90 % of channels"
+        )
+        spectrum.plot(
+            ghz,
+            middle,
+            color=COLOURS[0],
+            marker="." if len(ghz) <= 64 else "",
+            label="median channel",
+        )
+        spectrum.set(
+            xlabel="frequency in GHz",
+            ylabel="level in dB below the largest sample",
+            title="spectrum",
+        )
         spectrum.legend(frameon=False, fontsize=8)
         for (name, of_m), colour, marker in zip(places_m.items(), COLOURS, "os", strict=False):
             x_mm, y_mm = 1e3 * of_m[:, :2].T
@@ -52,18 +66,24 @@ def echoes_figure(
 
 
 def frames_figure(title: str, frames: Mapping[str, np.ndarray], residuals_mm: np.ndarray) -> Figure:
-    """Frames in the one that the picture is drawn in, by name a matrix [4, 4] each: x, y and z in orange, green and
-    blue; beside them the distances left over, if there are any."""
-    long_m = max(0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03)
+    """Frames in the one that the picture is drawn in, by name a matrix [4, 4] each: x, y and z in
+    orange, green and blue; beside them the distances left over, if there are any."""
+    long_m = max(
+        0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03
+    )
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(8.2 if len(residuals_mm) else 4.8, 3.6), layout="constrained")
         figure.suptitle(title, fontsize=9)
         axis = figure.add_subplot(1, 1 + bool(len(residuals_mm)), 1, projection="3d")
         for name, matrix in frames.items():
-            x, y, z = 1e3 * (matrix[:3, 3:] + long_m * matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0))
+            x, y, z = 1e3 * (
+                matrix[:3, 3:] + long_m * matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+            )
             at_x, at_y, at_z = 1e3 * matrix[:3, 3]
             for end, colour in zip(zip(x, y, z, strict=True), AXES, strict=True):
-                axis.plot([at_x, end[0]], [at_z, end[2]], [at_y, end[1]], color=colour, linewidth=1.4)
+                axis.plot(
+                    [at_x, end[0]], [at_z, end[2]], [at_y, end[1]], color=colour, linewidth=1.4
+                )
             axis.text(at_x, at_z, at_y, f" {name}", fontsize=7)
         axis.set(xlabel="x in mm", ylabel="z in mm", zlabel="y in mm", aspect="equal")
         axis.tick_params(labelsize=7, pad=0)

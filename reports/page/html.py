@@ -24,28 +24,36 @@ from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
-# Of processor time: figures and tables of a result, and what a capture's method adds on the first page and on others.
+# Of processor time: figures and tables of a result, and what a capture's method adds on the first
+# page and on others.
 REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
 FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
-    """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex, table.csv,
-    comparisons.*,
-    figures/*.png, *.pdf, index.html and, of many captures, pages/*.html to `out`.
+    """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex,
+    table.csv, comparisons.*, figures/*.png, *.pdf, index.html and, of many captures, pages/*.html
+    to `out`.
 
-    sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds. Files of an earlier
-    report are replaced, its further pages removed, others left alone. Returns the path of index.html.
+    sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds.
+    Files of an earlier report are replaced, its further pages removed, others left alone. Returns
+    the path of index.html.
     """
     folder, out = Path(folder), Path(out)
     places = (folder, folder / "tradeoff") if sweep is None else ()
-    sweep = Path(sweep) if sweep else next((place for place in places if (place / "tradeoff.json").exists()), None)
+    sweep = (
+        Path(sweep)
+        if sweep
+        else next((place for place in places if (place / "tradeoff.json").exists()), None)
+    )
     if sweep == folder and not (folder / "result.json").exists():
         return tradeoff_section.build(folder, out)
     _loaded.cache_clear()  # this process may have written the folder since it last drew it
     result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
-        raise HandbenchError(f"{out}: is the result folder itself, whose table.csv must stay; choose another place")
+        raise HandbenchError(
+            f"{out}: is the result folder itself, whose table.csv must stay; choose another place"
+        )
     captures, methods = len(result.about.captures), len(result.about.methods)
     first = captures if captures <= ABREAST else FIRST
     drawn_s = MAP_S * first + FURTHER_S * (captures - first)
@@ -68,17 +76,29 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     groups = pages(result.scored())
     parts = page_names(groups)
     swept = tradeoff_section.section(trade, out) if trade else None
-    facts = _captures(result, groups[0], out / "figures") | {"parts": parts, "part": 0, "groups": groups}
+    facts = _captures(result, groups[0], out / "figures") | {
+        "parts": parts,
+        "part": 0,
+        "groups": groups,
+    }
     causes = sections.causes(result, out / "figures")
-    further = track(_drawn(partial(further_page, folder, out, groups), range(1, len(groups))), "pages", len(parts))
+    further = track(
+        _drawn(partial(further_page, folder, out, groups), range(1, len(groups))),
+        "pages",
+        len(parts),
+    )
     counts = charts.added([charts.counted(result, groups[0]), *further])
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
-    write_text(out / "index.html", render("index.html", **_summary(result, overview, swept, causes), **facts))
+    write_text(
+        out / "index.html",
+        render("index.html", **_summary(result, overview, swept, causes), **facts),
+    )
     return out / "index.html"
 
 
 def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
-    """Write pages by number, in as many processes as there are cores, since matplotlib's threads would meet."""
+    """Write pages by number, in as many processes as there are cores, since matplotlib's threads
+    would meet."""
     count = min(len(numbers), workers())
     if count < 2:
         yield from map(page, numbers)
@@ -90,9 +110,11 @@ def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iter
 _loaded = cache(load)  # a process draws many pages of one result
 
 
-def further_page(folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int) -> charts.Counts:
-    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as PNG only, and count
-    their errors."""
+def further_page(
+    folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int
+) -> charts.Counts:
+    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as
+    PNG only, and count their errors."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
@@ -112,26 +134,38 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
     return [tuple(captures[:first]), *rest]
 
 
-def _summary(result: Result, overview: list[Image], swept: Any, causes: Any = None) -> dict[str, Any]:
+def _summary(
+    result: Result, overview: list[Image], swept: Any, causes: Any = None
+) -> dict[str, Any]:
     """Content of index.html on all captures together."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
-    parts |= {"about": result.about, "config": result.config, "caption": caption(result), "findings": findings(result)}
+    parts |= {
+        "about": result.about,
+        "config": result.config,
+        "caption": caption(result),
+        "findings": findings(result),
+    }
     parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
     parts |= {"stages": sections.stage_times(result)}
     return parts | {"blocks": sections.all_blocks(result)}
 
 
-def _captures(result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True) -> dict[str, Any]:
+def _captures(
+    result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True
+) -> dict[str, Any]:
     """Content of a page on its captures: their pictures, and what turns in 3-D."""
     details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
-    shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)  # the paper's own, else the first
+    shown = (
+        "3fsk" if "3fsk" in titles else next(iter(titles), None)
+    )  # the paper's own, else the first
     still = None
     if scenes:
         first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
         alt = (
-            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels of "
+            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels "
+            "of "
             f"{titles.get(shown or '', '')} in the colours of their errors."
         )
         still = rendering.image(scene3d.still(result, first, shown), alt)

@@ -20,8 +20,8 @@ HEADINGS = (
 
 
 def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Path) -> Path:
-    """Write leaderboard.md, leaderboard.csv, index.html and the reports report-1, report-2, … to `out`; ranking:
-    `RANKING`; about: words on it. Returns the path of index.html."""
+    """Write leaderboard.md, leaderboard.csv, index.html and the reports report-1, report-2, … to
+    `out`; ranking: `RANKING`; about: words on it. Returns the path of index.html."""
     rendering.begin(out)
     reports = {}
     for count, result in enumerate(results, 1):
@@ -31,8 +31,14 @@ def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Pat
     rows = [_cells(line) for line in lines]
     grid = Grid("Methods, the best first", HEADINGS, tuple(rows), texts=3)
     cells = [tuple(map(escaped, row)) for row in rows]
-    first = [tuple(map(bold, row)) if line.rank == 1 else row for line, row in zip(lines, cells, strict=True)]
-    write_text(out / "leaderboard.md", f"# Leaderboard\n\n{escaped(about)}\n\n{table(HEADINGS, first, texts=3)}")
+    first = [
+        tuple(map(bold, row)) if line.rank == 1 else row
+        for line, row in zip(lines, cells, strict=True)
+    ]
+    write_text(
+        out / "leaderboard.md",
+        f"# Leaderboard\n\n{escaped(about)}\n\n{table(HEADINGS, first, texts=3)}",
+    )
     write_table(out / "leaderboard.csv", ranking, RANKING)
     page = rendering.render("leaderboard.html", about=about, grid=grid, reports=reports)
     write_text(out / "index.html", page)

@@ -1,4 +1,5 @@
-"""Pages that need nothing but themselves: templates, pictures inside, and a policy that lets nothing else in."""
+"""Pages that need nothing but themselves: templates, pictures inside, and a policy that lets
+nothing else in."""
 
 import base64
 import hashlib
@@ -25,7 +26,8 @@ SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's sm
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words and files."""
+    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words and
+    files."""
 
     uri: str
     width: int
@@ -43,9 +45,9 @@ def begin(out: Path) -> None:
 
 
 def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
-    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a paper's
-    column, and give it as an image for the page; each figure is let go before the next is drawn.
-    paper: False writes STEM.png only, as wide as it is inside the page."""
+    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a
+    paper's column, and give it as an image for the page; each figure is let go before the next is
+    drawn. paper: False writes STEM.png only, as wide as it is inside the page."""
     written = []
     with matplotlib.rc_context(PAGE):
         for picture in draw():
@@ -68,25 +70,31 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
     return written
 
 
-def image(picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0) -> Image:
+def image(
+    picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0
+) -> Image:
     """A picture to lie inside a page; shown: CSS pixels for one of its own."""
     width = round(shown * picture.width)
-    return Image(_uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem)
+    return Image(
+        _uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem
+    )
 
 
 def _uri(picture: Pixels.Image) -> str:
     """A picture as a data: URI, no wider than WIDTH_PX."""
     small = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
     if small.width > WIDTH_PX:
-        small = small.resize((WIDTH_PX, round(small.height * WIDTH_PX / small.width)), Pixels.Resampling.LANCZOS)
+        small = small.resize(
+            (WIDTH_PX, round(small.height * WIDTH_PX / small.width)), Pixels.Resampling.LANCZOS
+        )
     stream = io.BytesIO()
     small.save(stream, "WEBP", quality=QUALITY, method=2)
     return "data:image/webp;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def render(template: str, **facts: Any) -> str:
-    """A page of `template`. Texts are escaped; style and script are those of this package, known to the policy by their
-    hashes."""
+    """A page of `template`. Texts are escaped; style and script are those of this package, known to
+    the policy by their hashes."""
     return _environment().get_template(template).render(**facts)
 
 
@@ -94,7 +102,9 @@ def render(template: str, **facts: Any) -> str:
 def _environment() -> jinja2.Environment:
     """The templates' environment, with style and script, and their hashes."""
     loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
-    made = jinja2.Environment(loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True)
+    made = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True
+    )
     for part, name in (("style", "style.css"), ("script", "viewer.js")):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

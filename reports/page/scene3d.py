@@ -1,4 +1,5 @@
-"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to lie inside the page."""
+"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to lie inside
+the page."""
 
 import base64
 import math
@@ -16,23 +17,32 @@ from handbench.reports.page.rendering import image, render
 from handbench.reports.tables.blocks import AGAINST, DRAWN
 from handbench.support.errors import HandbenchError
 
-PIXELS = 60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
+PIXELS = (
+    60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
+)
 LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest
 ERROR_STEP_MM, NO_ERROR = 0.002, -32_768
 COLOURS = 65  # samples of each colour scale
 STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
-Errors = dict[str, tuple[np.ndarray, str]]  # by reference: signed errors [ny, nx] in metres, and a note
+Errors = dict[
+    str, tuple[np.ndarray, str]
+]  # by reference: signed errors [ny, nx] in metres, and a note
 Part = tuple[str, str, Surface, Errors]  # name, title, surface, and its errors
 
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     """One capture for the view; None where nothing was observed at all."""
     references: list[str] = [reference for reference in DRAWN if reference in capture.references]
-    parts: list[Part] = [(name, AGAINST[name], result.surface(capture.name, name), {}) for name in references]
+    parts: list[Part] = [
+        (name, AGAINST[name], result.surface(capture.name, name), {}) for name in references
+    ]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
-        told: Errors = {r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}") for r, error_m in errors.items()}
+        told: Errors = {
+            r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}")
+            for r, error_m in errors.items()
+        }
         parts.append((method.name, method.title, result.surface(capture.name, method.name), told))
     return _scene(capture.name, references, parts)
 
@@ -43,17 +53,33 @@ def page(name: str, title: str, surface: Surface) -> str:
     if scene is None:
         raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
     picture = layers.shaded(surface, np.isfinite(surface.z_m))[::-1, ::-1]
-    still = image(Image.fromarray(np.round(255 * picture).astype(np.uint8)), f"{title}, seen from the array.", shown=2)
-    facts = {"methods": [{"name": title, "title": title}], "shown": title, "scales": scales(), "still": still}
+    still = image(
+        Image.fromarray(np.round(255 * picture).astype(np.uint8)),
+        f"{title}, seen from the array.",
+        shown=2,
+    )
+    facts = {
+        "methods": [{"name": title, "title": title}],
+        "shown": title,
+        "scales": scales(),
+        "still": still,
+    }
     return render("single.html", name=name, scenes=[scene], **facts)
 
 
 def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any] | None:
-    """Surfaces for the view, on the depth scale of the first; None where nothing was observed at all."""
-    z_mm = 1e3 * np.concatenate([surface.z_m[np.isfinite(surface.z_m)] for _, _, surface, _ in parts])
+    """Surfaces for the view, on the depth scale of the first; None where nothing was observed at
+    all."""
+    z_mm = 1e3 * np.concatenate(
+        [surface.z_m[np.isfinite(surface.z_m)] for _, _, surface, _ in parts]
+    )
     if not len(z_mm):
         return None
-    norm, low_mm, step_mm = layers.depth_scale(parts[0][2]), z_mm.min(), max(np.ptp(z_mm) / LEVELS, 1e-6)
+    norm, low_mm, step_mm = (
+        layers.depth_scale(parts[0][2]),
+        z_mm.min(),
+        max(np.ptp(z_mm) / LEVELS, 1e-6),
+    )
     return {
         "capture": name,
         "low_mm": float(low_mm),
@@ -65,21 +91,26 @@ def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any
 
 
 def scales() -> dict[str, Any]:
-    """The colours of depth and error, and where an error of so many mm stands on its scale (0 to 1)."""
+    """The colours of depth and error, and where an error of so many mm stands on its scale (0 to
+    1)."""
     norm = layers.error_scale()
     at = np.linspace(0, 1, COLOURS)
     return {
         "skin": layers.SKIN,
         "depth": _hex(layers.DEPTH_COLOURS, at),
         "error": _hex(layers.ERROR_COLOURS, at),
-        "error_mm": [round(float(value), 6) for value in norm.inverse(at)],  # the error at each colour, rising
+        "error_mm": [
+            round(float(value), 6) for value in norm.inverse(at)
+        ],  # the error at each colour, rising
         "ticks": [[tick, round(float(norm(tick)), 4)] for tick in layers.ERROR_TICKS_MM],
         "error_step_mm": ERROR_STEP_MM,
         "no_error": NO_ERROR,
     }
 
 
-def _surface(name: str, title: str, surface: Surface, errors: Errors, low_mm: float, step_mm: float) -> dict[str, Any]:
+def _surface(
+    name: str, title: str, surface: Surface, errors: Errors, low_mm: float, step_mm: float
+) -> dict[str, Any]:
     """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
@@ -90,7 +121,9 @@ def _surface(name: str, title: str, surface: Surface, errors: Errors, low_mm: fl
         error_mm = 1e3 * error_m[inside][seen]
         steps = np.clip(np.nan_to_num(error_mm) / ERROR_STEP_MM, NO_ERROR + 1, -NO_ERROR - 1)
         against[reference] = {
-            "steps": _base64(np.where(np.isfinite(error_mm), np.round(steps), NO_ERROR).astype("<i2")),
+            "steps": _base64(
+                np.where(np.isfinite(error_mm), np.round(steps), NO_ERROR).astype("<i2")
+            ),
             "note": note,
         }
     return {
@@ -107,7 +140,8 @@ def _surface(name: str, title: str, surface: Surface, errors: Errors, low_mm: fl
 
 
 def _box(z_m: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns around what was observed, thinned to PIXELS of them; everything where nothing was."""
+    """Rows and columns around what was observed, thinned to PIXELS of them; everything where
+    nothing was."""
     rows, columns = (np.flatnonzero(np.isfinite(z_m).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 2), slice(0, 2)
@@ -121,7 +155,10 @@ def _base64(array: np.ndarray) -> str:
 
 
 def _hex(colours: str, at: np.ndarray) -> list[str]:
-    return ["#" + "".join(f"{round(255 * c):02x}" for c in colour[:3]) for colour in colormaps[colours](at)]
+    return [
+        "#" + "".join(f"{round(255 * c):02x}" for c in colour[:3])
+        for colour in colormaps[colours](at)
+    ]
 
 
 def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Image:
@@ -138,8 +175,14 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
         errors = result.errors(capture.name, method, reference)
         if errors.error_m.shape == surface.z_m.shape:
             error_mm = 1e3 * errors.error_m[inside]
-            colours = colormaps[layers.ERROR_COLOURS](layers.error_scale()(np.nan_to_num(error_mm)))[..., :3]
+            colours = colormaps[layers.ERROR_COLOURS](
+                layers.error_scale()(np.nan_to_num(error_mm))
+            )[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
             there = there | np.isfinite(error_mm)
-    picture = np.dstack([picture, there])[::-1, ::-1]  # y up, x to the left; the page shows through beside it
-    return Image.fromarray(np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8))
+    picture = np.dstack([picture, there])[
+        ::-1, ::-1
+    ]  # y up, x to the left; the page shows through beside it
+    return Image.fromarray(
+        np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8)
+    )

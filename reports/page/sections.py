@@ -1,4 +1,5 @@
-"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty, causes, provenance."""
+"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty,
+causes, provenance."""
 
 import json
 from dataclasses import dataclass
@@ -11,7 +12,17 @@ from handbench.bench.results.result_folder import shown
 from handbench.reports.figures.charts import CAUSES, bin_label, explained
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering
-from handbench.reports.tables.blocks import AGAINST, NONE, Block, blocks, figure, number, p_text, printed, three_digits
+from handbench.reports.tables.blocks import (
+    AGAINST,
+    NONE,
+    Block,
+    blocks,
+    figure,
+    number,
+    p_text,
+    printed,
+    three_digits,
+)
 from handbench.reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -29,8 +40,9 @@ class Grid:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The tests' findings on one metric. best: titles of the methods that none is shown to beat, the best figure
-    first; leading: its smallest differences that are shown; shown: how many are; table: every pair."""
+    """The tests' findings on one metric. best: titles of the methods that none is shown to beat,
+    the best figure first; leading: its smallest differences that are shown; shown: how many are;
+    table: every pair."""
 
     heading: str
     best: tuple[str, ...]
@@ -50,7 +62,9 @@ def verdicts(result: Result) -> list[Verdict]:
         beaten = set(lines.worse)
         unbeaten = result.best(metric, reference, treatment)
         best = sorted(unbeaten, key=lambda name: name in beaten)  # the best figure comes first
-        ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values("difference", kind="stable")
+        ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values(
+            "difference", kind="stable"
+        )
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         common = on_common_pixels(metric) if treatment else ""
         how = f", {TREATMENTS.get(treatment, treatment)}" if treatment else ""
@@ -58,21 +72,35 @@ def verdicts(result: Result) -> list[Verdict]:
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
         caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
         table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
-        named, leading = tuple(titles.get(name, name) for name in best), tuple(ahead.sentence[:LEADING])
+        named, leading = (
+            tuple(titles.get(name, name) for name in best),
+            tuple(ahead.sentence[:LEADING]),
+        )
         found.append(Verdict(heading, named, leading, int(shown(lines).sum()), bool(best), table))
     return found
 
 
 def stage_times(result: Result) -> Grid:
     """The time that each stage took, by method."""
-    rows = tuple(tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None))
-    headings = ("method", "stage", "tasks", "of them cached", "seconds", "CPU seconds", "peak memory in MB")
+    rows = tuple(
+        tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None)
+    )
+    headings = (
+        "method",
+        "stage",
+        "tasks",
+        "of them cached",
+        "seconds",
+        "CPU seconds",
+        "peak memory in MB",
+    )
     caption = "Median of each stage's tasks; cached: the time was measured by an earlier run"
     return Grid(caption, headings, rows, texts=2)
 
 
 def effects(result: Result) -> Grid | None:
-    """Effects that the scenes called for: each effect's rows over the captures that tell them; None where none does."""
+    """Effects that the scenes called for: each effect's rows over the captures that tell them; None
+    where none does."""
     told: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         told.setdefault(str(row.get("effect", "")), []).append(row)
@@ -80,11 +108,27 @@ def effects(result: Result) -> Grid | None:
     for name, found in told.items():
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
         on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
-        rows.append((name, why, on, *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds"))))
+        rows.append(
+            (
+                name,
+                why,
+                on,
+                *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds")),
+            )
+        )
     caption = (
-        "Effects of simulated echoes and photographs: largest estimate, and seconds that they cost, over the captures"
+        "Effects of simulated echoes and photographs: largest estimate, and seconds that "
+        "they cost, over the captures"
     )
-    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)", "took (s)")
+    headings = (
+        "effect",
+        "why",
+        "on in",
+        "changes depths by (mm)",
+        "level (dB)",
+        "expected (s)",
+        "took (s)",
+    )
     return Grid(caption, headings, tuple(rows), texts=2) if rows else None
 
 
@@ -103,21 +147,33 @@ def uncertainty(result: Result) -> list[Grid]:
             for name, budget in budgets.items()
             if isinstance(budget, dict)
         )
-        caption = "Standard deviation of the photogrammetric reference along z: root mean square over its pixels"
-        grids.append(Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows))
+        caption = (
+            "Standard deviation of the photogrammetric reference along z: root mean square "
+            "over its pixels"
+        )
+        grids.append(
+            Grid(caption, ("capture", "mesh (mm)", "registration (mm)", "together (mm)"), rows)
+        )
     floors = []
     for method in result.about.methods:
         found = [result.row("floor_mm", method.name, reference) for reference in AGAINST]
         if any(found):
-            cells = (figure(row.value, row.low, row.high, row.unit) if row else NONE for row in found)
+            cells = (
+                figure(row.value, row.low, row.high, row.unit) if row else NONE for row in found
+            )
             floors.append((method.title, *cells))
     if floors:
         headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
-        caption = f"Ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show"
+        caption = (
+            f"Ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show"
+        )
         grids.append(Grid(caption, headings, tuple(floors)))
     residuals = result.about.facts.get("registration_residuals_mm")
     if isinstance(residuals, list) and residuals:
-        at_hand = ("error at the hand", _mm(result.about.facts.get("registration_error_at_hand_mm")))
+        at_hand = (
+            "error at the hand",
+            _mm(result.about.facts.get("registration_error_at_hand_mm")),
+        )
         rows = (*((f"marker {i}", _mm(value)) for i, value in enumerate(residuals, 1)), at_hand)
         grids.append(Grid("Registration on the calibration target", ("residual of", "mm"), rows))
     return grids
@@ -130,7 +186,12 @@ def _mm(value: Any) -> str:
 def provenance(result: Result) -> list[tuple[str, Any]]:
     """Headings and facts of what the result stands on."""
     about = result.about
-    told = {"groundtruth_sigma_rms", "registration_residuals_mm", "registration_error_at_hand_mm", "command"}
+    told = {
+        "groundtruth_sigma_rms",
+        "registration_residuals_mm",
+        "registration_error_at_hand_mm",
+        "command",
+    }
     facts = {name: fact for name, fact in about.facts.items() if name not in told}
     headings = ("Protocol", "Noise and ground truth", "Versions", "Machine")
     parts = zip(headings, (about.protocol, facts, about.versions, about.machine), strict=True)
@@ -140,7 +201,13 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
 def captures(result: Result) -> Grid:
     """The captures, and what each measures."""
     rows = tuple(
-        (c.name, c.pose or NONE, ", ".join(c.measures), ", ".join(c.references) or NONE, number(c.distance_m, 3))
+        (
+            c.name,
+            c.pose or NONE,
+            ", ".join(c.measures),
+            ", ".join(c.references) or NONE,
+            number(c.distance_m, 3),
+        )
         for c in result.about.captures
     )
     told = "Captures"
@@ -151,14 +218,20 @@ def captures(result: Result) -> Grid:
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Each method's resolved settings, told once for all captures that share them: title, [(captures, settings)]."""
+    """Each method's resolved settings, told once for all captures that share them: title,
+    [(captures, settings)]."""
     found = []
     for method in result.about.methods:
         groups: dict[str, tuple[list[str], Any]] = {}
         for capture, config in method.config.items():
-            groups.setdefault(json.dumps(config, sort_keys=True, default=str), ([], config))[0].append(capture)
+            groups.setdefault(json.dumps(config, sort_keys=True, default=str), ([], config))[
+                0
+            ].append(capture)
         every = len(groups) == 1 and len(method.config) > 1
-        told = [("all captures" if every else ", ".join(names), config) for names, config in groups.values()]
+        told = [
+            ("all captures" if every else ", ".join(names), config)
+            for names, config in groups.values()
+        ]
         found.append((method.title, told))
     return found
 
@@ -171,15 +244,20 @@ def command(result: Result) -> str:
 
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Each reference's table in two: the lines that the paper prints or that stand for the result, and the others."""
+    """Each reference's table in two: the lines that the paper prints or that stand for the result,
+    and the others."""
     return [(printed(block), printed(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Causes of the errors: pictures, written into `folder`, and tables of causes.csv and reliability.csv; None
-    where the result tells neither causes nor reliability."""
+    """Causes of the errors: pictures, written into `folder`, and tables of causes.csv and
+    reliability.csv; None where the result tells neither causes nor reliability."""
     grids = [*by_cause(result), *reliability(result)]
-    return {"pictures": rendering.images(lambda: explained(result), folder), "grids": grids} if grids else None
+    return (
+        {"pictures": rendering.images(lambda: explained(result), folder), "grids": grids}
+        if grids
+        else None
+    )
 
 
 def by_cause(result: Result) -> list[Grid]:
@@ -189,13 +267,19 @@ def by_cause(result: Result) -> list[Grid]:
         rows: dict[tuple[str, str], dict[str, str]] = {}
         known = lines[lines.cause.isin(CAUSES)]
         for line in sorted(each(known), key=lambda x: (list(CAUSES).index(x.cause), x.part, x.low)):
-            cell = f"{number(line.absolute_mm, 2)} [{number(line.mean_mm, 2)}] {line.n_pixels}/{line.n_captures}"
+            cell = (
+                f"{number(line.absolute_mm, 2)} [{number(line.mean_mm, 2)}] "
+                f"{line.n_pixels}/{line.n_captures}"
+            )
             rows.setdefault((CAUSES[line.cause], bin_label(line)), {})[line.method] = cell
         caption = (
-            f"Errors by cause, {AGAINST.get(str(reference), str(reference))}: mean |z − z_ref| [mean z − z_ref] in mm, "
+            f"Errors by cause, {AGAINST.get(str(reference), str(reference))}: mean |z − z_ref| "
+            "[mean z − z_ref] in mm, "
             "pixels / captures"
         )
-        cells = tuple((*place, *(found.get(m.name, NONE) for m in shown)) for place, found in rows.items())
+        cells = tuple(
+            (*place, *(found.get(m.name, NONE) for m in shown)) for place, found in rows.items()
+        )
         grids.append(Grid(caption, ("cause", "bin", *(m.title for m in shown)), cells, texts=2))
     return grids
 
@@ -209,11 +293,16 @@ def reliability(result: Result) -> list[Grid]:
         for _, mine in lines.groupby(["method", "pixels"], sort=False):
             shares = mine.set_index("nominal_percent").observed_percent.reindex(nominal)
             first = next(each(mine))
-            figures = (*(number(share, 1) for share in shares), number(first.nll, 2), f"{first.n_pixels}")
+            figures = (
+                *(number(share, 1) for share in shares),
+                number(first.nll, 2),
+                f"{first.n_pixels}",
+            )
             rows.append((titles.get(first.method, first.method), first.pixels, *figures))
         known = "with" if lines.reference_sigma.all() else "without a known"
         caption = (
-            f"Reliability of σ {AGAINST.get(str(reference), str(reference))}, {known} σ of the reference: observed "
+            f"Reliability of σ {AGAINST.get(str(reference), str(reference))}, {known} σ of the "
+            "reference: observed "
             "coverage in % under the nominal one, mean negative log-likelihood in mm"
         )
         headings = ("method", "pixels", *(f"{percent:g} %" for percent in nominal), "NLL", "count")

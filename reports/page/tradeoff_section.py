@@ -4,7 +4,13 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import Section, Setting, Tradeoff, load_tradeoff
-from handbench.reports.figures.fronts import error_text, metric_words, pictures, plotted, seconds_text
+from handbench.reports.figures.fronts import (
+    error_text,
+    metric_words,
+    pictures,
+    plotted,
+    seconds_text,
+)
 from handbench.reports.page import rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables import latex, result_tables
@@ -14,11 +20,13 @@ from handbench.support.files import write_text
 
 
 def build(folder: str | Path, out: str | Path) -> Path:
-    """Read the trade-off in `folder`; write front.md, front.tex, front_*.png, *.pdf and index.html to `out`, which may
-    be the folder itself. Returns the path of index.html."""
+    """Read the trade-off in `folder`; write front.md, front.tex, front_*.png, *.pdf and index.html
+    to `out`, which may be the folder itself. Returns the path of index.html."""
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
-        raise HandbenchError(f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again")
+        raise HandbenchError(
+            f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again"
+        )
     rendering.begin(out)
     page = rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))
     write_text(out / "index.html", page)
@@ -29,10 +37,14 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     """Write tables and pictures to `out`; what a page shows of them."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
-    saved = {image.stem: image for image in rendering.images(lambda: pictures(found), out / "figures")}
+    saved = {
+        image.stem: image for image in rendering.images(lambda: pictures(found), out / "figures")
+    }
     parts = []
     for about in found.facts.sections:
-        shown = [saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved]
+        shown = [
+            saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved
+        ]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))
     return {"parts": parts, "claims": claims_grid(found)}
 
@@ -49,7 +61,8 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
         (
             s.title,
             # On the front, where no number can say so, or by what it is beaten.
-            numbers.get(s.name) or ("front" if s.on_front else titles.get(s.dominated_by, s.dominated_by) or NONE),
+            numbers.get(s.name)
+            or ("front" if s.on_front else titles.get(s.dominated_by, s.dominated_by) or NONE),
             error_text(s),
             number(s.seen_percent, 2),
             seconds_text(s),
@@ -66,7 +79,11 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
 def claims_grid(found: Tradeoff) -> Grid | None:
     """The paper's claims about time, beside what was counted and measured; None without a claim."""
     rows = tuple(
-        (claim.text, claim.note, *(_factor(value) for value in (claim.paper, claim.counted, claim.measured)))
+        (
+            claim.text,
+            claim.note,
+            *(_factor(value) for value in (claim.paper, claim.counted, claim.measured)),
+        )
         for claim in found.facts.claims
     )
     headings = ("claim", "how", "paper", "operations, counted", "time, measured")

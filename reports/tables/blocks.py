@@ -12,7 +12,8 @@ from handbench.bench.results.about import TREATMENTS, on_common_pixels
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
-    "completed": "Scored against photogrammetry and, where the mesh has no surface, against the true one",
+    "completed": "Scored against photogrammetry and, where the mesh has no surface, against the "
+    "true one",
     "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
 }
 AGAINST = {
@@ -20,7 +21,10 @@ AGAINST = {
     "completed": "against photogrammetry, completed by the true surface",
     "truth": "against the true surface",
 }
-DRAWN = ("photogrammetry", "truth")  # references of pictures: the completed one is drawn in these two
+DRAWN = (
+    "photogrammetry",
+    "truth",
+)  # references of pictures: the completed one is drawn in these two
 EQUAL_HEADING = "Under equal treatment {against}: the figures that say which method is better"
 NAMED = 12  # captures; more are counted
 NONE = "–"
@@ -28,8 +32,9 @@ NONE = "–"
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a block. title: with the unit, empty where the metric goes on; source: whose figures; cells: one a
-    method; best: whether a cell stands out, one a method (empty: none does); unit: the metric's."""
+    """One line of a block. title: with the unit, empty where the metric goes on; source: whose
+    figures; cells: one a method; best: whether a cell stands out, one a method (empty: none does);
+    unit: the metric's."""
 
     metric: str
     title: str
@@ -50,27 +55,36 @@ class Block:
 
 
 def blocks(result: Result) -> list[Block]:
-    """One block for each reference that the result was scored against; after the first, that of equal treatment."""
+    """One block for each reference that the result was scored against; after the first, that of
+    equal treatment."""
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     return [*found[:1], *_equal_block(result), *found[1:]]
 
 
 def printed(block: Block, rest: bool = False) -> Block:
-    """The block with the lines that the paper prints or that stand for the result alone, or with the rest."""
+    """The block with the lines that the paper prints or that stand for the result alone, or with
+    the rest."""
     metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
-    return replace(block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest))
+    return replace(
+        block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest)
+    )
 
 
 def _equal_block(result: Result) -> list[Block]:
     """The figures under equal treatment, of the methods that have them; [] where none has."""
     if result.equal.empty:
         return []
-    reference, names = result.equal.reference.iloc[0], [method.name for method in result.about.methods]
+    reference, names = (
+        result.equal.reference.iloc[0],
+        [method.name for method in result.about.methods],
+    )
     lines: list[Line] = []
     for metric in dict.fromkeys(result.equal.metric):
         for treatment, said in TREATMENTS.items():
-            table = result.equal[(result.equal.metric == metric) & (result.equal.treatment == treatment)]
+            table = result.equal[
+                (result.equal.metric == metric) & (result.equal.treatment == treatment)
+            ]
             rows = table.set_index("method").reindex(names).assign(paper=math.nan)
             if rows.metric.notna().any():
                 unit = rows.unit.dropna().iloc[0]
@@ -78,7 +92,9 @@ def _equal_block(result: Result) -> list[Block]:
                 stars = outstanding(result, metric, reference, treatment)
                 lines += [replace(line, source=said) for line in _lines(metric, title, rows, stars)]
     titles = tuple(method.title for method in result.about.methods)
-    return [Block(reference, EQUAL_HEADING.format(against=AGAINST[reference]), titles, tuple(lines))]
+    return [
+        Block(reference, EQUAL_HEADING.format(against=AGAINST[reference]), titles, tuple(lines))
+    ]
 
 
 def _block(result: Result, reference: str) -> Block:
@@ -88,7 +104,12 @@ def _block(result: Result, reference: str) -> Block:
     for metric, facts in result.about.metrics.items():
         rows = table[table.metric == metric].set_index("method").reindex(names)
         if rows.metric.notna().any():
-            lines += _lines(metric, f"{facts.title} ({facts.unit})", rows, outstanding(result, metric, reference))
+            lines += _lines(
+                metric,
+                f"{facts.title} ({facts.unit})",
+                rows,
+                outstanding(result, metric, reference),
+            )
     titles = tuple(method.title for method in result.about.methods)
     return Block(reference, HEADINGS[reference], titles, tuple(lines))
 
@@ -100,15 +121,21 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
     ours = rows[["value", "low", "high", "unit"]].itertuples(index=False, name=None)
     lines = [Line(metric, title, "ours", tuple(figure(*cells) for cells in ours), best, unit)]
     if rows.paper.notna().any():
-        lines.append(Line(metric, "", "paper", tuple(paper(value, unit) for value in rows.paper), unit=unit))
+        lines.append(
+            Line(metric, "", "paper", tuple(paper(value, unit) for value in rows.paper), unit=unit)
+        )
         if unit != "%":  # a ratio of percentages near 100 says nothing
-            lines.append(Line(metric, "", "ours / paper", tuple(number(r, 2) for r in ratio(rows)), unit=unit))
+            lines.append(
+                Line(
+                    metric, "", "ours / paper", tuple(number(r, 2) for r in ratio(rows)), unit=unit
+                )
+            )
     return lines
 
 
 def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
-    """The methods that no other is shown to beat, if any of those compared is beaten: no figure stands out without a
-    test."""
+    """The methods that no other is shown to beat, if any of those compared is beaten: no figure
+    stands out without a test."""
     best, lines = result.best(metric, reference, treatment), result.compared(treatment)
     worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
     return frozenset() if worse.isin(best).all() else frozenset(best)
@@ -148,8 +175,9 @@ def number(value: float | None, places: int) -> str:
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
-    """Decimals worth showing: two digits of half the interval, three of the value at most; of millimetres one at least,
-    as the paper prints; of percentages always two, for they crowd below 100."""
+    """Decimals worth showing: two digits of half the interval, three of the value at most; of
+    millimetres one at least, as the paper prints; of percentages always two, for they crowd below
+    100."""
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
@@ -177,10 +205,15 @@ def p_text(p: float | None) -> str:
 def caption(result: Result) -> str:
     """A sentence on what the figures stand on."""
     scored, repeated, floor = result.scored(), result.repeated(), ""
-    precision = f"precision over the repeats of {_named(repeated)}; " if repeated not in ((), scored) else ""
+    precision = (
+        f"precision over the repeats of {_named(repeated)}; "
+        if repeated not in ((), scored)
+        else ""
+    )
     if (result.table.metric == "floor_mm").any():  # results of earlier versions have none
         floor = (
-            f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, because the reference "
+            f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, "
+            "because the reference "
             "errs itself, and where it would lie in 95 % of all draws of that error; "
         )
     refined = result.about.facts.get("refined_transforms", {})
@@ -193,7 +226,8 @@ def caption(result: Result) -> str:
 
 
 def busy_note(result: Result) -> str:
-    """A sentence on the times that other work disturbed, with a blank before it; empty where none did."""
+    """A sentence on the times that other work disturbed, with a blank before it; empty where none
+    did."""
     busy, unsettled, note = result.busy(), result.unsettled(), ""
     if busy:
         note = (
@@ -202,7 +236,8 @@ def busy_note(result: Result) -> str:
         )
     if unsettled:
         note += (
-            f" The times of {_titles(result, unsettled)} have not settled: their intervals reach up to "
+            f" The times of {_titles(result, unsettled)} have not settled: their intervals reach "
+            "up to "
             f"{100 * max(unsettled.values()):.0f} % to either side."
         )
     return note
@@ -214,7 +249,11 @@ def _titles(result: Result, names: Collection[str]) -> str:
 
 def _named(captures: Sequence[CaptureFacts]) -> str:
     names = [capture.name for capture in captures]
-    return ", ".join(names) if len(names) <= NAMED else f"{names[0]} to {names[-1]}, {len(names)} in all"
+    return (
+        ", ".join(names)
+        if len(names) <= NAMED
+        else f"{names[0]} to {names[-1]}, {len(names)} in all"
+    )
 
 
 def best_note(found: list[Block]) -> str:
@@ -222,15 +261,22 @@ def best_note(found: list[Block]) -> str:
     if not any(any(line.best) for block in found for line in block.lines):
         return ""
     return (
-        " Bold: the best figure and all that are not shown to be worse than it (paired test on the same captures, 5 % "
+        " Bold: the best figure and all that are not shown to be worse than it (paired test on "
+        "the same captures, 5 % "
         "for all pairs together)."
     )
 
 
 def floor_note(result: Result) -> str:
-    """A sentence for the captions of pictures that show errors, with a blank before it: the floors that are known and
-    not zero, the largest of the methods'. Empty without one."""
+    """A sentence for the captions of pictures that show errors, with a blank before it: the floors
+    that are known and not zero, the largest of the methods'. Empty without one."""
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
     told = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
-    known = ", ".join(f"{number(v, three_digits(v))} mm against {reference}" for reference, v in told if v > 0)
-    return f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}." if known else ""
+    known = ", ".join(
+        f"{number(v, three_digits(v))} mm against {reference}" for reference, v in told if v > 0
+    )
+    return (
+        f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}."
+        if known
+        else ""
+    )

@@ -1,4 +1,5 @@
-"""Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as LaTeX."""
+"""Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as
+LaTeX."""
 
 from pathlib import Path
 from typing import Any
@@ -7,17 +8,25 @@ from handbench.bench.results import each
 from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables import latex
 from handbench.reports.tables.blocks import NONE, figure, number, p_text
-from handbench.reports.tables.result_tables import bold, escaped, table, terminal_table, wide_console
+from handbench.reports.tables.result_tables import (
+    bold,
+    escaped,
+    table,
+    terminal_table,
+    wide_console,
+)
 from handbench.support.files import write_text
 
 CHANGES = 12  # of one kind are shown; compare.json has all
 HEAD = ("A", "B", "B − A", "p")
 NOTE = (
-    "In brackets 95 % confidence intervals; p corrected for all lines (Holm); precisions by the F test, as if all "
+    "In brackets 95 % confidence intervals; p corrected for all lines (Holm); precisions by the "
+    "F test, as if all "
     "repeats were independent."
 )
 TIMES = (
-    "Times are not tested, for the repeats of one run do not know how two runs differ. GFLOP/s: what the machine "
+    "Times are not tested, for the repeats of one run do not know how two runs differ. GFLOP/s: "
+    "what the machine "
     "reaches in products of matrices."
 )
 
@@ -28,12 +37,15 @@ def show(compared: Compared) -> None:
     for text in _head(compared):
         console.print(text, markup=False)
     lines = [
-        (line.title, _metric(line), *_cells(line), line.better, _needed(line)) for line in each(compared.differences)
+        (line.title, _metric(line), *_cells(line), line.better, _needed(line))
+        for line in each(compared.differences)
     ]
     console.print(terminal_table("Differences", ("", "", *HEAD, "better", "needs hands"), lines))
     if len(compared.times):
         lines = [_time(time) for time in each(compared.times)]
-        console.print(terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines))
+        console.print(
+            terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines)
+        )
         console.print(TIMES, markup=False)
     for text in _changes(compared):
         console.print(text, markup=False)
@@ -54,7 +66,16 @@ def markdown(compared: Compared) -> str:
     for line in each(compared.differences):
         a, b, difference, _ = map(escaped, _cells(line))
         a, b = bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b
-        differences.append((escaped(line.title), escaped(_metric(line)), a, b, difference, p_text(line.p_corrected)))
+        differences.append(
+            (
+                escaped(line.title),
+                escaped(_metric(line)),
+                a,
+                b,
+                difference,
+                p_text(line.p_corrected),
+            )
+        )
     parts = [
         "# A and B side by side\n",
         *(f"{escaped(text)}\n" for text in _head(compared)),
@@ -70,19 +91,32 @@ def markdown(compared: Compared) -> str:
 
 
 def tex(compared: Compared) -> str:
-    """The differences as LaTeX tables, one against each reference; bold: what is shown to be better."""
+    """The differences as LaTeX tables, one against each reference; bold: what is shown to be
+    better."""
     texts = []
     for reference, lines in compared.differences.groupby("reference", sort=False):
         body = []
         for line in each(lines):
-            a = latex.num_figure(line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A")
-            b = latex.num_figure(line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B")
+            a = latex.num_figure(
+                line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A"
+            )
+            b = latex.num_figure(
+                line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B"
+            )
             difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
             names = latex.escaped(line.title), latex.titled(line.metric_title, line.unit)
             body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
-        stands = (text for text in _basis(compared) if reference and text.startswith(f"Against {reference}:"))
-        text = f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
-        texts.append(latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body))
+        stands = (
+            text
+            for text in _basis(compared)
+            if reference and text.startswith(f"Against {reference}:")
+        )
+        text = (
+            f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
+        )
+        texts.append(
+            latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body)
+        )
     return "\n".join(texts)
 
 
@@ -106,7 +140,12 @@ def _basis(compared: Compared) -> list[str]:
 
 
 def _metric(line: Any) -> str:
-    return " ".join(filter(None, (line.metric_title, f"({line.unit})", line.reference and f"against {line.reference}")))
+    return " ".join(
+        filter(
+            None,
+            (line.metric_title, f"({line.unit})", line.reference and f"against {line.reference}"),
+        )
+    )
 
 
 def _cells(line: Any) -> tuple[str, str, str, str]:
@@ -124,14 +163,20 @@ def _needed(line: Any) -> str:
 
 
 def _time(time: Any) -> tuple[str, str, str, str]:
-    a, b = figure(time.a, time.a_low, time.a_high, "s"), figure(time.b, time.b_low, time.b_high, "s")
+    a, b = (
+        figure(time.a, time.a_low, time.a_high, "s"),
+        figure(time.b, time.b_low, time.b_high, "s"),
+    )
     return time.title, a, b, number(time.ratio, 2)
 
 
 def _machines(compared: Compared) -> list[str]:
     """A and B, each with its machine's rate."""
     rates = (("A", compared.a.gemm_gflops), ("B", compared.b.gemm_gflops))
-    return [f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)" for side, rate in rates]
+    return [
+        f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)"
+        for side, rate in rates
+    ]
 
 
 def _changes(compared: Compared) -> list[str]:

@@ -1,8 +1,9 @@
-r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, whatever text they are given.
+r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, any text.
 
-Each text is a row of floats to \input: the document needs \usepackage{booktabs} and \usepackage{siunitx} (version 3),
-and no particular encoding, for every character that is not ASCII is written as a command. `column` fits one column of
-IEEEtran (252 pt), the other tables a page's width.
+Each text is a row of floats to \input: the document needs \usepackage{booktabs} and
+\usepackage{siunitx} (version 3), and no particular encoding, for every character that is not ASCII
+is written as a command. `column` fits one column of IEEEtran (252 pt), the other tables a page's
+width.
 """
 
 import unicodedata
@@ -27,8 +28,17 @@ from handbench.reports.tables.blocks import three_digits as digits
 
 COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
-COLUMN_PT, TITLE_PT, SEP_PT = 251, 62, 2  # of a table in a column: its width, its titles', half the gap
-UNITS = {"mm": r"\unit{\milli\metre}", "s": r"\unit{\second}", "%": r"\unit{\percent}", "m": r"\unit{\metre}"}
+COLUMN_PT, TITLE_PT, SEP_PT = (
+    251,
+    62,
+    2,
+)  # of a table in a column: its width, its titles', half the gap
+UNITS = {
+    "mm": r"\unit{\milli\metre}",
+    "s": r"\unit{\second}",
+    "%": r"\unit{\percent}",
+    "m": r"\unit{\metre}",
+}
 
 
 def _pairs(text: str) -> dict[str, str]:
@@ -39,11 +49,16 @@ def _pairs(text: str) -> dict[str, str]:
 
 CHARACTERS = {"\N{NO-BREAK SPACE}": "~"} | _pairs(r"""
     \ \textbackslash{}   { \{   } \}   & \&   % \%   $ \$   # \#   _ \_   ~ \textasciitilde{}
-    ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}   − $-$   – --
-    — ---   … \ldots{}   ‘ `   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   Æ \AE{}   ø \o{}   Ø \O{}   ł \l{}
-    Ł \L{}   ı \i{}   § \S{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$   ≈ $\approx$
-    → $\rightarrow$   ∞ $\infty$   √ $\surd$   ² $^2$   ³ $^3$   µ $\mu$   α $\alpha$   β $\beta$   γ $\gamma$
-    δ $\delta$   Δ $\Delta$   θ $\theta$   λ $\lambda$   μ $\mu$   π $\pi$   σ $\sigma$   Σ $\Sigma$   τ $\tau$
+    ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}
+    " ''   [ {[}   ] {]}   − $-$   – --
+    — ---   … \ldots{}   ‘ `   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}
+    Æ \AE{}   ø \o{}   Ø \O{}   ł \l{}
+    Ł \L{}   ı \i{}   § \S{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$
+    ≤ $\leq$   ≥ $\geq$   ≈ $\approx$
+    → $\rightarrow$   ∞ $\infty$   √ $\surd$   ² $^2$   ³ $^3$   µ $\mu$
+    α $\alpha$   β $\beta$   γ $\gamma$
+    δ $\delta$   Δ $\Delta$   θ $\theta$   λ $\lambda$   μ $\mu$   π $\pi$
+    σ $\sigma$   Σ $\Sigma$   τ $\tau$
     φ $\varphi$   χ $\chi$   ω $\omega$   Ω $\Omega$
 """)
 _MARKS = "\u0300\u0301\u0302\u0303\u0304\u0306\u0307\u0308\u030a\u030b\u030c\u0323\u0327"
@@ -51,8 +66,8 @@ ACCENTS = dict(zip(_MARKS, "`'^~=u.\"rHvdc", strict=True))
 
 
 def escaped(text: str) -> str:
-    """`text` on one line of ASCII that no LaTeX reads as a command; a character that fonts need not have becomes its
-    number, as U+624B."""
+    """`text` on one line of ASCII that no LaTeX reads as a command; a character that fonts need not
+    have becomes its number, as U+624B."""
     return "".join(map(_character, " ".join(unicodedata.normalize("NFC", text).split())))
 
 
@@ -68,18 +83,25 @@ def _character(character: str) -> str:
 
 
 def latex(result: Result) -> str:
-    """Every block as tables of at most COLUMNS methods: under our figure its interval and the paper's figure."""
+    """Every block as tables of at most COLUMNS methods: under our figure its interval and the
+    paper's figure."""
     found = blocks(result)
     facts = caption(result) + best_note(found)
-    return "\n".join(_block_table(result.about.name, block, part, facts) for block in found for part in _parts(block))
+    return "\n".join(
+        _block_table(result.about.name, block, part, facts)
+        for block in found
+        for part in _parts(block)
+    )
 
 
 def column(result: Result) -> str:
-    """The figures that the paper prints, ours above the paper's, against the first reference: tables of at most ABREAST
-    methods that fit one column of IEEEtran; empty without a figure."""
+    """The figures that the paper prints, ours above the paper's, against the first reference:
+    tables of at most ABREAST methods that fit one column of IEEEtran; empty without a figure."""
     found = blocks(result)[:1]
     return "\n".join(
-        _narrow(result.about.name, printed(block), part) for block in found for part in _parts(block, ABREAST)
+        _narrow(result.about.name, printed(block), part)
+        for block in found
+        for part in _parts(block, ABREAST)
     )
 
 
@@ -87,9 +109,15 @@ def _narrow(name: str, block: Block, part: slice) -> str:
     lines = [line for line in block.lines if line.source in ("ours", "paper")]
     body = _body(lines, part, rf"{TITLE_PT}pt", False)
     wide_pt = (COLUMN_PT - TITLE_PT) / len(block.methods[part]) - 2 * SEP_PT
-    heads = (rf"\parbox[b]{{{wide_pt:.1f}pt}}{{\centering\hspace{{0pt}}{escaped(m)}}}" for m in block.methods[part])
+    heads = (
+        rf"\parbox[b]{{{wide_pt:.1f}pt}}{{\centering\hspace{{0pt}}{escaped(m)}}}"
+        for m in block.methods[part]
+    )
     interval = any(" [" in cell for line in lines for cell in line.cells[part])
-    text = f"{name} {AGAINST[block.reference]}, ours and the paper's{' (continued)' if part.start else ''}"
+    text = (
+        f"{name} {AGAINST[block.reference]}, ours and the "
+        f"paper's{' (continued)' if part.start else ''}"
+    )
     text += ". In brackets the 95 % confidence interval" * interval + f".{best_note([block])}"
     columns = rf"@{{}}p{{{TITLE_PT}pt}}{_s_columns(lines, part)}@{{}}"
     return float_table(text, columns, ("", *heads), body, "table", SEP_PT)
@@ -120,8 +148,8 @@ def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[
 
 
 def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
-    """The figures, and under them, if there are any, their intervals; nothing without a figure. wide: the titles'
-    column; sources: in a column of their own, else where no title is."""
+    """The figures, and under them, if there are any, their intervals; nothing without a figure.
+    wide: the titles' column; sources: in a column of their own, else where no title is."""
     if not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
@@ -131,19 +159,31 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
     title = rf"\parbox[t]{{{wide}}}{{\raggedright {title}\strut}}" if title else ""
     if known and title:  # hangs down beside the intervals, where it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{{title}}}"
-    shown = [rf"\bfseries {value}" if star else value for (value, _), star in zip(cells, stars, strict=True)]
+    shown = [
+        rf"\bfseries {value}" if star else value
+        for (value, _), star in zip(cells, stars, strict=True)
+    ]
     values = ["{--}" if value.endswith(NONE) else value.replace("−", "-") for value in shown]
     source = escaped(line.source)
     rows = [row([*([title, source] if sources else [title or rf"\quad {source}"]), *values])]
     if known:
         size = r"\scriptsize" if sources else r"\fontsize{6}{7}\selectfont"
-        rows.append(row([*([""] * (1 + sources)), *(f"{{{size} {escaped(interval)}}}" for _, interval in cells)]))
+        rows.append(
+            row(
+                [
+                    *([""] * (1 + sources)),
+                    *(f"{{{size} {escaped(interval)}}}" for _, interval in cells),
+                ]
+            )
+        )
     return rows
 
 
 def _s_columns(lines: Iterable[Line], part: slice) -> str:
     """A column for each method."""
-    return "".join(_s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True))
+    return "".join(
+        _s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True)
+    )
 
 
 def _s_column(cells: Iterable[str]) -> str:
@@ -156,7 +196,8 @@ def _s_column(cells: Iterable[str]) -> str:
 
 
 def comparisons(result: Result) -> str:
-    """Every tested difference, a table for each metric and reference; empty where nothing was compared."""
+    """Every tested difference, a table for each metric and reference; empty where nothing was
+    compared."""
     titles = {method.name: method.title for method in result.about.methods}
     texts = []
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
@@ -168,8 +209,10 @@ def comparisons(result: Result) -> str:
             difference = num_figure(c.difference, c.low, c.high, c.unit)
             body.append(row([*names, difference, p_value(c.p_corrected), num(c.effect, 2)]))
         text = (
-            f"{result.about.name}. {facts.title} against {reference}: differences with their 95 % confidence "
-            "intervals, p corrected for all pairs (Holm), and the difference over the standard deviation of the "
+            f"{result.about.name}. {facts.title} against {reference}: differences with their 95 "
+            "% confidence "
+            "intervals, p corrected for all pairs (Holm), and the difference over the standard "
+            "deviation of the "
             "paired differences (effect)."
         )
         head = ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect")
@@ -178,32 +221,51 @@ def comparisons(result: Result) -> str:
 
 
 def tradeoff(found: Tradeoff) -> str:
-    """The front of each section: the settings that none beats in accuracy, completeness and time together."""
+    """The front of each section: the settings that none beats in accuracy, completeness and time
+    together."""
     texts = []
     for section in found.facts.sections:
         front = [setting for setting in found.section(section.name) if setting.on_front]
         text = (
-            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, completeness and time "
+            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, "
+            "completeness and time "
             "together. "
-            f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the 95 % confidence "
+            f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the "
+            "95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
         seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
-        head = ["Setting", titled(section.metric, section.unit), *seen, titled("Time", "s"), "Ratio"]
+        head = [
+            "Setting",
+            titled(section.metric, section.unit),
+            *seen,
+            titled("Time", "s"),
+            "Ratio",
+        ]
         body = []
         for s in front:
             share = [num(s.seen_percent, 2)] if seen else []
-            cost = num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"), num(s.ratio, digits(s.ratio))
-            body.append(row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost]))
+            cost = (
+                num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"),
+                num(s.ratio, digits(s.ratio)),
+            )
+            body.append(
+                row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost])
+            )
         texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
     return "\n".join(texts)
 
 
 def float_table(
-    text: str, columns: str, head: Iterable[str], body: Iterable[str], kind: str = "table*", gap_pt: float = 3.5
+    text: str,
+    columns: str,
+    head: Iterable[str],
+    body: Iterable[str],
+    kind: str = "table*",
+    gap_pt: float = 3.5,
 ) -> str:
-    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head: cells of LaTeX;
-    body: rows made by `row`; gap_pt: half the room between two columns."""
+    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head:
+    cells of LaTeX; body: rows made by `row`; gap_pt: half the room between two columns."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
 \begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
@@ -223,7 +285,9 @@ def float_table(
 
 def titled(title: str, unit: str) -> str:
     """A title with its unit, as error / mm; what is counted names itself."""
-    return escaped(title) + ("" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}")
+    return escaped(title) + (
+        "" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}"
+    )
 
 
 def row(cells: Iterable[str]) -> str:
@@ -236,12 +300,16 @@ def num(value: float | None, places: int) -> str:
     return rf"\num{{{value:.{places}f}}}" if known(value) else "--"
 
 
-def num_figure(value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False) -> str:
+def num_figure(
+    value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
+) -> str:
     """A figure, bold or not, with its interval in brackets; a dash for None."""
     if not known(value):
         return "--"
     places = decimals(value, low, high, unit)
-    ends = f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
+    ends = (
+        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
+    )
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 

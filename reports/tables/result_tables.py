@@ -1,5 +1,6 @@
-"""The tables of a result as Markdown, in which nothing of a stranger's is markup, CSV and on the terminal (LaTeX:
-`reports.tables.latex`); and one sentence for each claim that a reader of the table needs."""
+"""The tables of a result as Markdown, in which nothing of a stranger's is markup, CSV and on the
+terminal (LaTeX: `reports.tables.latex`); and one sentence for each claim that a reader of the table
+needs."""
 
 import html
 import re
@@ -27,7 +28,12 @@ from handbench.reports.tables.blocks import (
     three_digits,
 )
 
-PAIRS = (("3fsk", "2fsk"), ("3fsk", "broadband"), ("nfsk-plus", "broadband"), ("broadband", "narrowband"))
+PAIRS = (
+    ("3fsk", "2fsk"),
+    ("3fsk", "broadband"),
+    ("nfsk-plus", "broadband"),
+    ("broadband", "narrowband"),
+)
 OVER = "aurc_mm"
 
 
@@ -38,7 +44,10 @@ def findings(result: Result) -> list[str]:
 
 def _claim(result: Result, first: str, second: str) -> str:
     lines = result.comparisons
-    lines = lines[(lines.treatment != "") & (lines.better.isin((first, second)) & lines.worse.isin((first, second)))]
+    lines = lines[
+        (lines.treatment != "")
+        & (lines.better.isin((first, second)) & lines.worse.isin((first, second)))
+    ]
     if lines.empty:
         return ""
     titles = {method.name: method.title for method in result.about.methods}
@@ -46,7 +55,11 @@ def _claim(result: Result, first: str, second: str) -> str:
     common = [told[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in told]
     over = [told[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in told]
     untested = lines.p_corrected.isna().all()
-    few = f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)" if untested else ""
+    few = (
+        f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)"
+        if untested
+        else ""
+    )
     said = [_joined(told) or "not compared" for told in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
     return f"{between}, on the pixels that all see: {said[0]}; over completeness: {said[1]}{few}"
@@ -70,7 +83,8 @@ def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """A table of cells that are Markdown already; the first `texts` columns to the left, the others to the right."""
+    """A table of cells that are Markdown already; the first `texts` columns to the left, the others
+    to the right."""
     rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
     return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
 
@@ -92,14 +106,23 @@ def bold(text: str) -> str:
 def markdown(result: Result) -> str:
     """Every block as a Markdown table."""
     found = blocks(result)
-    parts = [f"# {escaped(result.about.name)}\n", f"{escaped(caption(result) + best_note(found))}\n"]
+    parts = [
+        f"# {escaped(result.about.name)}\n",
+        f"{escaped(caption(result) + best_note(found))}\n",
+    ]
     for block in found:
         parts.append(f"## {block.heading}\n")
         headings = ("metric", "", *map(escaped, block.methods))
         lines = []
         for line in block.lines:
             stars = zip_longest(map(escaped, line.cells), line.best)
-            lines.append((escaped(line.title), line.source, *(bold(cell) if best else cell for cell, best in stars)))
+            lines.append(
+                (
+                    escaped(line.title),
+                    line.source,
+                    *(bold(cell) if best else cell for cell, best in stars),
+                )
+            )
         parts.append(table(headings, lines, texts=2))
     return "\n".join(parts)
 
@@ -110,27 +133,39 @@ def comparisons_markdown(result: Result) -> str:
         return ""
     said = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
     lines = (
-        (escaped(c.sentence), c.reference, p_text(c.p_corrected), number(c.effect, 2), str(c.n_captures))
+        (
+            escaped(c.sentence),
+            c.reference,
+            p_text(c.p_corrected),
+            number(c.effect, 2),
+            str(c.n_captures),
+        )
         for c in each(result.comparisons)
     )
     return (
         f"# {escaped(result.about.name)}: which method is better\n\n{said}\n"
-        "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); effect: the "
+        "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); "
+        "effect: the "
         "difference over the standard deviation of the paired differences.\n\n"
         + table(("", "against", "p", "effect", "captures"), lines, texts=2)
     )
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """Costs and errors of each setting, a table a section; bold: the front, which no other setting beats."""
+    """Costs and errors of each setting, a table a section; bold: the front, which no other setting
+    beats."""
     parts = [
         f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
         "Bold: no other setting is as fast, "
-        "accurate and complete. In brackets the 95 % confidence interval, of times the range of the repeats.\n",
+        "accurate and complete. In brackets the 95 % confidence interval, of times the range of "
+        "the repeats.\n",
     ]
     for section in tradeoff.facts.sections:
         parts.append(f"## {escaped(section.title)}\n")
-        parts.append(f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: {escaped(section.seconds)}\n")
+        parts.append(
+            f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: "
+            f"{escaped(section.seconds)}\n"
+        )
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
         seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
@@ -149,14 +184,28 @@ def csv_text(result: Result) -> str:
     """The result's lines with the ratio to the paper and the method's time beside every figure."""
     times = result.table[result.table.metric == "seconds"].drop_duplicates(["method", "reference"])
     seconds = times.set_index(["method", "reference"]).value
-    lines = result.table.assign(ratio=ratio(result.table)).join(seconds.rename("seconds"), on=["method", "reference"])
-    columns = ["metric", "method", "value", "low", "high", "unit", "paper", "ratio", "reference", "seconds"]
+    lines = result.table.assign(ratio=ratio(result.table)).join(
+        seconds.rename("seconds"), on=["method", "reference"]
+    )
+    columns = [
+        "metric",
+        "method",
+        "value",
+        "low",
+        "high",
+        "unit",
+        "paper",
+        "ratio",
+        "reference",
+        "seconds",
+    ]
     return lines[columns].to_csv(index=False, lineterminator="\n")
 
 
 def stages(result: Result) -> pd.DataFrame:
-    """The tasks of each method and stage, in the order in which they first ran: method, stage, tasks, of them cached,
-    and the medians of their seconds, cpu_seconds and peak_memory_mb, ready to read."""
+    """The tasks of each method and stage, in the order in which they first ran: method, stage,
+    tasks, of them cached, and the medians of their seconds, cpu_seconds and peak_memory_mb, ready
+    to read."""
     titles = {method.name: method.title for method in result.about.methods}
     groups = result.tasks.groupby(["method", "stage"], sort=False)
     counts = groups.cached.agg(tasks="size", cached="sum")
@@ -187,10 +236,18 @@ def wide_console() -> Console:
 
 
 def terminal_table(
-    heading: str, columns: Sequence[str], lines: Iterable[Sequence[str]], texts: Collection[str] = ("",)
+    heading: str,
+    columns: Sequence[str],
+    lines: Iterable[Sequence[str]],
+    texts: Collection[str] = ("",),
 ) -> Table:
     """A rich table; texts: the columns that are no numbers, by default those without a heading."""
-    grid = Table(title=Text(heading) if heading else None, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    grid = Table(
+        title=Text(heading) if heading else None,
+        title_justify="left",
+        box=box.SIMPLE,
+        pad_edge=False,
+    )
     for column in columns:
         grid.add_column(Text(column), justify="left" if column in texts else "right")
     for cells in lines:

@@ -33,10 +33,14 @@ def cap(rng: np.random.Generator, radius_m: float, part: float, density_m2: floa
     n = int(part * 4 * np.pi * radius_m**2 * density_m2)
     z = 2 * part * rng.random(n) - 1
     azimuth = 2 * np.pi * rng.random(n)
-    return np.stack([np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1)
+    return np.stack(
+        [np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1
+    )
 
 
-def align(source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False) -> Transform:
+def align(
+    source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False
+) -> Transform:
     """The similarity that carries source centres to target centres, pair by pair; see `solve`."""
     return solve(Pairs.of(source, target), with_scale)
 

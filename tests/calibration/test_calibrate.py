@@ -23,12 +23,17 @@ def test_a_cloud_and_echoes_give_the_transform(rng, target):
     predicted_m = np.sqrt(np.diagonal(found.point_covariance(radar_m), axis1=1, axis2=2))
     assert (np.abs(miss_m) < 4 * predicted_m).all()
     shared_m = np.sqrt(common_covariance(target)[2, 2])
-    assert (predicted_m[:, 2] > shared_m).all()  # what the foam may differ by shows in no residual, yet is counted
+    assert (
+        predicted_m[:, 2] > shared_m
+    ).all()  # what the foam may differ by shows in no residual, yet is counted
     assert (predicted_m[:, :2] < 1e-4).all()
 
 
 def test_what_all_centres_share_lies_along_z(target):
-    """∂/∂ε of (√ε − 1)·(R − a) for the deepest ball: 0.003 of 20 mm over 2√1.03 is 0.0296 mm; and 0.062 pixel."""
+    """∂/∂ε of (√ε − 1)·(R − a) for the deepest ball: 0.003 of 20 mm over 2√1.03 is 0.0296 mm; and
+    0.062 pixel."""
     foam_m, seen_m = 0.003 * 0.020 / (2 * np.sqrt(1.03)), 0.062 * 6e-4
     np.testing.assert_allclose(common_covariance(target), np.diag([0, 0, foam_m**2]), atol=1e-18)
-    np.testing.assert_allclose(common_covariance(target, 6e-4), np.diag([0, 0, foam_m**2 + seen_m**2]), atol=1e-18)
+    np.testing.assert_allclose(
+        common_covariance(target, 6e-4), np.diag([0, 0, foam_m**2 + seen_m**2]), atol=1e-18
+    )

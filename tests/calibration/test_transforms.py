@@ -10,7 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.transforms import Transform, identity, load_transform, perturbation_jacobian, umeyama
+from handbench.calibration.transforms import (
+    Transform,
+    identity,
+    load_transform,
+    perturbation_jacobian,
+    umeyama,
+)
 from handbench.support.errors import HandbenchError
 
 seeds = st.integers(0, 2**32 - 1)
@@ -31,7 +37,9 @@ def test_umeyama_recovers_a_similarity_exactly(seed, n, scale):
     target = source @ matrix[:3, :3].T + matrix[:3, 3]
     # three random points may be nearly collinear, which magnifies rounding
     tolerance = 1e-13 / np.linalg.svd(source - source.mean(axis=0), compute_uv=False)[1] ** 2
-    np.testing.assert_allclose(umeyama(source, target, with_scale=True), matrix, atol=scale * max(tolerance, 1e-12))
+    np.testing.assert_allclose(
+        umeyama(source, target, with_scale=True), matrix, atol=scale * max(tolerance, 1e-12)
+    )
 
 
 @given(seeds)
@@ -48,7 +56,9 @@ def test_umeyama_is_the_least_squares_solution(seed):
     source, target = rng.uniform(-1, 1, (2, 6, 3))
     best = Transform("a", "b", umeyama(source, target, with_scale=True))
     cost = ((best.points(source) - target) ** 2).sum()
-    gradient = np.einsum("nia,ni->a", perturbation_jacobian(best.points(source)), target - best.points(source))
+    gradient = np.einsum(
+        "nia,ni->a", perturbation_jacobian(best.points(source)), target - best.points(source)
+    )
     np.testing.assert_allclose(gradient, 0, atol=1e-10)
     other = Transform("a", "b", similarity(rng, best.scale))
     assert cost <= ((other.points(source) - target) ** 2).sum()
@@ -60,7 +70,9 @@ def test_a_weight_of_two_is_a_point_seen_twice(seed, with_scale):
     source, target = rng.uniform(-1, 1, (2, 5, 3))
     twice = umeyama(source[[0, 0, 1, 2, 3, 4]], target[[0, 0, 1, 2, 3, 4]], with_scale)
     weighted = umeyama(source, target, with_scale, np.array([2.0, 1, 1, 1, 1]))
-    np.testing.assert_allclose(weighted, twice, atol=1e-8)  # unrelated points: the rotation may be badly conditioned
+    np.testing.assert_allclose(
+        weighted, twice, atol=1e-8
+    )  # unrelated points: the rotation may be badly conditioned
 
 
 def test_a_scale_needs_points_that_lie_apart():
@@ -103,7 +115,9 @@ def test_a_points_covariance_grows_with_its_distance_from_the_pivot():
     covariance = np.diag([0, 0, 0, 1e-6, 1e-6, 1e-6])  # 1 mrad about each axis
     transform = Transform("photo", "radar", np.eye(4), covariance)
     expected = np.diag([1e-6 * 0.09, 1e-6 * 0.09, 0])  # 0.3 m away along z: 0.3 mm sideways
-    np.testing.assert_allclose(transform.point_covariance(np.array([[0, 0, 0.3]])), expected[None], atol=1e-20)
+    np.testing.assert_allclose(
+        transform.point_covariance(np.array([[0, 0, 0.3]])), expected[None], atol=1e-20
+    )
     with pytest.raises(HandbenchError, match="carries no covariance"):
         identity("radar").point_covariance(np.zeros(3))
 
@@ -124,7 +138,13 @@ def test_a_transform_file_comes_back(tmp_path, rng, unknowns):
 
 
 EYE = np.eye(4).tolist()
-GOOD = {"from": "photo", "to": "radar", "matrix": EYE, "covariance": np.eye(6).tolist(), "residuals_m": []}
+GOOD = {
+    "from": "photo",
+    "to": "radar",
+    "matrix": EYE,
+    "covariance": np.eye(6).tolist(),
+    "residuals_m": [],
+}
 MIRROR = np.diag([1.0, 1, -1, 1]).tolist()
 SHEAR = (np.eye(4) + 0.01 * np.eye(4, k=1) * [[1], [0], [0], [0]]).tolist()
 PROJECTIVE = (np.eye(4) + 0.1 * np.eye(4)[::-1] * [[0], [0], [0], [1]]).tolist()
@@ -148,7 +168,10 @@ PROJECTIVE = (np.eye(4) + 0.1 * np.eye(4)[::-1] * [[0], [0], [0], [1]]).tolist()
         ({"matrix": np.where(np.eye(4), np.nan, 0).tolist()}, "expected 4×4 finite numbers"),
         ({"covariance": np.eye(5).tolist()}, "expected 6×6 or 7×7 finite numbers"),
         ({"covariance": (-np.eye(6)).tolist()}, "'covariance' is not symmetric and positive"),
-        ({"covariance": np.triu(np.ones((6, 6))).tolist()}, "'covariance' is not symmetric and positive"),
+        (
+            {"covariance": np.triu(np.ones((6, 6))).tolist()},
+            "'covariance' is not symmetric and positive",
+        ),
         ({"residuals_m": [[1.0]]}, "expected a list of finite numbers"),
         ({"residuals_m": ["a"]}, "expected a list of finite numbers"),
         ({"from": 3}, "expected names of frames"),
@@ -168,7 +191,8 @@ def test_a_malformed_transform_file_is_refused_in_one_line(tmp_path, change, exp
 
 
 def test_a_transform_a_million_metres_away_comes_back(tmp_path, rng):
-    """Its covariance about the origin is (1e6 m · 1 mrad)²; a thousand times further is no place on Earth."""
+    """Its covariance about the origin is (1e6 m · 1 mrad)²; a thousand times further is no place on
+    Earth."""
     matrix = similarity(rng, 1e3)
     matrix[:3, 3] *= 1e6
     covariance = 1e6 * np.eye(6)
@@ -176,13 +200,18 @@ def test_a_transform_a_million_metres_away_comes_back(tmp_path, rng):
     after = load_transform(tmp_path / "t.json")
     np.testing.assert_array_equal(after.matrix, matrix)
     np.testing.assert_array_equal(after.covariance, covariance)
-    for key, value in {"matrix": np.diag([1, 1, 1, 1]) + 1e9 * np.eye(4, k=3), "residuals_m": np.array([1e9])}.items():
+    for key, value in {
+        "matrix": np.diag([1, 1, 1, 1]) + 1e9 * np.eye(4, k=3),
+        "residuals_m": np.array([1e9]),
+    }.items():
         (tmp_path / "t.json").write_text(json.dumps(GOOD | {key: value.tolist()}))
         with pytest.raises(HandbenchError, match=f"'{key}' is .* finite numbers"):
             load_transform(tmp_path / "t.json")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "null", "{}", '{"from": "a", "to": "b"}', "[" * 100_000, "import os"])
+@pytest.mark.parametrize(
+    "text", ["", "[]", "null", "{}", '{"from": "a", "to": "b"}', "[" * 100_000, "import os"]
+)
 def test_what_is_no_transform_file_is_refused(tmp_path, text):
     (tmp_path / "t.json").write_text(text)
     with pytest.raises(HandbenchError, match="expected"):

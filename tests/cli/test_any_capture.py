@@ -1,5 +1,5 @@
-"""Captures of any kind through the typed commands: one image whatever the version that holds the echoes, and the whole
-way of a capture that lacks pairs."""
+"""Captures of any kind through the typed commands: one image whatever the version that holds the
+echoes, and the whole way of a capture that lacks pairs."""
 
 import json
 import shutil
@@ -14,9 +14,23 @@ from handbench.cli.main import main
 from handbench.radar.data.echoes_file import load_capture
 from tests.fuzz.capture_seeds import array_calibration
 
-LATERAL = ["--set", "x.start_m=-0.02", "--set", "x.stop_m=0.02", "--set", "y.start_m=-0.02", "--set", "y.stop_m=0.02"]
+LATERAL = [
+    "--set",
+    "x.start_m=-0.02",
+    "--set",
+    "x.stop_m=0.02",
+    "--set",
+    "y.start_m=-0.02",
+    "--set",
+    "y.stop_m=0.02",
+]
 DEPTHS = ["--set", "z.start_m=0.27", "--set", "z.stop_m=0.29", "--set", "z.step_m=0.002"]
-TOLD = {"format": "handbench-echoes", "version": 2, "units": "m, Hz, m/s", "frame": "x left, y up, z away"}
+TOLD = {
+    "format": "handbench-echoes",
+    "version": 2,
+    "units": "m, Hz, m/s",
+    "frame": "x left, y up, z away",
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +57,17 @@ def anew(ball, folder, time="+jwt", **data):
 
 
 def depths(folder, out, method, *options) -> dict:
-    assert main(["reconstruct", str(folder), "--method", method, "-o", str(out), *LATERAL, *options]) == 0
+    assert (
+        main(["reconstruct", str(folder), "--method", method, "-o", str(out), *LATERAL, *options])
+        == 0
+    )
     with np.load(out) as content:
         return {name: content[name] for name in ("z_m", "amplitude_db")}
 
 
-@pytest.mark.parametrize(("method", "options"), [("3fsk", []), ("narrowband", DEPTHS), ("3fsk", ["--exact"])])
+@pytest.mark.parametrize(
+    ("method", "options"), [("3fsk", []), ("narrowband", DEPTHS), ("3fsk", ["--exact"])]
+)
 def test_every_version_of_the_same_echoes_gives_the_same_image(ball, tmp_path, method, options):
     samples = load_capture(ball / "echoes.h5").samples
     pairs = np.random.default_rng(1).permutation(np.argwhere(np.ones(samples.shape[2:], bool)))
@@ -57,7 +76,10 @@ def test_every_version_of_the_same_echoes_gives_the_same_image(ball, tmp_path, m
         "list": anew(ball, tmp_path / "list", samples=samples[:, :, *pairs.T], pairs=pairs),
         "full": anew(ball, tmp_path / "full", "-jwt", samples=samples.conj()),
     }
-    one, *others = (depths(folder, tmp_path / f"{name}.npz", method, *options) for name, folder in folders.items())
+    one, *others = (
+        depths(folder, tmp_path / f"{name}.npz", method, *options)
+        for name, folder in folders.items()
+    )
     assert np.isfinite(one["z_m"]).sum() > 50
     for other in others:
         np.testing.assert_allclose(other["z_m"], one["z_m"], rtol=0, atol=1e-6)  # metres; NaN alike
@@ -71,7 +93,11 @@ def lacking(ball, tmp_path_factory):
     there = np.random.default_rng(0).random(whole.aperture.channels) > 0.3
     save_array(folder / "array.json", array_calibration(whole.aperture.tx_m, whole.aperture.rx_m))
     content = np.frombuffer((folder / "array.json").read_bytes(), np.uint8)
-    listed = {"samples": whole.samples[:, :, there], "pairs": np.argwhere(there), "array.json": content}
+    listed = {
+        "samples": whole.samples[:, :, there],
+        "pairs": np.argwhere(there),
+        "array.json": content,
+    }
     return anew(ball, folder / "ball", **listed), there
 
 
@@ -84,7 +110,9 @@ def test_a_capture_without_some_pairs_is_imaged_validated_and_calibrated(lacking
     assert f"{(~there).sum()} of its 8836 pairs were not measured" in capsys.readouterr().out
     depths(folder, tmp_path / "depth.npz", "3fsk")
     assert main(["evaluate", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]) == 0
-    assert json.loads(capsys.readouterr().out)["mae_mm"] < 1.0  # as of all pairs: 0.28 mm was measured, by the filters
+    assert (
+        json.loads(capsys.readouterr().out)["mae_mm"] < 1.0
+    )  # as of all pairs: 0.28 mm was measured, by the filters
 
 
 def test_a_run_takes_such_captures_thinned_and_whole(lacking, tmp_path):

@@ -1,4 +1,5 @@
-"""`handbench demo`, on a coarser hand with fewer tones: what it writes, prints, goes on with and refuses."""
+"""`handbench demo`, on a coarser hand with fewer tones: what it writes, prints, goes on with and
+refuses."""
 
 from __future__ import annotations
 
@@ -22,9 +23,12 @@ SCENE = benchmark_file.EMBEDDED / "demo_hand.toml"
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    """The demo's scene with an edge of 4 mm and without the sweep, two of its methods, and an empty current folder."""
+    """The demo's scene with an edge of 4 mm and without the sweep, two of its methods, and an empty
+    current folder."""
     text = SCENE.read_text("utf-8").replace("edge_m = 1.5e-3", "edge_m = 4e-3")
-    text = re.sub("sweep = .*\ntones_hz = .*", "sweep = []\ntones_hz = [82e9, 81.8e9, 79.5e9]", text)
+    text = re.sub(
+        "sweep = .*\ntones_hz = .*", "sweep = []\ntones_hz = [82e9, 81.8e9, 79.5e9]", text
+    )
     (tmp_path / "embedded").mkdir()
     (tmp_path / "embedded" / SCENE.name).write_text(text, "utf-8")
     (tmp_path / "here").mkdir()
@@ -37,7 +41,10 @@ def small(tmp_path, monkeypatch):
 def test_the_demo_tells_draws_and_goes_on(small, capsys):
     assert main(["demo"]) == 0
     said = capsys.readouterr().out
-    mae_mm = [float(re.search(rf"^ ?{title} +([\d.]+)", said, re.MULTILINE)[1]) for title in ("2-FSK", "3-FSK")]
+    mae_mm = [
+        float(re.search(rf"^ ?{title} +([\d.]+)", said, re.MULTILINE)[1])
+        for title in ("2-FSK", "3-FSK")
+    ]
     assert mae_mm[1] < mae_mm[0] < 20  # in the paper 1.7 and 6.6 mm
     assert f"picture: {small.name}/demo.png" in said
     picture = np.asarray(Image.open(small / "demo.png").convert("RGB"))
@@ -64,7 +71,9 @@ def test_what_it_did_not_write_is_refused(small, content, capsys):
 
 
 def test_every_method_finds_its_tones_in_the_demo():
-    there_hz = SceneFile.model_validate(tomllib.loads(SCENE.read_text("utf-8"))).sensor.frequencies_hz
+    there_hz = SceneFile.model_validate(
+        tomllib.loads(SCENE.read_text("utf-8"))
+    ).sensor.frequencies_hz
     for method in methods():
         asked = asked_hz(method.configure({}, "test"))
         if asked is not None:

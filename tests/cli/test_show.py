@@ -1,4 +1,5 @@
-"""`handbench show`: every file that the tool reads or writes becomes a picture that shows what lies in it."""
+"""`handbench show`: every file that the tool reads or writes becomes a picture that shows what lies
+in it."""
 
 from __future__ import annotations
 
@@ -16,7 +17,11 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.reports.figures.layers import error_layer, layers_figure, shade, volume_layers
 from tests.reports.synthetic_result import hand_m, write_synthetic, write_synthetic_tradeoff
 
-PIXELS = [f"--set={axis}.{end}={value}" for axis in "xy" for end, value in (("start_m", -0.01), ("stop_m", 0.01))]
+PIXELS = [
+    f"--set={axis}.{end}={value}"
+    for axis in "xy"
+    for end, value in (("start_m", -0.01), ("stop_m", 0.01))
+]
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +34,23 @@ def made(tmp_path_factory):
     assert main(["simulate", str(scene), "-o", str(folder / "capture")]) == 0
     depths = ["--set=z.start_m=0.275", "--set=z.stop_m=0.285", "--set=z.step_m=0.002"]
     command = ["reconstruct", str(folder / "capture"), "--method", "narrowband", *PIXELS, *depths]
-    assert main([*command, "-o", str(folder / "depth.npz"), "--volume", str(folder / "volume.npz")]) == 0
+    assert (
+        main([*command, "-o", str(folder / "depth.npz"), "--volume", str(folder / "volume.npz")])
+        == 0
+    )
     surface = read_surface(folder / "capture" / "truth.ply")
     replace(surface, sigma_m=np.full(len(surface.sigma_m), 1e-4)).save(folder / "mesh.ply")
-    camera = {"name": "cam.jpg", "width": 30, "height": 20, "model": "PINHOLE", "params": [30, 30, 15, 10]}
+    camera = {
+        "name": "cam.jpg",
+        "width": 30,
+        "height": 20,
+        "model": "PINHOLE",
+        "params": [30, 30, 15, 10],
+    }
     posed = camera | {"R": np.eye(3).tolist(), "t": [0, 0, 1]}
-    (folder / "cameras.json").write_text(json.dumps({"cameras": [posed, posed | {"name": "b.jpg", "t": [0.5, 0, 1]}]}))
+    (folder / "cameras.json").write_text(
+        json.dumps({"cameras": [posed, posed | {"name": "b.jpg", "t": [0.5, 0, 1]}]})
+    )
     (folder / "unposed.json").write_text(json.dumps({"cameras": [camera]}))
     write_synthetic(folder / "result", ("B",))
     write_synthetic_tradeoff(folder / "tradeoff")
@@ -53,12 +69,16 @@ def pixels(file) -> np.ndarray:
         "cameras.json", "result", "tradeoff", "result/errors/B__2fsk__truth.npz", "result/depth/B__photogrammetry.npz",
     ],
 )  # fmt: skip
-def test_every_kind_becomes_a_picture_in_the_current_folder(made, name, tmp_path, monkeypatch, capsys):
+def test_every_kind_becomes_a_picture_in_the_current_folder(
+    made, name, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert main(["show", str(made / name)]) == 0
     [file] = capsys.readouterr().out.split()
     picture = pixels(tmp_path / file)
-    assert min(picture.shape) > 300 and 0.01 < (picture < 128).mean() < 0.9  # neither empty nor filled
+    assert (
+        min(picture.shape) > 300 and 0.01 < (picture < 128).mean() < 0.9
+    )  # neither empty nor filled
     assert main(["show", str(made / name)]) == 2 and "--overwrite" in capsys.readouterr().err
 
 
@@ -81,7 +101,9 @@ def test_a_surface_turns_on_a_page_that_needs_nothing_else(made, name, tmp_path,
         (["depth.npz", "--3d", "-o", "a.png"], "expected a picture, or with --3d a page"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_line(made, arguments, said, monkeypatch, tmp_path, capsys):
+def test_what_cannot_be_shown_is_told_in_one_line(
+    made, arguments, said, monkeypatch, tmp_path, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert main(["show", str(made / arguments[0]), *arguments[1:]]) == 2
     assert said in capsys.readouterr().err.splitlines()[-1]
@@ -111,14 +133,26 @@ def test_x_grows_to_the_left_and_y_upwards_on_every_panel():
 def test_light_falls_from_the_upper_left_of_the_eye():
     axis_m = 1e-3 * np.arange(9)
     x, y = np.meshgrid(axis_m, axis_m)
-    towards = shade(Surface(axis_m, axis_m, 0.3 + 0.5 * -x))  # x to the left: it faces the left edge
-    away, up = shade(Surface(axis_m, axis_m, 0.3 + 0.5 * x)), shade(Surface(axis_m, axis_m, 0.3 + 0.5 * y))
+    towards = shade(
+        Surface(axis_m, axis_m, 0.3 + 0.5 * -x)
+    )  # x to the left: it faces the left edge
+    away, up = (
+        shade(Surface(axis_m, axis_m, 0.3 + 0.5 * x)),
+        shade(Surface(axis_m, axis_m, 0.3 + 0.5 * y)),
+    )
     assert away.mean() > towards.mean() or up.mean() > towards.mean()
     assert abs(away.mean() - towards.mean()) > 0.1
 
 
 def test_evaluate_draws_depth_and_error(made, tmp_path, capsys):
-    command = ["evaluate", str(made / "depth.npz"), "--mesh", str(made / "mesh.ply"), "--plot", str(tmp_path / "a.png")]
+    command = [
+        "evaluate",
+        str(made / "depth.npz"),
+        "--mesh",
+        str(made / "mesh.ply"),
+        "--plot",
+        str(tmp_path / "a.png"),
+    ]
     assert main(command) == 0
     json.loads(capsys.readouterr().out)  # stdout holds the metrics alone
     assert pixels(tmp_path / "a.png").shape[1] > 500
@@ -163,15 +197,23 @@ def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
 
     axis_m = np.linspace(-0.05, 0.05, 40)
     truth = np.where(np.isfinite(hand_m(axis_m, axis_m)), 0.29, np.nan)
-    depth = DepthMap(axis_m, axis_m, np.full((40, 40), z_m), np.zeros((40, 40), np.float32), "broadband", config)
+    depth = DepthMap(
+        axis_m, axis_m, np.full((40, 40), z_m), np.zeros((40, 40), np.float32), "broadband", config
+    )
     [*found] = figure_warnings(depth, pool([error_map(axis_m, axis_m, depth.z_m, truth)]))
     assert len(found) == bool(said) and all(said in doubt for doubt in found)
 
 
 def test_reconstruct_says_how_many_pixels_are_flagged(made, tmp_path, capsys):
     out = tmp_path / "depth.npz"
-    assert main(["reconstruct", str(made / "capture"), "--method", "2fsk", "-o", str(out), *PIXELS]) == 0
+    assert (
+        main(["reconstruct", str(made / "capture"), "--method", "2fsk", "-o", str(out), *PIXELS])
+        == 0
+    )
     with np.load(out) as found:
         on = np.isfinite(found["z_m"])
         share = 100 * (found["p_gross"][on] > 0.5).mean()
-    assert f"{on.sum()} pixels on target, {share:.1f} % of them flagged (p_gross > 0.5)" in capsys.readouterr().err
+    assert (
+        f"{on.sum()} pixels on target, {share:.1f} % of them flagged (p_gross > 0.5)"
+        in capsys.readouterr().err
+    )

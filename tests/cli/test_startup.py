@@ -1,4 +1,5 @@
-"""Each command imports only what it needs: asserted on the modules that are there afterwards, never on seconds."""
+"""Each command imports only what it needs: asserted on the modules that are there afterwards, never
+on seconds."""
 
 from __future__ import annotations
 
@@ -16,8 +17,24 @@ from handbench.radar.methods.registry import methods
 from handbench.support import progress
 from tests.small_benchmark import write_bench
 
-HEAVY = ["numba", "scipy", "pandas", "matplotlib", "cv2", "open3d", "h5py", "dash", "rich", "argcomplete", "IPython"]
-PIXELS = [f"--set={axis}.{end}={value}" for axis in "xy" for end, value in (("start_m", -0.01), ("stop_m", 0.01))]
+HEAVY = [
+    "numba",
+    "scipy",
+    "pandas",
+    "matplotlib",
+    "cv2",
+    "open3d",
+    "h5py",
+    "dash",
+    "rich",
+    "argcomplete",
+    "IPython",
+]
+PIXELS = [
+    f"--set={axis}.{end}={value}"
+    for axis in "xy"
+    for end, value in (("start_m", -0.01), ("stop_m", 0.01))
+]
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +42,14 @@ def folder(tmp_path_factory) -> Path:
     made = tmp_path_factory.mktemp("start")
     scene = write_bench(made / "bench").parent / "ball.toml"
     assert main(["simulate", str(scene), "-o", str(made / "capture")]) == 0
-    command = ["reconstruct", str(made / "capture"), "--method", "3fsk", "-o", str(made / "depth.npz")]
+    command = [
+        "reconstruct",
+        str(made / "capture"),
+        "--method",
+        "3fsk",
+        "-o",
+        str(made / "depth.npz"),
+    ]
     assert main([*command, *PIXELS]) == 0
     return made
 
@@ -36,7 +60,10 @@ def folder(tmp_path_factory) -> Path:
         (["list"], set()),
         (["inspect", "bench/ball.toml"], set()),
         (["evaluate", "depth.npz", "--mesh", "capture/truth.ply"], {"open3d", "scipy"}),
-        (["reconstruct", "capture", "--method", "3fsk", "-o", "again.npz", *PIXELS], {"numba", "scipy", "h5py"}),
+        (
+            ["reconstruct", "capture", "--method", "3fsk", "-o", "again.npz", *PIXELS],
+            {"numba", "scipy", "h5py"},
+        ),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
@@ -45,7 +72,9 @@ def test_a_command_imports_what_it_needs(folder, command, needed):
         f"import sys\nfrom handbench.cli.main import main\nassert main({command!r}) == 0\n"
         f"print('>', *(m for m in {HEAVY!r} if m in sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, env=_env())
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, env=_env()
+    )
     assert done.returncode == 0, done.stderr
     assert set(done.stdout.splitlines()[-1].split()[1:]) == needed
     assert "compiling" not in done.stderr  # the kernels are there already
@@ -57,7 +86,9 @@ def test_open3d_s_windows_come_when_they_are_asked_for():
         "assert 'dash' not in sys.modules and not hasattr(o3d, 'nonsense')\n"
         "print(o3d.visualization.Visualizer.__name__)"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=_env())
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=_env()
+    )
     assert done.stdout.strip() == "Visualizer", done.stderr
 
 
@@ -66,15 +97,25 @@ def test_open3d_s_windows_come_when_they_are_asked_for():
     [
         ("handbench recons", {"reconstruct"}),
         ("handbench reconstruct capture --meth", {"--method"}),
-        ("handbench reconstruct capture --method 3fsk", {m.id for m in methods() if m.id.startswith("3fsk")}),
+        (
+            "handbench reconstruct capture --method 3fsk",
+            {m.id for m in methods() if m.id.startswith("3fsk")},
+        ),
         ("handbench list effect", {"effects"}),
     ],
 )
 def test_a_shell_completes(line, expected, tmp_path):
     """By argcomplete's protocol, as its shell functions speak it."""
-    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n"}
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "_ARGCOMPLETE_IFS": "\n",
+    }
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said"), "COMP_TYPE": "9"}
-    done = subprocess.run([sys.executable, "-m", "handbench.cli.main"], cwd=tmp_path, env=_env() | asked)
+    done = subprocess.run(
+        [sys.executable, "-m", "handbench.cli.main"], cwd=tmp_path, env=_env() | asked
+    )
     assert done.returncode == 0
     assert {word.strip() for word in (tmp_path / "said").read_text().split("\n")} == expected
 
@@ -135,7 +176,8 @@ def test_a_log_without_a_terminal_tells_the_time_that_is_left(monkeypatch, capsy
     monkeypatch.setattr("handbench.support.progress.time.monotonic", lambda: float(next(seconds)))
     assert list(progress.track(range(4), "imaging")) == [0, 1, 2, 3]
     assert capsys.readouterr().err.splitlines() == [
-        "imaging: 0/4", "3 min left, imaging: 1/4", "90 s left, imaging: 2/4", "40 s left, imaging: 3/4"
+        "imaging: 0/4", "3 min left, imaging: 1/4", "90 s left, imaging: 2/4", "40 s left, "
+                                                                               "imaging: 3/4"
     ]  # fmt: skip
 
 

@@ -15,7 +15,9 @@ from tests.faults.campaign import KINDS, Ground
 def main() -> int:
     """Print tries and losses of each kind; exit code 1 where anything was lost."""
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
-    parser.add_argument("--tries", type=int, default=100, help="of each kind that is drawn at random (default 100)")
+    parser.add_argument(
+        "--tries", type=int, default=100, help="of each kind that is drawn at random (default 100)"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", action="append", default=[], choices=list(KINDS))
     options = parser.parse_args()
@@ -30,7 +32,10 @@ def main() -> int:
                 losses[each.kind] += each.loss is not None
                 if each.loss:
                     print(f"lost: {each.kind}: {each.what}: {each.loss[-1500:]}", flush=True)
-            print(f"{kind}: {tries.total() - before} tries in {time.monotonic() - start:.0f} s", flush=True)
+            print(
+                f"{kind}: {tries.total() - before} tries in {time.monotonic() - start:.0f} s",
+                flush=True,
+            )
     print(f"\n{'kind':40}{'tries':>8}{'losses':>8}")
     for kind in (*tries,):
         print(f"{kind:40}{tries[kind]:8}{losses[kind]:8}")

@@ -1,4 +1,5 @@
-"""Kinds of faults and their tries: a handful of each for the tests, all of them for `python -m tests.faults`."""
+"""Kinds of faults and their tries: a handful of each for the tests, all of them for `python -m
+tests.faults`."""
 
 from __future__ import annotations
 
@@ -24,8 +25,8 @@ LIMITS_MB = (100, 400, 1000, 2000, 2400, 2700, 3000, 4000, 6000, 8000)
 
 @dataclass
 class Ground:
-    """Where faults are tried. tries: of each kind that is drawn at random; every: try all there is of the others, on
-    all commands, instead of a handful on the quick ones."""
+    """Where faults are tried. tries: of each kind that is drawn at random; every: try all there is
+    of the others, on all commands, instead of a handful on the quick ones."""
 
     scratch: Path
     tries: int
@@ -50,7 +51,10 @@ class Ground:
     @cached_property
     def commands(self) -> list[Command]:
         """The commands to try."""
-        return [Command(name, self.inputs, self.scratch / "out" / name) for name in (COMMANDS if self.every else QUICK)]
+        return [
+            Command(name, self.inputs, self.scratch / "out" / name)
+            for name in (COMMANDS if self.every else QUICK)
+        ]
 
     def generator(self, kind: str) -> np.random.Generator:
         """Each kind draws for itself."""
@@ -58,11 +62,15 @@ class Ground:
 
 
 def _signal(name: str, ground: Ground) -> Iterator[Try]:
-    runs = ground.plain_runs if name == "SIGINT" else ground.runs  # which the command itself answers
+    runs = (
+        ground.plain_runs if name == "SIGINT" else ground.runs
+    )  # which the command itself answers
     yield from processes.stopped(runs, name, ground.tries, ground.generator(name))
 
 
-def _each(tried: Callable[[Command, int, int], Iterator[Try]], ground: Ground, step: int = 1) -> Iterator[Try]:
+def _each(
+    tried: Callable[[Command, int, int], Iterator[Try]], ground: Ground, step: int = 1
+) -> Iterator[Try]:
     """The tries on each command from a random beginning, every so many; or one of them."""
     generator = ground.generator("each")
     for command in ground.commands:
@@ -80,7 +88,9 @@ def _memory(ground: Ground) -> Iterator[Try]:
     for name in ("run", "simulate", "reconstruct", "report") if ground.every else ("reconstruct",):
         out = ground.scratch / f"memory-{name}"
         limits_mb = LIMITS_MB if ground.every else LIMITS_MB[1::6]
-        yield from processes.short_of_memory(COMMANDS[name].format(i=ground.inputs, o=out), out, limits_mb)
+        yield from processes.short_of_memory(
+            COMMANDS[name].format(i=ground.inputs, o=out), out, limits_mb
+        )
 
 
 def _unwritable(ground: Ground) -> Iterator[Try]:
@@ -97,7 +107,9 @@ def _clocks(ground: Ground) -> Iterator[Try]:
 
 def _edits(ground: Ground) -> Iterator[Try]:
     for name in ("run", "simulate", "tradeoff") if ground.every else ("simulate",):
-        yield from surroundings.silent_edits(Command(name, ground.inputs, ground.scratch / "out" / name))
+        yield from surroundings.silent_edits(
+            Command(name, ground.inputs, ground.scratch / "out" / name)
+        )
 
 
 def _at_once(ground: Ground) -> Iterator[Try]:
@@ -119,8 +131,12 @@ KINDS: dict[str, Callable[[Ground], Iterator[Try]]] = {
     "outputs": lambda ground: disk.full_outputs(ground.inputs),
     "memory": _memory,
     "unwritable": _unwritable,
-    "outputs vanish": partial(_each, lambda command, *which: surroundings.vanishing(command, False, *which), step=5),
-    "inputs vanish": partial(_each, lambda command, *which: surroundings.vanishing(command, True, *which)),
+    "outputs vanish": partial(
+        _each, lambda command, *which: surroundings.vanishing(command, False, *which), step=5
+    ),
+    "inputs vanish": partial(
+        _each, lambda command, *which: surroundings.vanishing(command, True, *which)
+    ),
     "clocks": _clocks,
     "edits": _edits,
     "at once": _at_once,

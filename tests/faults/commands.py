@@ -1,4 +1,5 @@
-"""Every command that writes, at a size that takes seconds: its inputs, one run of it, and what a fault may leave."""
+"""Every command that writes, at a size that takes seconds: its inputs, one run of it, and what a
+fault may leave."""
 
 from __future__ import annotations
 
@@ -29,14 +30,19 @@ from tests.small_benchmark import BENCH, SCENE
 
 ONE = BENCH.rpartition("[[method]]")[0]
 AXIS = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"
-SWEPT = f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ x = {AXIS}, y = {AXIS} }}\n'
+SWEPT = (
+    f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ x = '
+    f"{AXIS}, y = {AXIS} }}\n"
+)
 PIXELS = " ".join(f"--set {axis}.start_m=-0.01 --set {axis}.stop_m=0.01" for axis in "xy")
-COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o} that of the outputs
+# the words after `handbench`: {i} is the folder of the inputs, {o} that of the outputs
+COMMANDS = {
     "run": "run {i}/one.toml -o {o}/out",
     "simulate": "simulate {i}/ball.toml -o {o}/out",
     "groundtruth": "groundtruth {i}/ball.ply --unit m -o {o}/out.ply",
     "calibrate": "calibrate {i}/capture --maroon {o}/alignment.json -o {o}/transform.json",
-    "reconstruct": f"reconstruct {{i}}/capture --method narrowband {PIXELS} --set z.start_m=0.275 --set z.stop_m=0.285 "
+    "reconstruct": f"reconstruct {{i}}/capture --method narrowband {PIXELS} --set "
+    "z.start_m=0.275 --set z.stop_m=0.285 "
     "--volume {o}/volume.npz -o {o}/depth.npz",
     "report": "report {i}/result -o {o}/out",
     "tradeoff": "tradeoff {i}/swept.toml --sections imaging -o {o}/out",
@@ -45,7 +51,10 @@ COMMANDS = {  # the words after `handbench`: {i} is the folder of the inputs, {o
     "show": "show target -o {o}/out.svg",
 }
 # Stands for minutes of photogrammetry, of which `calibrate` writes the outcome.
-MEASURED = "calibrate_captures", lambda *_, **__: Transform("photo", "radar", np.eye(4), np.diag([1e-5] * 6) ** 2)
+MEASURED = (
+    "calibrate_captures",
+    lambda *_, **__: Transform("photo", "radar", np.eye(4), np.diag([1e-5] * 6) ** 2),
+)
 PRINTING = {  # those that print alone
     "evaluate": "evaluate {i}/depth.npz --mesh {i}/capture/truth.ply",
     "list": "list",
@@ -56,7 +65,9 @@ PRINTING = {  # those that print alone
 def write_inputs(folder: Path) -> Path:
     """The inputs of all commands."""
     folder.mkdir()
-    write_mesh(folder / "ball.ply", load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40))
+    write_mesh(
+        folder / "ball.ply", load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40)
+    )
     benches = {"small": BENCH, "one": ONE, "swept": ONE + SWEPT}
     for name, text in {"ball": SCENE, **benches}.items():
         (folder / f"{name}.toml").write_text(text)
@@ -65,8 +76,11 @@ def write_inputs(folder: Path) -> Path:
     (folder / "foreign" / foreign.MAPPING).write_text(tomlkit.dumps(foreign.mapping()))
     for name, seed in (("result", 1), ("other", 2)):
         write_synthetic(folder / name, seed=seed, step_m=6e-3)
-    for words in (f"simulate {folder}/ball.toml -o {folder}/capture",
-                  f"reconstruct {folder}/capture --method 2fsk {PIXELS} -o {folder}/depth.npz"):  # fmt: skip
+    for words in (
+        f"simulate {folder}/ball.toml -o {folder}/capture",
+        # fmt: skip
+        f"reconstruct {folder}/capture --method 2fsk {PIXELS} -o {folder}/depth.npz",
+    ):
         if (ended := once(words)).code != 0:
             raise RuntimeError(ended.said)
     return folder
@@ -74,7 +88,8 @@ def write_inputs(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended: its exit code (None: an exception got out) and what it said on stderr."""
+    """How a command ended: its exit code (None: an exception got out) and what it said on
+    stderr."""
 
     code: int | None
     said: str
@@ -93,7 +108,11 @@ class Ended:
 def once(words: str) -> Ended:
     """Run one command in this process."""
     said = io.StringIO()
-    with redirect_stderr(said), redirect_stdout(io.StringIO()), patch.object(photogrammetry, *MEASURED):
+    with (
+        redirect_stderr(said),
+        redirect_stdout(io.StringIO()),
+        patch.object(photogrammetry, *MEASURED),
+    ):
         try:
             code: int | None = main(shlex.split(words))
         except (Exception, SystemExit):
@@ -127,7 +146,8 @@ class Command:
 
     @cached_property
     def expected(self) -> dict[str, bytes]:
-        """What an undisturbed run leaves; of files that hold times, which two runs differ in, the names alone."""
+        """What an undisturbed run leaves; of files that hold times, which two runs differ in, the
+        names alone."""
         found = []
         for _ in range(2):
             self.empty()
@@ -144,8 +164,11 @@ class Command:
         wrong = [name for name, data in self.expected.items() if data and found[name] != data]
         return f"{wrong[0]} differs" if wrong else None
 
-    def tried(self, fault: Callable[[], AbstractContextManager[None]] = nullcontext) -> tuple[bool, str | None]:
-        """One run under a fault and one after it, in an empty folder: whether the fault was felt, and the loss."""
+    def tried(
+        self, fault: Callable[[], AbstractContextManager[None]] = nullcontext
+    ) -> tuple[bool, str | None]:
+        """One run under a fault and one after it, in an empty folder: whether the fault was felt,
+        and the loss."""
         self.expected  # noqa: B018, before the folder is emptied
         self.empty()
         with fault():
@@ -158,6 +181,8 @@ class Command:
         if left := [path.name for path in self.out.rglob(".*") if path.name != MARKER]:
             return True, f"left behind: {left[:3]}"
         after = once(self.words)
-        if after.code != 0 and "--overwrite" in after.said:  # it came after the fault: what is there has to be whole
+        if (
+            after.code != 0 and "--overwrite" in after.said
+        ):  # it came after the fault: what is there has to be whole
             after = once(f"{self.words} --overwrite")
         return True, after.said if after.code != 0 else self.differs()

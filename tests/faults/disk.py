@@ -1,4 +1,5 @@
-"""Disks that are full: at any file or folder that is made, at any rename, and in the middle of any file."""
+"""Disks that are full: at any file or folder that is made, at any rename, and in the middle of any
+file."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ class Try:
 
 
 def refused_writes(command: Command, rename: bool, first: int = 1, step: int = 1) -> Iterator[Try]:
-    """Nothing can be made from the n-th file or folder on (or the n-th rename fails), for every step-th n from `first`
-    until none is left to fail."""
+    """Nothing can be made from the n-th file or folder on (or the n-th rename fails), for every
+    step-th n from `first` until none is left to fail."""
     kind = "disk full at a rename" if rename else "disk full at a file"
     for at in count(first, step):
         felt, loss = command.tried(partial(DISK.full, command.out, at, rename))
@@ -40,7 +41,8 @@ def refused_writes(command: Command, rename: bool, first: int = 1, step: int = 1
 
 @contextmanager
 def files_of_at_most(size: int) -> Iterator[None]:
-    """In the block, no file grows beyond `size` bytes: libraries that write by themselves meet it too."""
+    """In the block, no file grows beyond `size` bytes: libraries that write by themselves meet it
+    too."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -61,6 +63,10 @@ def full_outputs(inputs: Path) -> Iterator[Try]:
     for name, words in PRINTING.items():
         with open("/dev/full", "w") as full:
             command = [sys.executable, "-m", "handbench.cli.main", *words.format(i=inputs).split()]
-            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300)
-        loss = Ended(done.returncode, done.stderr).loss or (None if done.returncode else "nothing was said")
+            done = subprocess.run(
+                command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300
+            )
+        loss = Ended(done.returncode, done.stderr).loss or (
+            None if done.returncode else "nothing was said"
+        )
         yield Try("disk full at the output", name, loss)

@@ -1,8 +1,10 @@
-"""`python -m tests.faults.forked BENCH photographs|plain`: a process that has imported all that a run needs, and does
-runs in forks of itself, so that a signal meets their work rather than their imports.
+"""`python -m tests.faults.forked BENCH photographs|plain`: a process that has imported all that a
+run needs, and does runs in forks of itself, so that a signal meets their work rather than their
+imports.
 
-Reads lines `OUT<tab>FILE<tab>STAGE`; answers each with the number of the process, then with its exit code. FILE takes
-its stderr; after the first STAGE, if there is one, a run with photographs ends as if it were killed.
+Reads lines `OUT<tab>FILE<tab>STAGE`; answers each with the number of the process, then with its
+exit code. FILE takes its stderr; after the first STAGE, if there is one, a run with photographs
+ends as if it were killed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Runs as processes: ended by signals at random moments, short of memory, without the folders that they expect."""
+"""Runs as processes: ended by signals at random moments, short of memory, without the folders that
+they expect."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ HANG_S, HUNG = 300.0, 999
 SIGNALS = {"kill -9": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 DIED = {signal.SIGKILL: {-9}, signal.SIGTERM: {-15}, signal.SIGINT: {130, -2}}
 LIMITED = (
-    "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); del sys.argv[1]; "
+    "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); del "
+    "sys.argv[1]; "
     "from handbench.cli.main import main; sys.exit(main())"
 )
 WITHOUT_RIGHTS = (
@@ -65,13 +67,17 @@ class Runs:
         self.forks.communicate()
 
     def started(self, out: Path, last: str = "never") -> int:
-        """Begin a run into the folder, which ends after the first stage `last`: the number of its process."""
+        """Begin a run into the folder, which ends after the first stage `last`: the number of its
+        process."""
         self.forks.stdin.write(f"{out}\t{self.scratch / 'said'}\t{last}\n")
         self.forks.stdin.flush()
         return int(self.forks.stdout.readline())
 
-    def stopped(self, out: Path, sent: int, moment_s: float, last: str = "never") -> tuple[int, str]:
-        """Run into the folder, and send a signal after so many seconds: exit code, and what was said on stderr."""
+    def stopped(
+        self, out: Path, sent: int, moment_s: float, last: str = "never"
+    ) -> tuple[int, str]:
+        """Run into the folder, and send a signal after so many seconds: exit code, and what was
+        said on stderr."""
         process, start = self.started(out, last), time.monotonic()
         ended, _, _ = select.select([self.forks.stdout], [], [], moment_s)
         if not ended:
@@ -103,7 +109,9 @@ class Runs:
             return f"the resumed run ended with {code}: {said[-500:]}"
         found, expected = content(out), self.undisturbed[1]
         shutil.rmtree(out)
-        wrong = sorted(name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name))
+        wrong = sorted(
+            name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name)
+        )
         return f"{wrong[0]} differs" if wrong else None
 
 
@@ -136,7 +144,8 @@ def short_of_memory(words: str, out: Path, limits_mb: tuple[int, ...]) -> Iterat
 
 
 def unwritable(words: str, out: Path, places: Path) -> Iterator[Try]:
-    """HOME, TMPDIR, the cache of numba, or all of them are read-only, missing or a file: the command does without."""
+    """HOME, TMPDIR, the cache of numba, or all of them are read-only, missing or a file: the
+    command does without."""
     places.mkdir()
     (places / "read_only").mkdir(mode=0o555)
     (places / "file").touch()
@@ -148,7 +157,8 @@ def unwritable(words: str, out: Path, places: Path) -> Iterator[Try]:
             done = subprocess.run([sys.executable, "-c", WITHOUT_RIGHTS, *words.split()], capture_output=True,
                                   text=True, cwd=ROOT, timeout=HANG_S, env=environment)  # fmt: skip
             said = Ended(done.returncode, done.stderr)
-            yield Try("unwritable HOME, TMPDIR, caches", f"{words.split()[0]}, {'+'.join(names)} {kind}: "
+            yield Try("unwritable HOME, TMPDIR, caches", f"{words.split()[0]}, {'+'.join(names)} "
+                                                         f"{kind}: "
                       f"{done.returncode}", said.loss)  # fmt: skip
 
 

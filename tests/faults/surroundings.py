@@ -1,5 +1,5 @@
-"""What changes around a command while it works, or between two runs: folders that vanish, clocks that jump, inputs that
-are edited without a trace in their size and time."""
+"""What changes around a command while it works, or between two runs: folders that vanish, clocks
+that jump, inputs that are edited without a trace in their size and time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class Watch:
 
     @contextmanager
     def gone(self, folder: Path, at: int, back: bool) -> Iterator[None]:
-        """In the block the folder vanishes at the n-th opening, from 1; it comes back after the block, or not."""
+        """In the block the folder vanishes at the n-th opening, from 1; it comes back after the
+        block, or not."""
         away = folder.with_name(f"{folder.name}-gone")
         self.folder, self.count, self.at = folder, 0, at
         try:
@@ -57,16 +58,19 @@ WATCH = Watch()
 
 
 def vanishing(command: Command, of_inputs: bool, first: int = 1, step: int = 1) -> Iterator[Try]:
-    """The folder of the outputs, or that of the inputs, vanishes at the n-th opening of something in it."""
-    folder, kind = (command.inputs, "inputs vanish") if of_inputs else (command.out, "outputs vanish")
+    """The folder of the outputs, or that of the inputs, vanishes at the n-th opening of something
+    in it."""
+    folder, kind = (
+        (command.inputs, "inputs vanish") if of_inputs else (command.out, "outputs vanish")
+    )
     for at in count(first, step):
         loss = command.tried(partial(WATCH.gone, folder, at, of_inputs))[1]
         if WATCH.count < at and loss is None:
             return
         if loss and not of_inputs and loss.startswith("handbench: ") and "no run wrote" in loss:
-            loss = (
-                None  # the folder came back without its mark while the run wrote on: a resumed run refuses it in words
-            )
+            # the folder came back without its mark while the run wrote on: a resumed run refuses it
+            # in words
+            loss = None
         yield Try(kind, f"{command.name}, opening {at}", loss)
 
 
@@ -84,7 +88,9 @@ def jumping(seed: int) -> Iterator[None]:
 def clocks(command: Command, tries: int) -> Iterator[Try]:
     """The same command under clocks that jump."""
     for seed in range(tries):
-        yield Try("clock jumps", f"{command.name}, {seed}", command.tried(partial(jumping, seed))[1])
+        yield Try(
+            "clock jumps", f"{command.name}, {seed}", command.tried(partial(jumping, seed))[1]
+        )
 
 
 EDITS = {  # file of the inputs: what is replaced in it by something as long
@@ -95,7 +101,8 @@ EDITS = {  # file of the inputs: what is replaced in it by something as long
 
 
 def edited(path: Path, old: bytes, new: bytes) -> None:
-    """Change a file's content, not its size nor its times; of a mesh (old is empty) one bit of a coordinate."""
+    """Change a file's content, not its size nor its times; of a mesh (old is empty) one bit of a
+    coordinate."""
     state, data = path.stat(), bytearray(path.read_bytes())
     if old:
         assert old in data and len(old) == len(new)
@@ -108,7 +115,8 @@ def edited(path: Path, old: bytes, new: bytes) -> None:
 
 
 def silent_edits(command: Command) -> Iterator[Try]:
-    """An input is edited between two runs into one folder: the second run is as a first one with the edited input."""
+    """An input is edited between two runs into one folder: the second run is as a first one with
+    the edited input."""
     for name, (old, new) in EDITS.items():
         path, words = command.inputs / name, command.words
         whole = path.read_bytes()

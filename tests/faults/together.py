@@ -1,4 +1,5 @@
-"""Several processes over one benchmark: two runs at once, a scheduler that is lost, a worker of another version."""
+"""Several processes over one benchmark: two runs at once, a scheduler that is lost, a worker of
+another version."""
 
 from __future__ import annotations
 
@@ -22,17 +23,25 @@ from tests.installed_copy import copy_package
 
 
 def at_once(runs: Runs, count: int, generator: np.random.Generator) -> Iterator[Try]:
-    """Two runs into one folder, the second begun while the first works: one does the work, the other says so."""
+    """Two runs into one folder, the second begun while the first works: one does the work, the
+    other says so."""
     for _ in range(count):
         out, delay_s = runs.new(), generator.uniform(0.0, 0.5) * runs.undisturbed[0]
         both = []
         for wait_s in (delay_s, 0.0):
-            both.append(subprocess.Popen(runs.command(out), stdout=-3, stderr=subprocess.PIPE, text=True, cwd=ROOT))
+            both.append(
+                subprocess.Popen(
+                    runs.command(out), stdout=-3, stderr=subprocess.PIPE, text=True, cwd=ROOT
+                )
+            )
             time.sleep(wait_s)
         said = [process.communicate(timeout=HANG_S)[1] for process in both]
         codes = sorted(process.returncode for process in both)
         refused = sum("another run is writing here" in text for text in said)
-        loss = next(filter(None, (Ended(p.returncode, s).loss for p, s in zip(both, said, strict=True))), None)
+        loss = next(
+            filter(None, (Ended(p.returncode, s).loss for p, s in zip(both, said, strict=True))),
+            None,
+        )
         if loss is None and (codes, refused) not in (([0, 2], 1), ([0, 0], 0)):
             loss = f"ended with {codes}: {said}"
         yield Try("two runs at once", f"{delay_s:.2f} s apart: {codes}", loss or runs.resumed(out))
@@ -47,7 +56,9 @@ def scheduler_lost(bench: Path, scratch: Path, generator: np.random.Generator) -
         process = subprocess.Popen([*command, "--scheduler", started.address], stdout=-3, stderr=subprocess.PIPE,
                                    text=True, cwd=ROOT)  # fmt: skip
         wanted = int(generator.integers(1, 5))
-        threading.Thread(target=_kill_after, args=(process, started.scheduler, out / "work", wanted)).start()
+        threading.Thread(
+            target=_kill_after, args=(process, started.scheduler, out / "work", wanted)
+        ).start()
         said = process.communicate(timeout=HANG_S)[1]
     except subprocess.TimeoutExpired:
         process.kill()
@@ -62,17 +73,21 @@ def scheduler_lost(bench: Path, scratch: Path, generator: np.random.Generator) -
     return Try("scheduler lost", f"after {wanted} stages: {process.returncode}", loss)
 
 
-def _kill_after(process: subprocess.Popen, scheduler: subprocess.Popen, work: Path, stages: int) -> None:
+def _kill_after(
+    process: subprocess.Popen, scheduler: subprocess.Popen, work: Path, stages: int
+) -> None:
     while process.poll() is None and cluster.finished(work) < stages:
         time.sleep(0.005)
     scheduler.kill()
 
 
 def other_version(bench: Path, scratch: Path) -> Try:
-    """The workers have another version of a file that a stage runs: every stage is refused in words."""
+    """The workers have another version of a file that a stage runs: every stage is refused in
+    words."""
     edited = copy_package(scratch / "code", compiled=False) / "radar" / "simulation" / "forward.py"
     edited.write_text(
-        edited.read_text(encoding="utf-8").replace("\n\n\n", "\n\n\nOTHER = 1\n\n\n", 1), encoding="utf-8"
+        edited.read_text(encoding="utf-8").replace("\n\n\n", "\n\n\nOTHER = 1\n\n\n", 1),
+        encoding="utf-8",
     )
     with patch.object(cluster, "ENVIRONMENT", {**os.environ, "PYTHONPATH": str(scratch / "code")}):
         started = cluster.Workers(scratch)

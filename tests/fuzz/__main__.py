@@ -18,12 +18,18 @@ VERDICTS = ("accepted", "refused", *FINDINGS)
 
 def table(tallies: dict[str, Tally]) -> str:
     """Counts, rate, slowest input and peak memory of every reader, and of all."""
-    lines = [f"{'reader':14}" + "".join(f"{name:>10}" for name in (*VERDICTS, "inputs/s", "slowest s", "peak MB"))]
+    lines = [
+        f"{'reader':14}"
+        + "".join(f"{name:>10}" for name in (*VERDICTS, "inputs/s", "slowest s", "peak MB"))
+    ]
     total = Tally()
     for tally in tallies.values():
         total.verdicts.update(tally.verdicts)
         total.seconds += tally.seconds
-        total.slowest_s, total.peak_mb = max(total.slowest_s, tally.slowest_s), max(total.peak_mb, tally.peak_mb)
+        total.slowest_s, total.peak_mb = (
+            max(total.slowest_s, tally.slowest_s),
+            max(total.peak_mb, tally.peak_mb),
+        )
     for name, tally in (*tallies.items(), ("all", total)):
         rate = tally.verdicts.total() / max(tally.seconds, 1e-9)
         lines.append(
@@ -39,7 +45,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--inputs", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--reader", action="append", default=[], choices=[reader.name for reader in READERS])
+    parser.add_argument(
+        "--reader", action="append", default=[], choices=[reader.name for reader in READERS]
+    )
     parser.add_argument("-o", dest="folder", type=Path, help="for fuzz.json and found.jsonl")
     options = parser.parse_args()
     tallies: dict[str, Tally] = defaultdict(Tally)
@@ -51,9 +59,13 @@ def main() -> int:
             found.append((given, seen))
     print(table(tallies))
     if options.folder:
-        write_json(options.folder / "fuzz.json", {name: asdict(tally) for name, tally in tallies.items()})
+        write_json(
+            options.folder / "fuzz.json", {name: asdict(tally) for name, tally in tallies.items()}
+        )
         lines = [line_of(given, seen) for given, seen in found]
-        (options.folder / "found.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        (options.folder / "found.jsonl").write_text(
+            "".join(f"{line}\n" for line in lines), encoding="utf-8"
+        )
     return int(bool(found))
 
 

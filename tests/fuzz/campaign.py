@@ -95,7 +95,8 @@ class Worker:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Processes that start in the block compute in one thread, whose stack alone counts against their memory."""
+    """Processes that start in the block compute in one thread, whose stack alone counts against
+    their memory."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -108,10 +109,12 @@ def _one_thread() -> Iterator[None]:
 
 
 def planned(count: int, seed: int, only: Iterable[str] = ()) -> Iterator[Input]:
-    """`count` inputs, shared out among the readers (or some of them) by their shares; mixed, so that any beginning of
-    the list holds all of them."""
+    """`count` inputs, shared out among the readers (or some of them) by their shares; mixed, so
+    that any beginning of the list holds all of them."""
     chosen = [reader for reader in READERS if not only or reader.name in only]
-    turns = [reader for k in range(max(r.share for r in chosen)) for reader in chosen if reader.share > k]
+    turns = [
+        reader for k in range(max(r.share for r in chosen)) for reader in chosen if reader.share > k
+    ]
     with tempfile.TemporaryDirectory(prefix="handbench-fuzz-") as scratch:
         whole = {reader.name: Path(scratch) / reader.name for reader in chosen}
         for reader in chosen:
@@ -144,7 +147,12 @@ def corpus(path: Path) -> list[Input]:
     """The inputs of a corpus: lines of JSON."""
     lines = map(json.loads, path.read_text(encoding="utf-8").splitlines())
     return [
-        Input(c["reader"], c["file"], zlib.decompress(base64.b64decode(c["content"])), link=c.get("link", ""))
+        Input(
+            c["reader"],
+            c["file"],
+            zlib.decompress(base64.b64decode(c["content"])),
+            link=c.get("link", ""),
+        )
         for c in lines
     ]
 
@@ -154,4 +162,6 @@ def line_of(given: Input, seen: Seen) -> str:
     packed = base64.b64encode(zlib.compress(given.content, 9)).decode()
     found = f"{seen.verdict}: {seen.detail}"
     linked = {"link": given.link} if given.link else {}
-    return json.dumps({"reader": given.reader, "file": given.file, "found": found, "content": packed} | linked)
+    return json.dumps(
+        {"reader": given.reader, "file": given.file, "found": found, "content": packed} | linked
+    )

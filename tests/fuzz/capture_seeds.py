@@ -1,4 +1,5 @@
-"""Small valid inputs of the readers of captures, scenes and benchmarks, each written into an empty folder."""
+"""Small valid inputs of the readers of captures, scenes and benchmarks, each written into an empty
+folder."""
 
 from __future__ import annotations
 
@@ -71,7 +72,12 @@ def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
         )
 
     return ArrayCalibration(
-        source="target", reference_hz=77e9, tx=side(tx_m), rx=side(rx_m), residual_before_db=-10, residual_after_db=-30
+        source="target",
+        reference_hz=77e9,
+        tx=side(tx_m),
+        rx=side(rx_m),
+        residual_before_db=-10,
+        residual_after_db=-30,
     )
 
 
@@ -96,15 +102,21 @@ def scan(folder: Path) -> None:
     from handbench.radar.data.echoes_file import save_capture
 
     samples = np.ones((2, 3, 4), np.complex64)
-    save_capture(folder / ECHOES, RadarCapture(samples, np.linspace(22e9, 26e9, 3), PlanarScan(np.eye(4)[:, :3])))
+    save_capture(
+        folder / ECHOES,
+        RadarCapture(samples, np.linspace(22e9, 26e9, 3), PlanarScan(np.eye(4)[:, :3])),
+    )
     with h5py.File(folder / ECHOES, "r+") as file:
         del file["samples"]
-        file.create_dataset("samples", data=samples, chunks=(1, 2, 4), compression="gzip", shuffle=True)
+        file.create_dataset(
+            "samples", data=samples, chunks=(1, 2, 4), compression="gzip", shuffle=True
+        )
     save_capture_file(folder, CaptureFile(name="scan", kind="scan", contains=(ECHOES,)))
 
 
 def pairs(folder: Path) -> None:
-    """A capture of version 2: a list of pairs with gains, swept twice, and the array's calibration in the file."""
+    """A capture of version 2: a list of pairs with gains, swept twice, and the array's calibration
+    in the file."""
     import h5py
 
     from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
@@ -112,11 +124,26 @@ def pairs(folder: Path) -> None:
     echoes, listed = _echoes(), [[0, 0], [0, 2], [1, 1], [1, 2]]
     _save_array(folder / "array.json", echoes.aperture.tx_m, echoes.aperture.rx_m)
     with h5py.File(folder / ECHOES, "w") as file:
-        file.attrs.update({"format": "handbench-echoes", "version": 2, "units": "m, Hz, m/s", "time": "-jwt"})
-        file.attrs.update({"frame": "x right, y up, z away", "sweeps": "mean", "wave_speed_m_s": 2e8, "licence": "CC0"})
+        file.attrs.update(
+            {"format": "handbench-echoes", "version": 2, "units": "m, Hz, m/s", "time": "-jwt"}
+        )
+        file.attrs.update(
+            {
+                "frame": "x right, y up, z away",
+                "sweeps": "mean",
+                "wave_speed_m_s": 2e8,
+                "licence": "CC0",
+            }
+        )
         file["samples"] = np.stack([echoes.samples[:, :, *np.transpose(listed)]] * 2, axis=1)
-        file["frequencies_hz"], file["pairs"], file["gains"] = echoes.frequencies_hz, listed, np.ones(4) + 0.1j
-        file["tx_m"], file["rx_m"] = (p * [-1, 1, 1] for p in (echoes.aperture.tx_m, echoes.aperture.rx_m))
+        file["frequencies_hz"], file["pairs"], file["gains"] = (
+            echoes.frequencies_hz,
+            listed,
+            np.ones(4) + 0.1j,
+        )
+        file["tx_m"], file["rx_m"] = (
+            p * [-1, 1, 1] for p in (echoes.aperture.tx_m, echoes.aperture.rx_m)
+        )
         file["array.json"] = np.frombuffer((folder / "array.json").read_bytes(), np.uint8)
     (folder / "array.json").unlink()
     save_capture_file(folder, CaptureFile(name="hand", contains=(ECHOES,)))
@@ -143,7 +170,9 @@ def mapping(folder: Path) -> None:
 
     echoes = _echoes()
     with h5py.File(folder / "hand.mat", "w") as file:
-        file["xr"] = np.ascontiguousarray(echoes.samples.conj()).view([("real", "<f4"), ("imag", "<f4")])
+        file["xr"] = np.ascontiguousarray(echoes.samples.conj()).view(
+            [("real", "<f4"), ("imag", "<f4")]
+        )
         file["set/f"] = echoes.frequencies_hz[:, None] / 1e9
         file["set/tx"], file["set/rx"] = 1e3 * echoes.aperture.tx_m.T, 1e3 * echoes.aperture.rx_m.T
     positions = {"unit": "mm", "reversed": True, "x": "right"}
@@ -153,7 +182,12 @@ def mapping(folder: Path) -> None:
                 "version": 1,
                 "file": "hand.mat",
                 "capture": {"name": "hand", "distance_m": 0.3},
-                "samples": {"dataset": "xr", "axes": ["rx", "tx", "frequency", "frame"], "reversed": True, "sign": "+"},
+                "samples": {
+                    "dataset": "xr",
+                    "axes": ["rx", "tx", "frequency", "frame"],
+                    "reversed": True,
+                    "sign": "+",
+                },
                 "frequencies": {"dataset": "set/f", "unit": "GHz"},
                 "tx": {"dataset": "set/tx", **positions},
                 "rx": {"dataset": "set/rx", **positions},
@@ -170,12 +204,21 @@ def maroon(folder: Path) -> None:
     from tests.bench.datasets.maroon_writer import write_frame
 
     at = folder.joinpath(*MAROON)
-    write_frame(at / "calibrated_data" / "000000.npy", 0, Frame(np.ones((2, 94, 94)), np.array([72e9, 82e9]), 1))
+    write_frame(
+        at / "calibrated_data" / "000000.npy",
+        0,
+        Frame(np.ones((2, 94, 94)), np.array([72e9, 82e9]), 1),
+    )
     volume = {"bb_min": [-0.1, -0.1, 0.25], "bb_max": [0.1, 0.1, 0.4], "grid_size": [21, 21, 16]}
     write_json(at / "calibration.json", {"000000": {"volume": volume}})
     write_json(
         at.parent / "metadata.json",
-        {"distance_meters": 0.3, "mask_erosion": 8, "mask_bb": {"zmin": 0.2, "zmax": 0.5}, "labels": ["hand"]},
+        {
+            "distance_meters": 0.3,
+            "mask_erosion": 8,
+            "mask_bb": {"zmin": 0.2, "zmax": 0.5},
+            "labels": ["hand"],
+        },
     )
     save_alignment(at.parent / "alignment.json", radar_from_photo())
     (at.parent / "photogrammetry").mkdir()
@@ -194,7 +237,10 @@ def maroon_sensors(folder: Path) -> None:
     matrix = np.diag([1e-3, 1e-3, 1e-3, 1.0])
     others = {name: Transform(name, "radar", matrix) for name in ("kinect", "realsense")}
     write_alignment(folder / "alignment.json", radar_from_photo(), others=others)
-    for name, shape, shown in (("kinect", (576, 640), (1080, 1920)), ("realsense", (12, 16), (12, 16))):
+    for name, shape, shown in (
+        ("kinect", (576, 640), (1080, 1920)),
+        ("realsense", (12, 16), (12, 16)),
+    ):
         for kind in ("depth", "mask"):
             (folder / name / kind).mkdir(parents=True)
         depth_mm = np.zeros(shape, np.uint16)
@@ -203,14 +249,23 @@ def maroon_sensors(folder: Path) -> None:
         cv2.imwrite(str(folder / name / "mask" / "000000.png"), np.full(shown, 255, np.uint8))
     (folder / "kinect" / "calibration.json").write_bytes(KINECT.read_bytes())
     lens = {"fx": 20.0, "fy": 20.0, "cx": 8.0, "cy": 6.0}
-    write_json(folder / "realsense" / "calibration.json", {"capture": {"scale": 0.001}, "rgb": lens})
+    write_json(
+        folder / "realsense" / "calibration.json", {"capture": {"scale": 0.001}, "rgb": lens}
+    )
 
 
 def planar_scan(folder: Path) -> None:
     """The six arrays of a raster scan, and its phases."""
     rng = np.random.default_rng(2)
     with (folder / "scan.npy").open("wb") as stream:
-        for values in (rng.integers(0, 2**16, (2, 3, 4, 5)).astype(np.uint16), 22.2e9, 26.2e9, 3, [2e-3, 2e-3], 0.1):
+        for values in (
+            rng.integers(0, 2**16, (2, 3, 4, 5)).astype(np.uint16),
+            22.2e9,
+            26.2e9,
+            3,
+            [2e-3, 2e-3],
+            0.1,
+        ):
             np.save(stream, np.array(values))
     np.savetxt(folder / "phase.txt", [[22.2e9, 24e9, 26.2e9], [0.1, 0.2, -0.3]])
 

@@ -1,4 +1,5 @@
-"""Broken versions of binary forms, whose checksums and offsets are right: what is wrong is what they say."""
+"""Broken versions of binary forms, whose checksums and offsets are right: what is wrong is what
+they say."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ def array(values: np.ndarray, rng: random.Random) -> np.ndarray:
         case 2:
             values = values.T if rng.randrange(2) else values.reshape(-1)
         case 3:
-            values = np.zeros(rng.choice(((), (0,), (1,), (2, 2), (0, 3), (1, 1, 1), (5, 1))), values.dtype)
+            values = np.zeros(
+                rng.choice(((), (0,), (1,), (2, 2), (0, 3), (1, 1, 1), (5, 1))), values.dtype
+            )
         case 4:
             values = np.zeros(values.shape, rng.choice(DTYPES))
         case 5 if values.ndim:
@@ -45,7 +48,8 @@ def saved(values: np.ndarray) -> bytes:
 
 
 def npy(content: bytes, rng: random.Random) -> bytes:
-    """One of the arrays in a .npy file (or several after each other) says another shape, or is another."""
+    """One of the arrays in a .npy file (or several after each other) says another shape, or is
+    another."""
     headers = [at for at in range(len(content)) if content.startswith(b"\x93NUMPY", at)]
     at = rng.choice(headers)
     end = at + 10 + int.from_bytes(content[at + 8 : at + 10], "little")
@@ -65,7 +69,8 @@ def npy(content: bytes, rng: random.Random) -> bytes:
 
 
 def npz(content: bytes, rng: random.Random) -> bytes:
-    """One of the arrays is broken, its file's checksum right; or a bomb, a pickle, a member twice or elsewhere."""
+    """One of the arrays is broken, its file's checksum right; or a bomb, a pickle, a member twice
+    or elsewhere."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     chosen, extra = rng.choice(list(members)), None
@@ -86,7 +91,9 @@ def npz(content: bytes, rng: random.Random) -> bytes:
         case _:
             members[chosen] = npy(members[chosen], rng)
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+    with zipfile.ZipFile(
+        stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+    ) as archive:
         for name, part in members.items():
             archive.writestr(name, part)
         if extra is not None:
@@ -96,7 +103,8 @@ def npz(content: bytes, rng: random.Random) -> bytes:
 
 @cache
 def _bomb() -> tuple[bytes, int]:
-    """3 GiB of numbers, deflated, with their checksum; by repeating one block that stands for itself."""
+    """3 GiB of numbers, deflated, with their checksum; by repeating one block that stands for
+    itself."""
     head = repr({"descr": "<f8", "fortran_order": False, "shape": (BOMB_BYTES // 8,)}).encode()
     head = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head) + 1) + head + b"\n"
     block, packer = bytes(2**24), zlib.compressobj(9, zlib.DEFLATED, -15)
@@ -123,11 +131,14 @@ def _with_bomb(members: dict[str, bytes], chosen: str) -> bytes:
 
 
 def hdf5(content: bytes, rng: random.Random) -> bytes:
-    """One of the data sets or attributes is another: of another kind, shape or layout, or no data set at all."""
+    """One of the data sets or attributes is another: of another kind, shape or layout, or no data
+    set at all."""
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as file:
         names: list[str] = []
-        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None
+        )
         if file.attrs and rng.randrange(6) == 0:
             values = (0, "x", b"\xff", [1, 2], 2**63, 1.5, np.zeros((3, 3)))
             file.attrs[rng.choice(list(file.attrs))] = rng.choice(values)
@@ -144,7 +155,9 @@ def _replace(file: h5py.File, name: str, values: np.ndarray, rng: random.Random)
         case 0:
             file.create_group(name)
         case 1:
-            file[name] = rng.choice((h5py.SoftLink("/" + name), h5py.SoftLink("/nowhere"), h5py.SoftLink("/")))
+            file[name] = rng.choice(
+                (h5py.SoftLink("/" + name), h5py.SoftLink("/nowhere"), h5py.SoftLink("/"))
+            )
         case 2:
             file[name] = h5py.ExternalLink("/etc/passwd", "x")
         case 3:
@@ -153,13 +166,15 @@ def _replace(file: h5py.File, name: str, values: np.ndarray, rng: random.Random)
             file.create_dataset(name, data=rng.choice((["a", "b"], "text", np.void(b"abc"))))
         case 5:
             large = (*shape[:-1], rng.choice((10**6, 2 * 10**8, 10**13))) if shape else (10**9,)
-            file.create_dataset(name, large, values.dtype, chunks=(*(1 for _ in large[:-1]), 1024), fillvalue=1)
+            file.create_dataset(
+                name, large, values.dtype, chunks=(*(1 for _ in large[:-1]), 1024), fillvalue=1
+            )
         case 6:
             file.create_dataset(name, (2**28,), "u1")  # declared, and never written
         case 7:
-            file.create_dataset(name, (2 ** rng.choice((20, 27)),), "f8", chunks=(2**20,), compression="gzip")[
-                : 2**20
-            ] = 0
+            file.create_dataset(
+                name, (2 ** rng.choice((20, 27)),), "f8", chunks=(2**20,), compression="gzip"
+            )[: 2**20] = 0
         case 8:
             file.create_dataset(name, shape, "f4", external=[("/etc/passwd", 0, 4 * values.size)])
         case 9:
@@ -169,7 +184,11 @@ def _replace(file: h5py.File, name: str, values: np.ndarray, rng: random.Random)
         case 10:
             file[name] = h5py.SoftLink("/" + "/".join([name] * 50))
         case 11 if values.ndim:
-            packed = {"chunks": True, "compression": rng.choice(("gzip", "lzf")), "shuffle": bool(rng.randrange(2))}
+            packed = {
+                "chunks": True,
+                "compression": rng.choice(("gzip", "lzf")),
+                "shuffle": bool(rng.randrange(2)),
+            }
             file.create_dataset(name, data=values, fletcher32=bool(rng.randrange(2)), **packed)
         case 12:
             file.create_dataset(name, shape, h5py.special_dtype(vlen=np.float32))
@@ -191,8 +210,14 @@ def png(content: bytes, rng: random.Random) -> bytes:
     kind, body = chunks[k]
     match rng.randrange(6):
         case 0:
-            width, height = (rng.choice((0, 1, 7, 4000, 20_000, 46_000, 2**31 - 1, 2**32 - 1)) for _ in range(2))
-            bits, colours, interlaced = rng.choice((1, 2, 4, 8, 16, 3)), rng.randrange(8), rng.randrange(3)
+            width, height = (
+                rng.choice((0, 1, 7, 4000, 20_000, 46_000, 2**31 - 1, 2**32 - 1)) for _ in range(2)
+            )
+            bits, colours, interlaced = (
+                rng.choice((1, 2, 4, 8, 16, 3)),
+                rng.randrange(8),
+                rng.randrange(3),
+            )
             form = rng.choice((body[8:13], bytes([bits, colours, 0, 0, interlaced])))
             chunks[0] = (b"IHDR", struct.pack(">II", width, height) + form)
         case 1:
@@ -219,7 +244,9 @@ def png(content: bytes, rng: random.Random) -> bytes:
             chunks[k] = (kind, flipped(body, rng))
         case _:
             chunks[k] = (rng.choice((b"IDAT", b"IEND", b"tEXt", b"ABCD")), body)
-    parts = (struct.pack(">I", len(b)) + t + b + struct.pack(">I", zlib.crc32(t + b)) for t, b in chunks)
+    parts = (
+        struct.pack(">I", len(b)) + t + b + struct.pack(">I", zlib.crc32(t + b)) for t, b in chunks
+    )
     return content[:8] + b"".join(parts)
 
 
@@ -235,7 +262,9 @@ def jpeg(content: bytes, rng: random.Random) -> bytes:
     exif = [n for n, segment in enumerate(segments) if segment[1] == 0xE1]
     match rng.randrange(6):
         case 0 if sizes:
-            size = struct.pack(">HH", *(rng.choice((0, 1, 9, 4000, 9000, 20_000, 65535)) for _ in range(2)))
+            size = struct.pack(
+                ">HH", *(rng.choice((0, 1, 9, 4000, 9000, 20_000, 65535)) for _ in range(2))
+            )
             segments[sizes[0]] = segments[sizes[0]][:5] + size + segments[sizes[0]][9:]
         case 1 | 2 if exif:
             segments[exif[0]] = segments[exif[0]][:10] + flipped(segments[exif[0]][10:], rng)
@@ -252,5 +281,7 @@ def flipped(content: bytes, rng: random.Random) -> bytes:
     """Some bytes become others."""
     broken = bytearray(content)
     for _ in range(rng.randint(1, 4) if broken else 0):
-        broken[rng.randrange(len(broken))] = rng.choice((0, 1, 2, 4, 5, 8, 12, 127, 128, 255, rng.randrange(256)))
+        broken[rng.randrange(len(broken))] = rng.choice(
+            (0, 1, 2, 4, 5, 8, 12, 127, 128, 255, rng.randrange(256))
+        )
     return bytes(broken)

@@ -1,4 +1,5 @@
-"""Small valid inputs of the readers of shapes, places and cameras, each written into an empty folder."""
+"""Small valid inputs of the readers of shapes, places and cameras, each written into an empty
+folder."""
 
 from __future__ import annotations
 
@@ -49,7 +50,10 @@ def radar_from_photo() -> Transform:
     from handbench.calibration.transforms import Transform
 
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), (0.1, 0.2, 0.5)
+    matrix[:3, :3], matrix[:3, 3] = (
+        Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(),
+        (0.1, 0.2, 0.5),
+    )
     return Transform("photo", "radar", matrix, np.diag([1e-8] * 6), np.array([1e-4, 2e-4]))
 
 
@@ -69,7 +73,9 @@ def photos(folder: Path) -> tuple[Photo, ...]:
     """Photographs that need not be there, of which the last is held upright."""
     from handbench.groundtruth.photos.photos import Photo
 
-    return tuple(Photo(folder / name, name, *SIZE, orientation=6 if name == "d.png" else 1) for name in NAMES)
+    return tuple(
+        Photo(folder / name, name, *SIZE, orientation=6 if name == "d.png" else 1) for name in NAMES
+    )
 
 
 def cameras(folder: Path) -> None:
@@ -100,7 +106,8 @@ def metashape(folder: Path) -> None:
         return " ".join(repr(float(value)) for value in np.ravel(values))
 
     views = "".join(
-        f'<camera id="{k}" sensor_id="0" component_id="0" label="{Path(name).stem}"><transform>{words(np.eye(4))}'
+        f'<camera id="{k}" sensor_id="0" component_id="0" '
+        f'label="{Path(name).stem}"><transform>{words(np.eye(4))}'
         "</transform><orientation>1</orientation></camera>"
         for k, name in enumerate(NAMES)
     )
@@ -122,11 +129,20 @@ def colmap_model() -> pycolmap.Reconstruction:
     library, points_m = load_pycolmap(), np.random.default_rng(0).uniform(-0.2, 0.2, (22, 3))
     model = library.Reconstruction()
     model.add_camera_with_trivial_rig(
-        library.Camera(camera_id=1, model="OPENCV", width=SIZE[0], height=SIZE[1], params=[44, 44, 20, 15, 0, 0, 0, 0])
+        library.Camera(
+            camera_id=1,
+            model="OPENCV",
+            width=SIZE[0],
+            height=SIZE[1],
+            params=[44, 44, 20, 15, 0, 0, 0, 0],
+        )
     )
     for k, name in enumerate(NAMES):
         pose = library.Rigid3d(library.Rotation3d(np.eye(3)), np.array([0.1 * k, 0, 1.0]))
-        seen = [library.Point2D(pixel) for pixel in np.asarray(model.cameras[1].img_from_cam(pose * points_m))]
+        seen = [
+            library.Point2D(pixel)
+            for pixel in np.asarray(model.cameras[1].img_from_cam(pose * points_m))
+        ]
         model.add_image_with_trivial_frame(library.Image(name, seen, 1, k + 1), pose)
     for number, point_m in enumerate(points_m):
         track = library.Track([library.TrackElement(k + 1, number) for k in range(len(NAMES))])
@@ -148,7 +164,10 @@ def colmap_text(folder: Path) -> None:
 
 def write_obj(path: Path) -> None:
     """The tetrahedron as OBJ."""
-    lines = [*(f"v {x} {y} {z}" for x, y, z in CORNERS_M), *(f"f {a}/{a} {b} {c}" for a, b, c in FACES + 1)]
+    lines = [
+        *(f"v {x} {y} {z}" for x, y, z in CORNERS_M),
+        *(f"f {a}/{a} {b} {c}" for a, b, c in FACES + 1),
+    ]
     path.write_text("# a tetrahedron\n" + "\n".join(lines) + "\n")
 
 
@@ -159,19 +178,28 @@ def meshes(folder: Path) -> None:
     Surface(CORNERS_M, FACES, np.full(4, 1e-4), np.ones(4, np.uint8)).save(folder / "mesh.ply")
     write_obj(folder / "mesh.obj")
     columns = ("float x", "double y", "float z", "uchar red")
-    head = "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\n" + "".join(f"property {c}\n" for c in columns)
+    head = "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\n" + "".join(
+        f"property {c}\n" for c in columns
+    )
     rows = [*(f"{x} {y} {z} 9" for x, y, z in CORNERS_M), *(f"3 {a} {b} {c}" for a, b, c in FACES)]
     (folder / "text.ply").write_text(
-        f"{head}element face 4\nproperty list uchar int vertex_index\nend_header\n" + "\n".join(rows) + "\n"
+        f"{head}element face 4\nproperty list uchar int vertex_index\nend_header\n"
+        + "\n".join(rows)
+        + "\n"
     )
     facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     facets = np.zeros(4, facet)
     facets["corners"] = CORNERS_M[FACES]
     (folder / "mesh.stl").write_bytes(bytes(80) + np.uint32(4).tobytes() + facets.tobytes())
-    corners = ("\n".join(f"vertex {x:.1f} {y:.1f} {z:.1f}" for x, y, z in 1e3 * CORNERS_M[face]) for face in FACES)
+    corners = (
+        "\n".join(f"vertex {x:.1f} {y:.1f} {z:.1f}" for x, y, z in 1e3 * CORNERS_M[face])
+        for face in FACES
+    )
     (folder / "scan.stl").write_text(
         "solid scan\n"
-        + "\n".join(f"facet normal 0 0 0\nouter loop\n{three}\nendloop\nendfacet" for three in corners)
+        + "\n".join(
+            f"facet normal 0 0 0\nouter loop\n{three}\nendloop\nendfacet" for three in corners
+        )
         + "\nendsolid scan\n"
     )
 
@@ -181,9 +209,16 @@ def depth(folder: Path) -> None:
     from handbench.radar.data.depthmap import DepthMap
 
     z_m = np.where(np.add.outer(AXIS_M, AXIS_M) > 0.02, np.nan, 0.3)
-    DepthMap(AXIS_M, AXIS_M, z_m, np.where(z_m > 0, 0.0, -6.0), "2fsk", {"f1_hz": 82e9}, z_m * 1e-3, z_m > 0.4).save(
-        folder / "depth.npz"
-    )
+    DepthMap(
+        AXIS_M,
+        AXIS_M,
+        z_m,
+        np.where(z_m > 0, 0.0, -6.0),
+        "2fsk",
+        {"f1_hz": 82e9},
+        z_m * 1e-3,
+        z_m > 0.4,
+    ).save(folder / "depth.npz")
 
 
 def colmap_map(folder: Path) -> None:

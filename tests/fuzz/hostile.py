@@ -1,4 +1,5 @@
-"""Inputs made to cost far more than they weigh: each as large as its form may be, or just beyond."""
+"""Inputs made to cost far more than they weigh: each as large as its form may be, or just
+beyond."""
 
 from __future__ import annotations
 
@@ -46,7 +47,10 @@ def toml(content: bytes, rng: random.Random) -> bytes:
             lambda: _filled(lambda k: ' " . ' if k % 2 else " ' . ", size, "a #"),
             lambda: _filled(lambda k: "[[method]]\nid='2fsk'\n", size),
             lambda: _filled(lambda k: "[[capture]]\nscene='scene.toml'\n", size),
-            lambda: _filled(lambda k: f"[[marker]]\nid={k}\ncorners_m=[[0,0,0],[1,0,0],[1,-1,0],[0,-1,0]]\n", size),
+            lambda: _filled(
+                lambda k: f"[[marker]]\nid={k}\ncorners_m=[[0,0,0],[1,0,0],[1,-1,0],[0,-1,0]]\n",
+                size,
+            ),
         )
     )()
     return rng.choice((made, content + b"\n" + made, made + content))
@@ -76,7 +80,8 @@ def json(content: bytes, rng: random.Random) -> bytes:
 
 
 def xml(content: bytes, rng: random.Random) -> bytes:
-    """Elements within elements, many of them, with many attributes; sensors of many parts for many cameras."""
+    """Elements within elements, many of them, with many attributes; sensors of many parts for many
+    cameras."""
     size, deep = rng.choice(SIZES), rng.choice((20, 40, 5000, 300_000))
     made = rng.choice(
         (
@@ -86,7 +91,9 @@ def xml(content: bytes, rng: random.Random) -> bytes:
             lambda: _filled(lambda k: f' a{k}="1"', size, "<a", "/>"),
             lambda: _filled(lambda k: f"<a{k}/>", size),
             lambda: _filled(lambda k: '<camera id="0" sensor_id="0" label="x"/>', size),
-            lambda: _filled(lambda k: f"<k{k}>1</k{k}>", size // 9, "<calibration>", "</calibration>"),
+            lambda: _filled(
+                lambda k: f"<k{k}>1</k{k}>", size // 9, "<calibration>", "</calibration>"
+            ),
             lambda: _filled(lambda k: "&#65;", size),
             lambda: b"<!--" + b"-" * size + b"-->",
         )
@@ -119,18 +126,50 @@ TAGS = (256, 257, 258, 259, 277, 278, 322, 323, 324, 325)
 
 
 def _program(rng: random.Random) -> bytes:
-    """A random program for the unpickler: things that are put into each other twice as often as not."""
-    steps: list[bytes] = [b"\x80\x04", rng.choice((b"", b"}", b"]", b"\x8f", b"cnumpy\ndtype\n", b"("))]
+    """A random program for the unpickler: things that are put into each other twice as often as
+    not."""
+    steps: list[bytes] = [
+        b"\x80\x04",
+        rng.choice((b"", b"}", b"]", b"\x8f", b"cnumpy\ndtype\n", b"(")),
+    ]
     common = (b"N", b"K\x01", b"X\x01\0\0\0a", b"]", b"}", b")", b"(", b"\x88", b"C\x01a", b"\x8f")
-    joins = (b"\x86", b"\x85", b"\x87", b"t", b"l", b"d", b"a", b"s", b"e", b"u", b"\x90", b"\x91", b"R", b"b", b"\x81")
-    names = (b"cnumpy\nndarray\n", b"cnumpy\ndtype\n", b"cnumpy._core.multiarray\n_reconstruct\n", b"cos\nsystem\n")
+    joins = (
+        b"\x86",
+        b"\x85",
+        b"\x87",
+        b"t",
+        b"l",
+        b"d",
+        b"a",
+        b"s",
+        b"e",
+        b"u",
+        b"\x90",
+        b"\x91",
+        b"R",
+        b"b",
+        b"\x81",
+    )
+    names = (
+        b"cnumpy\nndarray\n",
+        b"cnumpy\ndtype\n",
+        b"cnumpy._core.multiarray\n_reconstruct\n",
+        b"cos\nsystem\n",
+    )
     names += (b"cnumpy.core.multiarray\nscalar\n", b"\x8c\x05numpy\x8c\x07ndarray\x93")
-    huge = (b"I" + b"9" * 4000 + b"\n", b"\x8b\xff\xff\xff\x00", b"\x8e" + b"\xff" * 8, b"r\xff\xff\xff\xff", b"L99L\n")
+    huge = (
+        b"I" + b"9" * 4000 + b"\n",
+        b"\x8b\xff\xff\xff\x00",
+        b"\x8e" + b"\xff" * 8,
+        b"r\xff\xff\xff\xff",
+        b"L99L\n",
+    )
     for _ in range(rng.choice((3, 10, 40))):
         match rng.randrange(6):
             case 0:
                 steps.append(
-                    rng.choice((b"q\0h\0\x86", b"2\x86", b"q\0h\0h\0\x87", b"\x94h\0\x86")) * rng.choice((3, 60))
+                    rng.choice((b"q\0h\0\x86", b"2\x86", b"q\0h\0h\0\x87", b"\x94h\0\x86"))
+                    * rng.choice((3, 60))
                 )
             case 1:
                 steps.append(rng.choice(names))
@@ -147,24 +186,35 @@ def npy(content: bytes, rng: random.Random) -> bytes:
     """Another program behind the header of a pickled dictionary, or within the dictionary."""
     end = 10 + int.from_bytes(content[8:10], "little")
     if b"'|O'" not in content[:end]:
-        said = repr({"descr": "<f8", "fortran_order": False, "shape": (rng.choice((2**40, 2**62, 3)),) * 3}).encode()
+        said = repr(
+            {"descr": "<f8", "fortran_order": False, "shape": (rng.choice((2**40, 2**62, 3)),) * 3}
+        ).encode()
         return content[:8] + struct.pack("<H", len(said)) + said + bytes(rng.choice(SIZES))
     program = _program(rng)
     match rng.randrange(5):
         case 0:
-            return content[:end] + rng.choice((b"]", b"(", b"N", b"\x94", b"}", b"K\0")) * rng.choice(SIZES) + b"."
+            return (
+                content[:end]
+                + rng.choice((b"]", b"(", b"N", b"\x94", b"}", b"K\0")) * rng.choice(SIZES)
+                + b"."
+            )
         case 1:  # as a key of the dictionary that is first filled
             at = content.find(b"}", end) + 1
             return content[:at] + program[2:-1] + b"s" + content[at:]
         case 2:
             holder = np.empty((), object)
-            holder[()] = {"xr": np.zeros(3), "n": [()] * 3, "t": tuple(range(rng.choice((3, 5000))))}
+            holder[()] = {
+                "xr": np.zeros(3),
+                "n": [()] * 3,
+                "t": tuple(range(rng.choice((3, 5000)))),
+            }
             return content[:end] + pickle.dumps(holder, rng.choice((2, 3, 4, 5)))
     return content[:end] + program
 
 
 def npz(content: bytes, rng: random.Random) -> bytes:
-    """An archive of many members, of members that lie over each other, or whose end says something else."""
+    """An archive of many members, of members that lie over each other, or whose end says something
+    else."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     match rng.randrange(4):
@@ -196,13 +246,17 @@ def hdf5(content: bytes, rng: random.Random) -> bytes:
     stream = io.BytesIO(content)
     with h5py.File(stream, "r+") as file:
         names: list[str] = []
-        file.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None
+        )
         name = rng.choice(names)
         shape, dtype = file[name].shape, file[name].dtype
         del file[name]
         match rng.randrange(8):
             case 0:  # a soft link to an external one
-                file["away"] = h5py.ExternalLink("/etc/passwd" if rng.randrange(2) else "other.h5", name)
+                file["away"] = h5py.ExternalLink(
+                    "/etc/passwd" if rng.randrange(2) else "other.h5", name
+                )
                 file[name] = h5py.SoftLink("/away")
             case 1:
                 file["away"] = h5py.ExternalLink(".", "/")
@@ -216,16 +270,28 @@ def hdf5(content: bytes, rng: random.Random) -> bytes:
                     file.create_group(f"g{k}")
             case 4 if shape:  # a piece that unpacks to a GB
                 made = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip")
-                made.id.write_direct_chunk((0,) * len(shape), _packed_zeros(rng.choice((2**20, 2**30))))
+                made.id.write_direct_chunk(
+                    (0,) * len(shape), _packed_zeros(rng.choice((2**20, 2**30)))
+                )
             case 5 if shape:
-                made = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip", shuffle=True)
-                made.id.write_direct_chunk((0,) * len(shape), rng.randbytes(300), rng.choice((0, 1, 3)))
+                made = file.create_dataset(
+                    name, shape, dtype, chunks=shape, compression="gzip", shuffle=True
+                )
+                made.id.write_direct_chunk(
+                    (0,) * len(shape), rng.randbytes(300), rng.choice((0, 1, 3))
+                )
             case 6:
                 large = (2 ** rng.choice((20, 23, 26)),)
-                file.create_dataset(name, large, "u1", chunks=(rng.choice((1, 64, 2**20)),), compression="gzip")
+                file.create_dataset(
+                    name, large, "u1", chunks=(rng.choice((1, 64, 2**20)),), compression="gzip"
+                )
             case _:
-                kind = h5py.h5t.array_create(h5py.h5t.NATIVE_DOUBLE, (rng.choice((2, 2**10)), 2**10))
-                h5py.h5d.create(file.id, b"array", kind, h5py.h5s.create_simple((rng.choice((1, 2**16)),)))
+                kind = h5py.h5t.array_create(
+                    h5py.h5t.NATIVE_DOUBLE, (rng.choice((2, 2**10)), 2**10)
+                )
+                h5py.h5d.create(
+                    file.id, b"array", kind, h5py.h5s.create_simple((rng.choice((1, 2**16)),))
+                )
                 file[name] = file["array"]
     return stream.getvalue()
 
@@ -242,10 +308,16 @@ def png(content: bytes, rng: random.Random) -> bytes:
     kind, bits = rng.choice(((0, 1), (0, 8), (2, 8), (6, 8), (0, 16), (2, 16), (6, 16)))
     side = rng.choice((1000, 3900, 5600, 9000, 20_000))
     row = 1 + (side * {0: 1, 2: 3, 6: 4}[kind] * bits + 7) // 8
-    packed = _packed_zeros((row * side // 2**20 + 1) * 2**20) if side < 9000 else _packed_zeros(2**22)
-    parts = [(b"IHDR", struct.pack(">IIBBBBB", side, side, bits, kind, 0, 0, rng.choice((0, 0, 1))))]
+    packed = (
+        _packed_zeros((row * side // 2**20 + 1) * 2**20) if side < 9000 else _packed_zeros(2**22)
+    )
+    parts = [
+        (b"IHDR", struct.pack(">IIBBBBB", side, side, bits, kind, 0, 0, rng.choice((0, 0, 1))))
+    ]
     parts += [(b"tEXt", bytes(1000))] * rng.choice((0, 2000)) + [(b"IDAT", packed), (b"IEND", b"")]
-    made = (struct.pack(">I", len(b)) + t + b + struct.pack(">I", zlib.crc32(t + b)) for t, b in parts)
+    made = (
+        struct.pack(">I", len(b)) + t + b + struct.pack(">I", zlib.crc32(t + b)) for t, b in parts
+    )
     return content[:8] + b"".join(made)
 
 
@@ -271,9 +343,13 @@ def tiff(content: bytes, rng: random.Random) -> bytes:
             case 0:
                 struct.pack_into(order + "H", broken, entry, rng.choice(TAGS))
             case 1:
-                struct.pack_into(order + "I", broken, entry + 4, rng.choice((0, 2, 1000, 2**31, 2**32 - 1)))
+                struct.pack_into(
+                    order + "I", broken, entry + 4, rng.choice((0, 2, 1000, 2**31, 2**32 - 1))
+                )
             case _:
-                value = rng.choice((0, 1, 2, 5, 7, 8, 32773, 34712, 50000, 60000, 10**6, 2**31, 2**32 - 1))
+                value = rng.choice(
+                    (0, 1, 2, 5, 7, 8, 32773, 34712, 50000, 60000, 10**6, 2**31, 2**32 - 1)
+                )
                 struct.pack_into(order + "I", broken, entry + 8, value)
     return bytes(broken)
 
@@ -284,14 +360,19 @@ def ply(content: bytes, rng: random.Random) -> bytes:
     kind = rng.choice(("uchar", "int", "ushort"))
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {rng.choice((3, 10**6, 10**9))}\n"
     head += "".join(f"property {rng.choice(('uchar', 'float'))} {axis}\n" for axis in "xyz")
-    head += f"element face {rng.choice((rows, 2**31))}\nproperty list {kind} uchar vertex_index\nend_header\n"
+    head += (
+        f"element face {rng.choice((rows, 2**31))}\nproperty list {kind} uchar "
+        "vertex_index\nend_header\n"
+    )
     lengths = rng.choice((b"\0", b"\0\1\0", b"\3\0\1\2\4\0\1\2\0", b"\xff\xff\xff\xff"))
     return head.encode() + bytes(36) + lengths * rows
 
 
 def obj(content: bytes, rng: random.Random) -> bytes:
     """Many corners, and faces that name what there is not."""
-    corners = rng.choice((b" 1 2 3", b" -1 -2 -3", b" 1" * 900, b" 1/" + b"1" * 4000 + b" 2 3", b" 1" * 3000))
+    corners = rng.choice(
+        (b" 1 2 3", b" -1 -2 -3", b" 1" * 900, b" 1/" + b"1" * 4000 + b" 2 3", b" 1" * 3000)
+    )
     line = rng.choice((b"f" + corners, b"v 0 0 0", b"#" * 5000, b"f 1" * 999)) + b"\n"
     return content + line * (rng.choice(SIZES[:6]) // len(line))
 
@@ -311,7 +392,18 @@ KNOWN: dict[str, Callable[[bytes, random.Random], bytes]] = {
     ".ply": ply,
     ".obj": obj,
 }
-LINKS = ("loop", "outside", "folder", "itself", "pipe", "device", "endless", "missing", "long", "locked")
+LINKS = (
+    "loop",
+    "outside",
+    "folder",
+    "itself",
+    "pipe",
+    "device",
+    "endless",
+    "missing",
+    "long",
+    "locked",
+)
 
 
 def put(path: Path, link: str) -> None:

@@ -1,4 +1,5 @@
-"""Broken versions of a file: the form of its content is known, so that what comes out is often nearly right."""
+"""Broken versions of a file: the form of its content is known, so that what comes out is often
+nearly right."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ Mutation = Callable[[bytes, random.Random], bytes]
 
 NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 NUMBERS = (
-    *b"nan inf -inf 1e308 -1e308 1e-320 1e999 -1 0 -0.0 1 2 3.5 1000000000 4294967296 99999999999999999999".split(),
+    *b"nan inf -inf 1e308 -1e308 1e-320 1e999 -1 0 -0.0 1 2 3.5 1000000000 4294967296 "
+    b"99999999999999999999".split(),
     b"9" * 400,
     b"9" * 5000,
     *b'1_0 0x10 true null "" [] {} \''.split(),
@@ -88,7 +90,17 @@ VALUES = (
     {"version": 1},
     [[[[[[[[[[]]]]]]]]]],
 )
-STRANGE = (b"\xff\xfe", b"\x80", b"\xc3\x28", b"\0", b"\r", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\x1a", b"\x0b\x0c\x85")
+STRANGE = (
+    b"\xff\xfe",
+    b"\x80",
+    b"\xc3\x28",
+    b"\0",
+    b"\r",
+    b"\xef\xbb\xbf",
+    b"\xed\xa0\x80",
+    b"\x1a",
+    b"\x0b\x0c\x85",
+)
 WORDS = (
     0,
     1,
@@ -152,7 +164,9 @@ def spliced(content: bytes, rng: random.Random) -> bytes:
     size = rng.choice((1, 2, 4, 8, 16, 64, 512, 4096))
     at, source = place(content, rng), place(content, rng)
     run = content[at : at + size]
-    new = rng.choice((b"", run + run, content[source : source + size], bytes(len(run)), rng.randbytes(len(run))))
+    new = rng.choice(
+        (b"", run + run, content[source : source + size], bytes(len(run)), rng.randbytes(len(run)))
+    )
     return content[:at] + new + content[at + size :]
 
 
@@ -191,7 +205,10 @@ def strange(content: bytes, rng: random.Random) -> bytes:
 
 def nested(content: bytes, rng: random.Random) -> bytes:
     """Brackets without end."""
-    at, (first, last) = place(content, rng), rng.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"a.", b"")))
+    at, (first, last) = (
+        place(content, rng),
+        rng.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"a.", b""))),
+    )
     deep = rng.choice((50, NESTED, 50_000))
     return content[:at] + first * deep + last * rng.choice((0, deep)) + content[at:]
 
@@ -202,9 +219,17 @@ def xml(content: bytes, rng: random.Random) -> bytes:
         b"<!ENTITY a '"
         + b"x" * 1000
         + b"'>"
-        + b"".join(b"<!ENTITY %c '%s'>" % (c, b"&%c;" % (c - 1) * 20) for c in range(ord("b"), ord("k")))
+        + b"".join(
+            b"<!ENTITY %c '%s'>" % (c, b"&%c;" % (c - 1) * 20) for c in range(ord("b"), ord("k"))
+        )
     )
-    head = rng.choice((b"<!DOCTYPE d [" + bomb + b"]>", b"<!DOCTYPE d SYSTEM 'file:///etc/passwd'>", b"<a>" * NESTED))
+    head = rng.choice(
+        (
+            b"<!DOCTYPE d [" + bomb + b"]>",
+            b"<!DOCTYPE d SYSTEM 'file:///etc/passwd'>",
+            b"<a>" * NESTED,
+        )
+    )
     end = content.find(b"?>") + 2
     return content[:end] + head + content[end:].replace(b">unknown<", b">&j;<")
 
@@ -212,7 +237,9 @@ def xml(content: bytes, rng: random.Random) -> bytes:
 def tree(value: Any, rng: random.Random) -> Any:
     """A tree of plain values, broken at one place."""
     if not isinstance(value, dict | list) or not value or rng.randrange(8) == 0:
-        return rng.choice(TEXTS) if isinstance(value, str) and rng.randrange(2) else rng.choice(VALUES)
+        return (
+            rng.choice(TEXTS) if isinstance(value, str) and rng.randrange(2) else rng.choice(VALUES)
+        )
     keys = list(value) if isinstance(value, dict) else list(range(len(value)))
     key, other = rng.choice(keys), rng.choice(keys)
     changed = dict(value) if isinstance(value, dict) else list(value)
@@ -240,7 +267,9 @@ def json_tree(content: bytes, rng: random.Random) -> bytes:
 def toml_tree(content: bytes, rng: random.Random) -> bytes:
     """TOML, broken as a tree; what TOML cannot say is said in another way."""
     try:
-        return tomlkit.dumps(tree(tomllib.loads(content.decode()), rng)).encode("utf-8", "surrogatepass")
+        return tomlkit.dumps(tree(tomllib.loads(content.decode()), rng)).encode(
+            "utf-8", "surrogatepass"
+        )
     except (ValueError, TypeError, AttributeError, RecursionError):
         return numbered(content, rng)
 
@@ -271,7 +300,10 @@ def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
             return hostile.KNOWN[suffix](content, rng)
     known = suffix in FORMS and rng.random() < KNOWN
     if known:
-        with suppress(ValueError, TypeError), warnings.catch_warnings(action="ignore"):  # of what is hard to write
+        with (
+            suppress(ValueError, TypeError),
+            warnings.catch_warnings(action="ignore"),
+        ):  # of what is hard to write
             content = rng.choice(FORMS[suffix])(content, rng)
     for _ in range(rng.choice((0, 0, 0, 1) if known else (1, 1, 1, 2, 3))):
         content = rng.choice(TEXT if suffix in TEXTS_OF else BYTES)(content, rng)

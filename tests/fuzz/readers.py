@@ -1,4 +1,5 @@
-"""Readers to fuzz: each with a small valid input, written by our own writers, and the files of it to break."""
+"""Readers to fuzz: each with a small valid input, written by our own writers, and the files of it
+to break."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ OUT = "out"  # beside an input: where a reader that writes may write
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader. write: makes a valid input in an empty folder; read: reads it, and writes nowhere but in OUT; files:
-    those to break, one at a time (a file that is named twice, twice as often); share: of the inputs."""
+    """A reader. write: makes a valid input in an empty folder; read: reads it, and writes nowhere
+    but in OUT; files: those to break, one at a time (a file that is named twice, twice as often);
+    share: of the inputs."""
 
     name: str
     write: Callable[[Path], None]
@@ -58,7 +60,9 @@ def _maroon_sensors(folder: Path) -> None:
     from handbench.bench.datasets.maroon_alignment import OtherSensor
 
     for name in ("realsense", "kinect"):
-        OtherSensor(folder, name, folder / "alignment.json", lambda: True)(PixelGrid(np.zeros(2), np.ones(3)))
+        OtherSensor(folder, name, folder / "alignment.json", lambda: True)(
+            PixelGrid(np.zeros(2), np.ones(3))
+        )
 
 
 def _scene(folder: Path) -> None:
@@ -221,11 +225,19 @@ def _stage(folder: Path) -> None:
 
 
 READERS: tuple[Reader, ...] = (
-    Reader("capture", capture_seeds.capture, _capture, (*3 * ("echoes.h5",), "capture.toml", "array.json"), 6),
+    Reader(
+        "capture",
+        capture_seeds.capture,
+        _capture,
+        (*3 * ("echoes.h5",), "capture.toml", "array.json"),
+        6,
+    ),
     Reader("scan", capture_seeds.scan, _capture, ("echoes.h5",), 3),
     Reader("mapping", capture_seeds.mapping, _capture, ("mapping.toml", "hand.mat", "hand.mat"), 4),
     Reader("pairs", capture_seeds.pairs, _capture, ("echoes.h5",), 4),
-    Reader("matlab", capture_seeds.matlab, _capture, (*3 * (capture_seeds.MATLAB,), "mapping.toml"), 4),
+    Reader(
+        "matlab", capture_seeds.matlab, _capture, (*3 * (capture_seeds.MATLAB,), "mapping.toml"), 4
+    ),
     Reader(
         "maroon",
         capture_seeds.maroon,
@@ -281,7 +293,9 @@ READERS: tuple[Reader, ...] = (
     Reader("stl", geometry_seeds.meshes, _mesh("mesh.stl"), ("mesh.stl",)),
     Reader("foreign_mesh", geometry_seeds.meshes, _foreign_mesh, ("scan.stl",), 1),
     Reader("depth", geometry_seeds.depth, _depth, ("depth.npz",), 4),
-    Reader("photos", result_seeds.pictures, _photos, ("a.jpg", "a.jpg", "b.png", "c.tif", "d.png"), 5),
+    Reader(
+        "photos", result_seeds.pictures, _photos, ("a.jpg", "a.jpg", "b.png", "c.tif", "d.png"), 5
+    ),
     Reader("masks", result_seeds.masks, _masks, ("masks/a.jpg.png", "masks/b.png"), 2),
     Reader("small_photo", result_seeds.small_photo, _small_photo, ("hand.jpg",), 1),
     Reader(
@@ -305,7 +319,14 @@ READERS: tuple[Reader, ...] = (
         "older_result",
         result_seeds.older_result,
         _result,
-        ("repeats.csv", "comparisons.csv", "captures.csv", "equal.csv", "causes.csv", "reliability.csv"),
+        (
+            "repeats.csv",
+            "comparisons.csv",
+            "captures.csv",
+            "equal.csv",
+            "causes.csv",
+            "reliability.csv",
+        ),
     ),
     Reader("tradeoff", result_seeds.tradeoff, _tradeoff, ("tradeoff.json", "tradeoff.csv")),
     Reader("antennas", capture_seeds.antennas, _antennas, ("array.csv",)),

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 def _picture(mode: str = "RGB") -> Image.Image:
     from PIL import Image
 
-    return Image.fromarray(np.random.default_rng(1).integers(0, 255, (SIZE[1], SIZE[0], 3), np.uint8)).convert(mode)
+    return Image.fromarray(
+        np.random.default_rng(1).integers(0, 255, (SIZE[1], SIZE[0], 3), np.uint8)
+    ).convert(mode)
 
 
 def _exif() -> Image.Exif:
@@ -26,7 +28,9 @@ def _exif() -> Image.Exif:
 
     exif = Image.Exif()
     exif[0x0110], exif[0x0112] = "Camera", 6
-    exif.get_ifd(0x8769).update({0x920A: 35.0, 0xA405: 50, 0xA20E: 1000.0, 0xA210: 2, 0xA002: SIZE[0]})
+    exif.get_ifd(0x8769).update(
+        {0x920A: 35.0, 0xA405: 50, 0xA20E: 1000.0, 0xA210: 2, 0xA002: SIZE[0]}
+    )
     return exif
 
 
@@ -45,7 +49,9 @@ def masks(folder: Path) -> None:
     (folder / "masks").mkdir()
     for name in ("a.jpg.png", "b.png", "d.png"):
         picture = _picture("L")
-        (picture.rotate(90, expand=True) if name == "d.png" else picture).save(folder / "masks" / name)
+        (picture.rotate(90, expand=True) if name == "d.png" else picture).save(
+            folder / "masks" / name
+        )
 
 
 def small_photo(folder: Path) -> None:
@@ -74,7 +80,26 @@ def result(folder: Path) -> None:
     results.write_tables(
         folder,
         table=frame(TABLE, [("mae_mm", "2fsk", 6.0, 5.5, 6.5, "mm", 6.6, "truth")]),
-        tasks=frame(TASKS, [("a", "F", "2fsk", "reconstruct", 0.1, 0.2, 300.0, False, 0.01, "here", 9.0, 0.1, 1e-6)]),
+        tasks=frame(
+            TASKS,
+            [
+                (
+                    "a",
+                    "F",
+                    "2fsk",
+                    "reconstruct",
+                    0.1,
+                    0.2,
+                    300.0,
+                    False,
+                    0.01,
+                    "here",
+                    9.0,
+                    0.1,
+                    1e-6,
+                )
+            ],
+        ),
         scores=frame(SCORES, scores),
         curves=frame(CURVES, [("2fsk", "none", "truth", 10.0, 4.0)]),
     )
@@ -84,12 +109,20 @@ def result(folder: Path) -> None:
         results.About(
             name="small",
             protocol={"id": "paper", "repeats": 3},
-            metrics={"mae_mm": results.MetricFacts(title="MAE", unit="mm", better="lower", definition="mean")},
+            metrics={
+                "mae_mm": results.MetricFacts(
+                    title="MAE", unit="mm", better="lower", definition="mean"
+                )
+            },
             inputs={"F": "0" * 64},
             versions={"numpy": "2"},
             machine={"cores": 2},
-            captures=(results.CaptureFacts(name="F", pose="F", distance_m=0.3, references=("truth",)),),
-            methods=(results.MethodFacts(name="2fsk", title="2-FSK", config={"F": {"tolerance": 1e-5}}),),
+            captures=(
+                results.CaptureFacts(name="F", pose="F", distance_m=0.3, references=("truth",)),
+            ),
+            methods=(
+                results.MethodFacts(name="2fsk", title="2-FSK", config={"F": {"tolerance": 1e-5}}),
+            ),
         ),
     )
 
@@ -97,18 +130,43 @@ def result(folder: Path) -> None:
 def older_result(folder: Path) -> None:
     """The same as version 0.2 wrote it."""
     from handbench.bench import results
-    from handbench.bench.evaluation.tables import CAPTURES, CAUSES, COMPARISONS, EQUAL, RELIABILITY, REPEATS, frame
+    from handbench.bench.evaluation.tables import (
+        CAPTURES,
+        CAUSES,
+        COMPARISONS,
+        EQUAL,
+        RELIABILITY,
+        REPEATS,
+        frame,
+    )
 
     result(folder)
     (folder / "scores.csv").unlink()
-    compared = ("mae_mm", "2fsk", "3fsk", 1.0, 0.5, 1.5, "mm", 0.01, 2.0, "truth", 1, 20, "2-FSK is better", "none")
+    compared = (
+        "mae_mm",
+        "2fsk",
+        "3fsk",
+        1.0,
+        0.5,
+        1.5,
+        "mm",
+        0.01,
+        2.0,
+        "truth",
+        1,
+        20,
+        "2-FSK is better",
+        "none",
+    )
     results.write_tables(
         folder,
         repeats=frame(REPEATS, [("F", "2fsk", 0, 0.3)]),
         comparisons=frame(COMPARISONS, [compared]),
         equal=frame(EQUAL, [("mae_mm", "none", "2fsk", 6.0, 5.5, 6.5, "mm", "truth")]),
         captures=frame(CAPTURES, [("mae_mm", "none", "2fsk", "F", 6.0, "mm", "truth")]),
-        causes=frame(CAUSES, [("truth", "2fsk", "part", "palm", None, None, 0.1, 0.2, 3.0, 9.0, 20, 1)]),
+        causes=frame(
+            CAUSES, [("truth", "2fsk", "part", "palm", None, None, 0.1, 0.2, 3.0, 9.0, 20, 1)]
+        ),
         reliability=frame(RELIABILITY, [("truth", "2fsk", "all", True, 95.0, 94.0, 2.5, 20, 1)]),
     )
 
@@ -118,7 +176,13 @@ def tradeoff(folder: Path) -> None:
     from handbench.bench import results
 
     section = results.Section(
-        name="imaging", title="Imaging", metric="mae_mm", unit="mm", definition="mean", seconds="all", reference="one"
+        name="imaging",
+        title="Imaging",
+        metric="mae_mm",
+        unit="mm",
+        definition="mean",
+        seconds="all",
+        reference="one",
     )
     facts = results.TradeoffFacts(
         name="small",

@@ -1,4 +1,5 @@
-"""The process that reads broken inputs, under a limit of memory, watched for what it opens to write."""
+"""The process that reads broken inputs, under a limit of memory, watched for what it opens to
+write."""
 
 from __future__ import annotations
 
@@ -23,15 +24,34 @@ LONGEST_S = 60.0  # of the processor, on any machine
 BY_NAME = {reader.name: reader for reader in READERS}
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 CHANGES = {
-    f"os.{call}" for call in ("remove", "rename", "mkdir", "rmdir", "symlink", "link", "chmod", "chown", "truncate")
+    f"os.{call}"
+    for call in (
+        "remove",
+        "rename",
+        "mkdir",
+        "rmdir",
+        "symlink",
+        "link",
+        "chmod",
+        "chown",
+        "truncate",
+    )
 }
-NEVER = {"os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "pickle.find_class"}
+NEVER = {
+    "os.system",
+    "os.exec",
+    "os.posix_spawn",
+    "os.fork",
+    "subprocess.Popen",
+    "socket.connect",
+    "pickle.find_class",
+}
 
 
 @dataclass(frozen=True)
 class Input:
-    """A broken input: the reader, which of its files, and what that holds, or what stands in its place (link). number:
-    what its random choices started from, beside the seed."""
+    """A broken input: the reader, which of its files, and what that holds, or what stands in its
+    place (link). number: what its random choices started from, beside the seed."""
 
     reader: str
     file: str
@@ -42,7 +62,8 @@ class Input:
 
 @dataclass(frozen=True)
 class Seen:
-    """Outcome of reading an input. verdict: accepted, refused, exception, slow, memory, wrote; detail: what came."""
+    """Outcome of reading an input. verdict: accepted, refused, exception, slow, memory, wrote;
+    detail: what came."""
 
     verdict: str
     detail: str = ""
@@ -50,7 +71,8 @@ class Seen:
 
 
 class Watch:
-    """Notes every file that Python code opens to write, or changes, outside of one folder, and every process."""
+    """Notes every file that Python code opens to write, or changes, outside of one folder, and
+    every process."""
 
     def __init__(self) -> None:
         self.folder: str | None = None
@@ -64,10 +86,20 @@ class Watch:
             self.seen.append(f"{event} {arguments!r:.100}")
         elif (event == "open" and arguments[2] & WRITES) or event in CHANGES:
             named = arguments[:1] if event == "open" else arguments
-            within = arguments[-1] if event != "open" and arguments[-1] != -1 else None  # a folder that is open
+            within = (
+                arguments[-1] if event != "open" and arguments[-1] != -1 else None
+            )  # a folder that is open
             at = os.getcwd() if within is None else os.readlink(f"/proc/self/fd/{within}")
-            paths = (os.path.join(at, os.fsdecode(a)) for a in named if isinstance(a, str | bytes | os.PathLike))
-            outside = (path for path in paths if not f"{os.path.abspath(path)}/".startswith(f"{self.folder}/"))
+            paths = (
+                os.path.join(at, os.fsdecode(a))
+                for a in named
+                if isinstance(a, str | bytes | os.PathLike)
+            )
+            outside = (
+                path
+                for path in paths
+                if not f"{os.path.abspath(path)}/".startswith(f"{self.folder}/")
+            )
             self.seen += [f"{event} {path}" for path in outside]
 
     @contextmanager
@@ -125,9 +157,11 @@ class Desk:
         return Seen("memory" if 2**20 * peak_mb > LARGEST_BYTES else verdict, detail, peak_mb)
 
     def _files(self, folder: Path) -> set[str]:
-        """Every file in a reader's folder, and what lies at the root, which is the current folder and that of temporary
-        files."""
-        return {f"{at}/{name}" for at, _, names in os.walk(folder) for name in names} | set(os.listdir(self.root))
+        """Every file in a reader's folder, and what lies at the root, which is the current folder
+        and that of temporary files."""
+        return {f"{at}/{name}" for at, _, names in os.walk(folder) for name in names} | set(
+            os.listdir(self.root)
+        )
 
 
 def _outcome(reader: Reader, folder: Path) -> tuple[str, str]:
@@ -140,7 +174,9 @@ def _outcome(reader: Reader, folder: Path) -> tuple[str, str]:
         return "refused", str(error)
     except BaseException as error:
         last = _last_line(error)
-        return "memory" if _of_memory(error) else "exception", f"{type(error).__name__}: {error!s:.150} at {last}"
+        return "memory" if _of_memory(
+            error
+        ) else "exception", f"{type(error).__name__}: {error!s:.150} at {last}"
 
 
 def _of_memory(error: BaseException | None) -> bool:
@@ -177,7 +213,9 @@ def _limit() -> None:
     """Address space: what the process has now, and LARGEST_BYTES more."""
     with open("/proc/self/statm", "rb") as stream:
         pages = int(stream.read().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + LARGEST_BYTES, resource.RLIM_INFINITY))
+    resource.setrlimit(
+        resource.RLIMIT_AS, (pages * resource.getpagesize() + LARGEST_BYTES, resource.RLIM_INFINITY)
+    )
 
 
 def work(link: Connection, root: str) -> None:

@@ -6,10 +6,16 @@ import numpy as np
 
 from handbench.groundtruth.dense.views import View
 
-RADIUS_M, WALL_M, DISTANCE_M = 0.07, 0.05, 0.5  # the sphere about the origin, the wall behind it, the cameras before it
+RADIUS_M, WALL_M, DISTANCE_M = (
+    0.07,
+    0.05,
+    0.5,
+)  # the sphere about the origin, the wall behind it, the cameras before it
 FOCAL_PX, SIZE = 260.0, 112
 PIXEL_M = (DISTANCE_M - RADIUS_M) / FOCAL_PX  # on the surface: 1.7 mm
-DISPARITY_M = PIXEL_M * (DISTANCE_M - RADIUS_M) / 0.12  # depth per pixel of disparity, at a baseline of 14°: 5.9 mm
+DISPARITY_M = (
+    PIXEL_M * (DISTANCE_M - RADIUS_M) / 0.12
+)  # depth per pixel of disparity, at a baseline of 14°: 5.9 mm
 ANGLES = np.deg2rad([(0, 0), (0, 14), (0, -14), (13, 3), (-13, -3)])
 
 
@@ -22,13 +28,18 @@ def texture(points_m):
 
 
 def surface(rays, R, t):
-    """Depth [h, w] and world normals [h, w, 3] of what a camera sees along its rays [h, w, 3] with z = 1."""
+    """Depth [h, w] and world normals [h, w, 3] of what a camera sees along its rays [h, w, 3] with
+    z = 1."""
     rays, centre = rays @ R, -R.T @ t
     a, b, c = (rays**2).sum(axis=-1), rays @ centre, centre @ centre - RADIUS_M**2
     root = b**2 - a * c
     hit = root > 0
-    depth_m = np.where(hit, (-b - np.sqrt(np.where(hit, root, 0))) / a, (WALL_M - centre[2]) / rays[..., 2])
-    normals = np.where(hit[..., None], (centre + rays * depth_m[..., None]) / RADIUS_M, (0.0, 0.0, -1.0))
+    depth_m = np.where(
+        hit, (-b - np.sqrt(np.where(hit, root, 0))) / a, (WALL_M - centre[2]) / rays[..., 2]
+    )
+    normals = np.where(
+        hit[..., None], (centre + rays * depth_m[..., None]) / RADIUS_M, (0.0, 0.0, -1.0)
+    )
     return depth_m, normals
 
 

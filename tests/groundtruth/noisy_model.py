@@ -1,4 +1,5 @@
-"""A COLMAP model of photographs of loose points and of a board, with its truth and with seeded noise."""
+"""A COLMAP model of photographs of loose points and of a board, with its truth and with seeded
+noise."""
 
 from typing import NamedTuple
 
@@ -8,15 +9,24 @@ from scipy.spatial.transform import Rotation
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 
 WIDTH, HEIGHT = 400, 300
-PARAMS = (440.0, 440.2, 201.0, 149.0, -0.05, 0.01, 3e-4, -3e-4)  # OPENCV's; all within what is known of any lens
+PARAMS = (
+    440.0,
+    440.2,
+    201.0,
+    149.0,
+    -0.05,
+    0.01,
+    3e-4,
+    -3e-4,
+)  # OPENCV's; all within what is known of any lens
 FEATURE_PX, CORNER_PX = 0.4, 0.05  # noise
 SIDE_M = 0.03
 MARKERS_M = ((-0.10, -0.07), (0.07, -0.07), (0.07, 0.05), (-0.10, 0.05), (0.0, 0.0))
 
 
 class Noisy(NamedTuple):
-    """A model whose poses and points are a little off; corners as `Bundle` takes them; the true poses (R, t), points
-    [n, 3] and intrinsics."""
+    """A model whose poses and points are a little off; corners as `Bundle` takes them; the true
+    poses (R, t), points [n, 3] and intrinsics."""
 
     model: object
     corners: dict
@@ -34,22 +44,33 @@ class Noisy(NamedTuple):
             turn = pose.rotation.matrix() @ R.T
             omega = Rotation.from_matrix(turn).as_rotvec()
             params = np.array(image.camera.params) - self.params
-            error[bundle.place[image.name]] = np.r_[pose.translation - turn @ t, omega, params[list(bundle.free)]]
+            error[bundle.place[image.name]] = np.r_[
+                pose.translation - turn @ t, omega, params[list(bundle.free)]
+            ]
         return error
 
 
-def noisy_model(seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3, shared=False, params=PARAMS):
-    """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by turns), and a board of
-    five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the poses at the start, radians and 1/3 m."""
+def noisy_model(
+    seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3, shared=False, params=PARAMS
+):
+    """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by
+    turns), and a board of five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the
+    poses at the start, radians and 1/3 m."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)
     model = colmap.Reconstruction()
-    points_m = np.random.default_rng(99).uniform((-0.12, -0.10, -0.08), (0.12, 0.10, 0.08), (points, 3))
+    points_m = np.random.default_rng(99).uniform(
+        (-0.12, -0.10, -0.08), (0.12, 0.10, 0.08), (points, 3)
+    )
     square = np.array([(0, SIDE_M, 0), (SIDE_M, SIDE_M, 0), (SIDE_M, 0, 0), (0, 0, 0)])
     corners_m = {i: square + (*at, -0.05) for i, at in enumerate(MARKERS_M)}
     tracks, corners, poses = [[] for _ in points_m], {}, {}
     for i, angle in enumerate(np.linspace(-0.6, 0.6, views)):
         camera = colmap.Camera(
-            camera_id=1 if shared else i + 1, model="OPENCV", width=WIDTH, height=HEIGHT, params=params
+            camera_id=1 if shared else i + 1,
+            model="OPENCV",
+            width=WIDTH,
+            height=HEIGHT,
+            params=params,
         )
         if camera.camera_id not in model.cameras:
             model.add_camera_with_trivial_rig(camera)
@@ -67,12 +88,20 @@ def noisy_model(seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3
             tracks[k].append(colmap.TrackElement(i + 1, place))
         turn = Rotation.from_rotvec(random.normal(0, off, 3)).as_matrix()
         start = colmap.Rigid3d(colmap.Rotation3d(turn @ R), t + random.normal(0, off / 3, 3))
-        image = colmap.Image(name, [colmap.Point2D(pixels[k]) for k in seen], camera.camera_id, i + 1)
+        image = colmap.Image(
+            name, [colmap.Point2D(pixels[k]) for k in seen], camera.camera_id, i + 1
+        )
         model.add_image_with_trivial_frame(image, start)
         poses[name] = (R, t)
-        corners[name] = {(m, k): look(c[None], CORNER_PX)[0] for m in corners_m for k, c in enumerate(corners_m[m])}
+        corners[name] = {
+            (m, k): look(c[None], CORNER_PX)[0]
+            for m in corners_m
+            for k, c in enumerate(corners_m[m])
+        }
     for point, elements in zip(points_m, tracks, strict=True):
-        model.add_point3D(point + random.normal(0, off, 3), colmap.Track(elements), np.zeros(3, np.uint8))
+        model.add_point3D(
+            point + random.normal(0, off, 3), colmap.Track(elements), np.zeros(3, np.uint8)
+        )
     return Noisy(model, corners, corners_m, poses, points_m, params)
 
 

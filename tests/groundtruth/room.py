@@ -1,4 +1,5 @@
-"""Small photographs of a textured corner of a room, three planes at right angles, by casting a ray per pixel."""
+"""Small photographs of a textured corner of a room, three planes at right angles, by casting a ray
+per pixel."""
 
 from functools import cache
 
@@ -11,7 +12,8 @@ SIDE_M, TEXELS = 2.0, 1024
 
 
 def camera_rotation(forward):
-    """Camera-from-room rotation [3, 3] that looks along `forward`, the room's z upwards in the picture."""
+    """Camera-from-room rotation [3, 3] that looks along `forward`, the room's z upwards in the
+    picture."""
     z = np.array(forward, dtype=float) / np.linalg.norm(forward)
     x = np.cross(z, (0, 0, 1))
     x /= np.linalg.norm(x)
@@ -22,24 +24,33 @@ def camera_rotation(forward):
 def _texture(seed):
     random = np.random.default_rng(seed)
     coarse = (random.normal(size=(cells, cells)) for cells in (12, 50, 200))
-    pattern = sum(cv2.resize(layer, (TEXELS, TEXELS), interpolation=cv2.INTER_CUBIC) for layer in coarse)
+    pattern = sum(
+        cv2.resize(layer, (TEXELS, TEXELS), interpolation=cv2.INTER_CUBIC) for layer in coarse
+    )
     return (0.5 + 0.18 * pattern / pattern.std()).clip(0, 1).astype(np.float32)
 
 
 def look(centre_m, towards_m=(0.0, 0.0, 0.0), size=(400, 300), room=0):
-    """8-bit picture [height, width] of room number `room` (its corner is the origin, it fills x, y, z > 0)."""
+    """8-bit picture [height, width] of room number `room` (its corner is the origin, it fills x, y,
+    z > 0)."""
     width, height = size
     u, v = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
     R = camera_rotation(np.subtract(towards_m, centre_m))
     rays = np.stack([u, v, np.full(u.shape, FOCAL_PER_WIDTH * max(size))], axis=-1) @ R
     with np.errstate(divide="ignore"):
-        reach = np.where(rays < 0, -np.array(centre_m) / rays, np.inf)  # of the planes x = 0, y = 0, z = 0
+        reach = np.where(
+            rays < 0, -np.array(centre_m) / rays, np.inf
+        )  # of the planes x = 0, y = 0, z = 0
     plane = reach.argmin(axis=-1)
     points_m = centre_m + rays * reach.min(axis=-1)[..., None]
     picture = np.zeros(u.shape, dtype=np.float32)
     for axis in range(3):
-        a, b = np.moveaxis(np.delete(points_m, axis, axis=-1) / SIDE_M * TEXELS, -1, 0).astype(np.float32)
-        seen = cv2.remap(_texture(10 * room + axis), a, b, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        a, b = np.moveaxis(np.delete(points_m, axis, axis=-1) / SIDE_M * TEXELS, -1, 0).astype(
+            np.float32
+        )
+        seen = cv2.remap(
+            _texture(10 * room + axis), a, b, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT
+        )
         picture = np.where(plane == axis, seen, picture)
     noise = np.random.default_rng(int(1e3 * sum(centre_m))).normal(0, 0.01, picture.shape)
     return ((picture + noise).clip(0, 1) * 255).round().astype(np.uint8)
@@ -48,7 +59,10 @@ def look(centre_m, towards_m=(0.0, 0.0, 0.0), size=(400, 300), room=0):
 def around(count, spread_rad=0.6, distance_m=1.2):
     """`count` camera centres [3] on an arc about the corner."""
     angles = np.pi / 4 + np.linspace(-spread_rad / 2, spread_rad / 2, count)
-    return [distance_m * np.array((np.cos(a), np.sin(a), 0.6 + 0.1 * (i % 2))) for i, a in enumerate(angles)]
+    return [
+        distance_m * np.array((np.cos(a), np.sin(a), 0.6 + 0.1 * (i % 2)))
+        for i, a in enumerate(angles)
+    ]
 
 
 def photograph(folder, count=4, **options):

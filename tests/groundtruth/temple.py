@@ -1,4 +1,5 @@
-"""Sixteen photographs of 640 × 480 around a temple: thin columns, all alike, before a black background."""
+"""Sixteen photographs of 640 × 480 around a temple: thin columns, all alike, before a black
+background."""
 
 import numpy as np
 from PIL import Image
@@ -21,7 +22,9 @@ def temple():
     parts = []
 
     def box(width, depth, height, bottom):
-        parts.append(shapes.create_box(width, depth, height).translate((-width / 2, -depth / 2, bottom)))
+        parts.append(
+            shapes.create_box(width, depth, height).translate((-width / 2, -depth / 2, bottom))
+        )
 
     box(0.36, 0.22, 0.02, -0.14)
     box(0.34, 0.20, 0.02, -0.12)
@@ -45,7 +48,9 @@ def albedo(points_m):
     value = np.full(len(points_m), 0.5)
     for at_m, scale, share in ((points_m, 1.0, 0.10), (points_m, 4.0, 0.10), (repeated, 2.0, 0.10)):
         cells = random.normal(size=(TEXELS, TEXELS, TEXELS))
-        value += share * map_coordinates(cells, (at_m / (scale * TEXEL_M)).T, order=1, mode="grid-wrap")
+        value += share * map_coordinates(
+            cells, (at_m / (scale * TEXEL_M)).T, order=1, mode="grid-wrap"
+        )
     return value.clip(0.05, 1)
 
 
@@ -55,11 +60,22 @@ def ring():
     cameras = []
     for k, angle in enumerate(2 * np.pi * np.arange(VIEWS) / VIEWS):
         up = ELEVATIONS_RAD[k % 2]
-        centre = DISTANCE_M * np.array((np.cos(angle) * np.cos(up), np.sin(angle) * np.cos(up), np.sin(up)))
+        centre = DISTANCE_M * np.array(
+            (np.cos(angle) * np.cos(up), np.sin(angle) * np.cos(up), np.sin(up))
+        )
         R = camera_rotation(-centre)
         params = (FOCAL_PX, FOCAL_PX, width / 2, height / 2)
         pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre).tolist())}
-        cameras.append(Camera(name=f"t{k:02d}.png", width=width, height=height, model="PINHOLE", params=params, **pose))
+        cameras.append(
+            Camera(
+                name=f"t{k:02d}.png",
+                width=width,
+                height=height,
+                model="PINHOLE",
+                params=params,
+                **pose,
+            )
+        )
     return tuple(cameras)
 
 
@@ -72,8 +88,8 @@ def scene_of(mesh):
 
 
 def photograph(folder, views=range(VIEWS)):
-    """Write t00.png …, of some views alone, and cameras.json with K, R and t; returns the true surface and the
-    cameras."""
+    """Write t00.png …, of some views alone, and cameras.json with K, R and t; returns the true
+    surface and the cameras."""
     mesh, cameras = temple(), tuple(ring()[view] for view in views)
     scene = scene_of(mesh)
     for camera in cameras:
@@ -88,7 +104,9 @@ def _picture(scene, camera):
     fx, fy, cx, cy = camera.params
     rays = np.stack([(u - cx) / fx, (v - cy) / fy, np.ones_like(u)], axis=-1) @ camera.rotation
     origins = np.broadcast_to(camera.centre_m, rays.shape)
-    hits = scene.cast_rays(load_open3d().core.Tensor(np.concatenate([origins, rays], axis=-1).astype(np.float32)))
+    hits = scene.cast_rays(
+        load_open3d().core.Tensor(np.concatenate([origins, rays], axis=-1).astype(np.float32))
+    )
     reach, normals = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
     seen = np.isfinite(reach)
     points_m = (origins + reach[..., None].astype(float) * rays)[seen]
@@ -101,8 +119,8 @@ def _picture(scene, camera):
 
 
 def completeness(mesh, cameras, found, within_m, fewest=3, box_m=None):
-    """Share of the true surface (in a box [2, 3]) that at least `fewest` cameras see which is within `within_m` of a
-    found mesh."""
+    """Share of the true surface (in a box [2, 3]) that at least `fewest` cameras see which is
+    within `within_m` of a found mesh."""
     scene, points_m = scene_of(mesh), np.asarray(mesh.sample_points_uniformly(60_000).points)
     if box_m is not None:
         points_m = points_m[((points_m > box_m[0]) & (points_m < box_m[1])).all(axis=1)]

@@ -29,7 +29,10 @@ def folder(tmp_path):
 
 def cameras(size=(160, 120), names=range(4)):
     return tuple(
-        Camera(name=f"p{i}.png", width=size[0], height=size[1], params=(200, 200, 80, 60, 0, 0, 0, 0)) for i in names
+        Camera(
+            name=f"p{i}.png", width=size[0], height=size[1], params=(200, 200, 80, 60, 0, 0, 0, 0)
+        )
+        for i in names
     )
 
 
@@ -46,10 +49,14 @@ def test_cameras_must_fit_the_photographs(folder):
     with pytest.raises(HandbenchError, match=r"other\.json: has no camera for p3\.png"):
         reconstruct(folder, Options(cameras=folder / "other.json", unscaled=True))
     save_cameras(folder / "cameras.json", cameras(size=(120, 160)))
-    with pytest.raises(HandbenchError, match=r"p0\.png is 120 × 160 there, the photograph has 160 × 120"):
+    with pytest.raises(
+        HandbenchError, match=r"p0\.png is 120 × 160 there, the photograph has 160 × 120"
+    ):
         reconstruct(folder, Options(unscaled=True))
     with pytest.raises(HandbenchError, match="both are given"):
-        reconstruct(folder, Options(cameras=folder / "cameras.json", intrinsics=(1, 1, 1, 1), unscaled=True))
+        reconstruct(
+            folder, Options(cameras=folder / "cameras.json", intrinsics=(1, 1, 1, 1), unscaled=True)
+        )
 
 
 def test_a_box_inside_out_is_refused(folder):
@@ -58,19 +65,25 @@ def test_a_box_inside_out_is_refused(folder):
 
 
 def test_photographs_of_nothing_do_not_register(folder):
-    with pytest.raises(HandbenchError, match="only 0 of 4 photographs could be registered, 3 are needed"):
+    with pytest.raises(
+        HandbenchError, match="only 0 of 4 photographs could be registered, 3 are needed"
+    ):
         reconstruct(folder, Options(unscaled=True))
 
 
 def fountain(folder, shrink):
-    """Write the photographs, shrunk from 3072 × 2048 pixels to save time, and the surveyed cameras; returns these."""
+    """Write the photographs, shrunk from 3072 × 2048 pixels to save time, and the surveyed cameras;
+    returns these."""
     if not FOUNTAIN.is_dir():
         pytest.skip(f"{FOUNTAIN} is missing")
     surveyed = []
     for path in sorted((FOUNTAIN / "images").glob("*.jpg")):
         with Image.open(path) as image:
             image.reduce(shrink).save(folder / path.name, quality=95)
-        rows = [list(map(float, line.split())) for line in _lines(FOUNTAIN / "cameras" / f"{path.name}.camera")]
+        rows = [
+            list(map(float, line.split()))
+            for line in _lines(FOUNTAIN / "cameras" / f"{path.name}.camera")
+        ]
         K, R, centre_m = np.array(rows[:3]) / shrink, np.array(rows[4:7]).T, np.array(rows[7])
         surveyed.append(
             Camera(
@@ -91,11 +104,14 @@ def _lines(path):
 
 
 def test_fountain_registers_with_one_given_k(tmp_path):
-    """COLMAP is 2.55 mm off the survey with all pixels and K given; 4 mm leaves room for a quarter of the pixels."""
+    """COLMAP is 2.55 mm off the survey with all pixels and K given; 4 mm leaves room for a quarter
+    of the pixels."""
     surveyed = fountain(tmp_path, shrink=2)
     params = next(iter(surveyed.values())).params
     (tmp_path / "sfm").mkdir()
-    model = structure_from_motion(find_photos(tmp_path), tmp_path / "sfm", Lenses(intrinsics=params[:4]))
+    model = structure_from_motion(
+        find_photos(tmp_path), tmp_path / "sfm", Lenses(intrinsics=params[:4])
+    )
     images = list(model.images.values())
     centres = np.array([image.projection_center() for image in images])
     truth_m = np.array([surveyed[image.name].centre_m for image in images])
@@ -103,7 +119,9 @@ def test_fountain_registers_with_one_given_k(tmp_path):
     error_m = np.linalg.norm(centres @ matrix[:3, :3].T + matrix[:3, 3] - truth_m, axis=1)
     assert len(images) == 11
     assert error_m.mean() < 4e-3
-    assert [tuple(camera.params) for camera in model.cameras.values()] == [params[:4]]  # bit for bit
+    assert [tuple(camera.params) for camera in model.cameras.values()] == [
+        params[:4]
+    ]  # bit for bit
 
 
 def test_fountain_becomes_a_mesh_in_the_surveys_metres(tmp_path):
@@ -123,7 +141,14 @@ def test_fountain_becomes_a_mesh_in_the_surveys_metres(tmp_path):
     vertices = result.surface.vertices_m
     assert ((vertices >= box_m[:3]) & (vertices <= box_m[3:])).all()
     points_m = np.array([p.xyz for p in sparse.points3D.values() if p.track.length() >= 4])
-    points_m = points_m[((points_m > np.array(box_m[:3]) + 0.1) & (points_m < np.array(box_m[3:]) - 0.1)).all(axis=1)]
-    distance_m = raycasting_scene(result.surface.mesh).compute_distance(points_m.astype(np.float32)).numpy()
-    # two independent ways to the same surface: features triangulated, and depth maps of a quarter of the resolution
+    points_m = points_m[
+        ((points_m > np.array(box_m[:3]) + 0.1) & (points_m < np.array(box_m[3:]) - 0.1)).all(
+            axis=1
+        )
+    ]
+    distance_m = (
+        raycasting_scene(result.surface.mesh).compute_distance(points_m.astype(np.float32)).numpy()
+    )
+    # two independent ways to the same surface: features triangulated, and depth maps of a quarter
+    # of the resolution
     assert len(points_m) > 100 and np.median(distance_m) < 0.5 * result.cloud.pixel_m

@@ -30,12 +30,15 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture
 def counted(tmp_path, monkeypatch):
-    """`reconstruct` with stages that do next to nothing; returns the function and the list of what was made."""
+    """`reconstruct` with stages that do next to nothing; returns the function and the list of what
+    was made."""
     made = []
     scene = noisy_model()
     adjust(scene.model, scene.corners, scene.corners_m)
     bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    solved = Sparse(scene.model, Scale("distances", 20, 20, 1e-5), camera_covariance(bundle, Scale("board")))
+    solved = Sparse(
+        scene.model, Scale("distances", 20, 20, 1e-5), camera_covariance(bundle, Scale("board"))
+    )
     photos = tmp_path / "photos"
     photos.mkdir()
     for k, camera in enumerate(solved.cameras()):
@@ -48,16 +51,22 @@ def counted(tmp_path, monkeypatch):
     points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     n = len(points_m)
     names = tuple(f"p{i}.png" for i in range(5))
-    cloud = Cloud(points_m, np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool), np.full(n, 1e-4), names, 1e-3)
+    cloud = Cloud(
+        points_m, np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool), np.full(n, 1e-4), names, 1e-3
+    )
     surface = Surface(points_m[:3], np.array([(0, 1, 2)]), np.full(3, 1e-4), np.ones(3, bool))
     surface.vertices_m[2] += (0, 1e-3, 0)
     monkeypatch.setattr(
-        sparse_stage, "gather", lambda _, options: (Inputs(find_photos(photos), None, None, {}), options)
+        sparse_stage,
+        "gather",
+        lambda _, options: (Inputs(find_photos(photos), None, None, {}), options),
     )
     monkeypatch.setattr(sparse_stage, "register", step("sparse", solved))
     monkeypatch.setattr(dense_stage, "dense_cloud", step("dense", cloud))
     monkeypatch.setattr(
-        mesh_stage, "measured_surface", step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0)))
+        mesh_stage,
+        "measured_surface",
+        step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0))),
     )
     monkeypatch.setattr(pipeline, "resolve", lambda folder, options: (find_photos(folder), options))
 
@@ -97,7 +106,10 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
         "unscaled": True, "quality": "draft", "mask": "colour", "dense": "cuda", "components": "all", "seed": 1,
             "refine_poses": True, "refine_distortion": True, "shared_intrinsics": False,
     }[name]  # fmt: skip
-    before, after = (pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"]) for options in ({}, {name: other}))
+    before, after = (
+        pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"])
+        for options in ({}, {name: other})
+    )
     given = [name in stage.arguments["options"] for stage in before]
     assert any(given)
     if not isinstance(other, Path):
@@ -133,7 +145,9 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
     for ours, theirs in zip(after.cameras(), before.cameras(), strict=True):
         assert ours == theirs
     (tmp_path / "scale.json").unlink()
-    with pytest.raises(HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found nothing"):
+    with pytest.raises(
+        HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found nothing"
+    ):
         Sparse.load(tmp_path)
 
 
@@ -155,17 +169,28 @@ sys.exit(main(sys.argv[2:]))
 
 
 def test_the_command_killed_after_a_stage_goes_on_there(tmp_path, capsys):
-    """Real photographs, real stages: COLMAP, plane sweep, Poisson. (A kill after the first, of stages that do nothing,
-    is above.)"""
+    """Real photographs, real stages: COLMAP, plane sweep, Poisson. (A kill after the first, of
+    stages that do nothing, is above.)"""
     (tmp_path / "photos").mkdir()
     photograph(tmp_path / "photos")
-    command = ["groundtruth", str(tmp_path / "photos"), "-o", str(tmp_path / "mesh.ply"), "--unscaled", "--overwrite"]
+    command = [
+        "groundtruth",
+        str(tmp_path / "photos"),
+        "-o",
+        str(tmp_path / "mesh.ply"),
+        "--unscaled",
+        "--overwrite",
+    ]
     command += ["--quality", "draft", "--workdir", str(tmp_path / "work")]
-    done = subprocess.run([sys.executable, "-c", KILLED, "dense", *command], capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, "dense", *command], capture_output=True, text=True, cwd=ROOT
+    )
     assert done.returncode == 9 and "cached" not in done.stderr
     for kept in (["sparse", "dense"], ["sparse", "dense", "mesh"]):
         assert main(command) == 0
         said = capsys.readouterr().err
-        assert [stage for stage in ("sparse", "dense", "mesh") if f"{stage}: cached" in said] == kept
+        assert [
+            stage for stage in ("sparse", "dense", "mesh") if f"{stage}: cached" in said
+        ] == kept
     assert (tmp_path / "mesh.ply").is_file() and not list((tmp_path / "work").glob("**/.*"))
     assert load_pycolmap().Reconstruction(str(tmp_path / "work" / "sparse")).num_reg_images() == 4

@@ -1,7 +1,7 @@
 """Run the hard cases on this machine and print their table: python -m tests.hard_cases [GROUP ...]
 
-Where there is a CUDA device, the groups that image run once more on it, with a table of its own; HANDBENCH_DEVICE
-chooses one device. The exit code is 1 where a case fails.
+Where there is a CUDA device, the groups that image run once more on it, with a table of its own;
+HANDBENCH_DEVICE chooses one device. The exit code is 1 where a case fails.
 """
 
 import argparse
@@ -53,15 +53,21 @@ def has_gpu() -> bool:
 
 def main() -> int:
     """Run the cases of the groups that the command line names."""
-    parser = argparse.ArgumentParser(prog="python -m tests.hard_cases", description=__doc__.partition(":")[0])
-    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)} (default: all)")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.hard_cases", description=__doc__.partition(":")[0]
+    )
+    parser.add_argument(
+        "groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)} (default: all)"
+    )
     groups = parser.parse_args().groups or GROUPS
     if unknown := set(groups) - set(GROUPS):
         parser.error(f"unknown group {', '.join(sorted(unknown))}; expected {', '.join(GROUPS)}")
     chosen = [(group, case) for group in groups for case in cases(group)]
     rows = tuple(row(*one) for one in track(chosen, "hard cases"))
     verdicts = [line[-1] for line in rows]
-    counted = ", ".join(f"{verdicts.count(name)} {name}" for name in ("holds", "refused", "flagged", "fails"))
+    counted = ", ".join(
+        f"{verdicts.count(name)} {name}" for name in ("holds", "refused", "flagged", "fails")
+    )
     print(Table("", "", COLUMNS, rows).markdown())
     print(f"{len(rows)} hard cases, imaged on {describe()}: {counted}", flush=True)
     failed = "fails" in verdicts

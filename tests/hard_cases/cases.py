@@ -1,8 +1,8 @@
 """A hard case: a sweep through the limit of something that can blow up and past it, as a test.
 
 The sweep is a function without arguments that yields (place, value), or (place, value, True) where
-the answer is marked as unreliable: by a flag, NaN or a stated σ that covers it. Its docstring is the
-reason for the bound, which holds on every machine. Kinds of bounds:
+the answer is marked as unreliable: by a flag, NaN or a stated σ that covers it. Its docstring is
+the reason for the bound, which holds on every machine. Kinds of bounds:
 
 derived   a formula of roundings, geometry or probability, a count or a promise
 rigorous  derived, and the reference is ball arithmetic's, with a proven error
@@ -52,10 +52,12 @@ class HardCase:
     sweep: Callable[[], Seen]
 
     def worst(self) -> Worst:
-        """The worst of the sweep, in which a warning is an error; NaN counts as infinite. Marked values
-        beyond the bound count only where no other value is beyond it."""
+        """The worst of the sweep, in which a warning is an error; NaN counts as infinite. Marked
+        values beyond the bound count only where no other value is beyond it."""
         compared: list[int] = []
-        count = patch.object(balls, "balls", lambda values, make=balls.balls: compared.append(1) or make(values))
+        count = patch.object(
+            balls, "balls", lambda values, make=balls.balls: compared.append(1) or make(values)
+        )
         with warnings.catch_warnings(), count:
             warnings.simplefilter("error")
             seen = [(at, float(value), any(marked)) for at, value, *marked in self.sweep()]
@@ -67,10 +69,17 @@ class HardCase:
 
 
 def hard_case(
-    name: str, *, kind: str, bound: float, unit: str, quantity: str, reference: str, reason: str = ""
+    name: str,
+    *,
+    kind: str,
+    bound: float,
+    unit: str,
+    quantity: str,
+    reference: str,
+    reason: str = "",
 ) -> Callable[[Callable[[], Seen]], Callable[[], None]]:
-    """Make a sweep a test of its bound, with the case as its attribute `case`. reason: the bound's, where the
-    sweep's docstring does not say it."""
+    """Make a sweep a test of its bound, with the case as its attribute `case`. reason: the bound's,
+    where the sweep's docstring does not say it."""
 
     def decorate(sweep: Callable[[], Seen]) -> Callable[[], None]:
         why = reason or inspect.getdoc(sweep) or ""
@@ -90,16 +99,24 @@ def hard_case(
 
 
 def refusal(name: str, *words: str) -> Callable[[Callable[[], Works]], Callable[[], None]]:
-    """Make a test of a function that yields (place, work[, word]): each work must end in a HandbenchError that
-    has all `words`, and its own word."""
+    """Make a test of a function that yields (place, work[, word]): each work must end in a
+    HandbenchError that has all `words`, and its own word."""
 
     def decorate(works: Callable[[], Works]) -> Callable[[], None]:
         def sweep() -> Seen:
             for place, work, *own in works():
                 yield _refused(place, work, (*words, *own))
 
-        sweep.__name__, sweep.__doc__, sweep.__module__ = works.__name__, works.__doc__, works.__module__
-        told: dict[str, Any] = {"unit": "answers", "quantity": "an answer", "reference": "a refusal"}
+        sweep.__name__, sweep.__doc__, sweep.__module__ = (
+            works.__name__,
+            works.__doc__,
+            works.__module__,
+        )
+        told: dict[str, Any] = {
+            "unit": "answers",
+            "quantity": "an answer",
+            "reference": "a refusal",
+        }
         return hard_case(name, kind="refusal", bound=0.0, **told)(sweep)
 
     return decorate
@@ -111,5 +128,9 @@ def _refused(place: str, work: Callable[[], object], words: tuple[str, ...]) -> 
         given = work()
     except HandbenchError as error:
         missing = [word for word in words if word not in str(error)]
-        return (f"{place}, whose error does not say {missing}: {error}", 1.0) if missing else (place, 0.0)
+        return (
+            (f"{place}, whose error does not say {missing}: {error}", 1.0)
+            if missing
+            else (place, 0.0)
+        )
     return f"{place}, which was answered: {type(given).__name__}", 1.0

@@ -13,7 +13,11 @@ class Table(NamedTuple):
 
     def markdown(self) -> str:
         """The rows, numbers with three digits."""
-        lines = [self.columns, ["---"] * len(self.columns), *([_cell(cell) for cell in row] for row in self.rows)]
+        lines = [
+            self.columns,
+            ["---"] * len(self.columns),
+            *([_cell(cell) for cell in row] for row in self.rows),
+        ]
         return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 

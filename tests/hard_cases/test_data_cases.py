@@ -1,5 +1,5 @@
-"""Hard data: dead and saturated channels, numbers at the ends of single precision, masks of one pixel and of all, and
-noise that drowns the echo.
+"""Hard data: dead and saturated channels, numbers at the ends of single precision, masks of one
+pixel and of all, and noise that drowns the echo.
 """
 
 from functools import cache, partial
@@ -47,8 +47,9 @@ PAPER = ThreeToneConfig()
 
 
 def _alone_mm(t: int, r: int) -> float:
-    """Error of one channel: its ellipsoid falls by its slopes to the image's edge, where z_e may be told, and the
-    correction leaves its share of the way there; the pixel's own step leaves as large a share of both."""
+    """Error of one channel: its ellipsoid falls by its slopes to the image's edge, where z_e may be
+    told, and the correction leaves its share of the way there; the pixel's own step leaves as large
+    a share of both."""
     legs_m = small_array().tx_m[t : t + 1], small_array().rx_m[r : r + 1]
     rise = sum((POINT_M - leg[0]) / np.linalg.norm(POINT_M - leg[0]) for leg in legs_m)
     missed = slack(POINT_M, legs_m)
@@ -71,7 +72,8 @@ def _reference(id: str) -> float:
 
 
 def _off_mm(id: str, samples: np.ndarray) -> float:
-    """Error of the point's depth, millimetres, against the same method's answer to clean samples."""
+    """Error of the point's depth, millimetres, against the same method's answer to clean
+    samples."""
     return 1e3 * abs(float(middle(_depth(id, samples).z_m)) - _reference(id))
 
 
@@ -85,7 +87,9 @@ def test_zeros() -> Works:
 def test_not_finite() -> Works:
     """One NaN reaches every pixel of the image; nothing can be repaired without inventing
     data."""
-    for bad, id in product((np.nan, np.inf, -np.inf, complex(0, np.nan), complex(0, np.inf), 1e39), METHODS):
+    for bad, id in product(
+        (np.nan, np.inf, -np.inf, complex(0, np.nan), complex(0, np.inf), 1e39), METHODS
+    ):
         samples = _point().copy()
         samples[3, 5, 7] = bad
         with np.errstate(over="ignore"):  # 1e39 is infinite in single precision
@@ -107,7 +111,10 @@ def test_one_channel() -> Seen:
     for id, (t, r) in product(METHODS, CHANNELS):
         samples = np.zeros_like(_point())
         samples[:, t, r] = _point()[:, t, r]
-        yield f"{id}, channel {t}, {r}", 1e3 * abs(float(middle(_depth(id, samples).z_m)) - POINT_M[2])
+        yield (
+            f"{id}, channel {t}, {r}",
+            1e3 * abs(float(middle(_depth(id, samples).z_m)) - POINT_M[2]),
+        )
 
 
 @hard_case(
@@ -161,7 +168,10 @@ def test_scales() -> Seen:
     either leg, by 2⁻²⁴ each, which add up as φ = √(2·24)·2⁻²⁴ (Higham and Mary 2019); cφ/(4πΔf)
     of the closest pair."""
     factors = (1e-38, 1e-30, 1e-20, 1e-10, 1e10, 1e20, 1e30, 3e38)
-    return ((f"{id}, {factor:g}", _off_mm(id, _point() * factor)) for id, factor in product(METHODS, factors))
+    return (
+        (f"{id}, {factor:g}", _off_mm(id, _point() * factor))
+        for id, factor in product(METHODS, factors)
+    )
 
 
 def _steps(samples: np.ndarray, bits: int) -> np.ndarray:
@@ -208,7 +218,10 @@ def test_saturated() -> Seen:
         clean = echoes((*POINT_M[:2], z_m))
         clipped = np.clip(clean.view(float), -level, level).view(complex)
         found_m = [float(middle(_depth(id, samples).z_m)) for samples in (clean, clipped)]
-        yield f"{id}, clipped at {level}, {1e3 * z_m:g} mm", 1e3 * abs(found_m[1] - found_m[0]) / sigma_mm
+        yield (
+            f"{id}, clipped at {level}, {1e3 * z_m:g} mm",
+            1e3 * abs(found_m[1] - found_m[0]) / sigma_mm,
+        )
 
 
 @hard_case(
@@ -244,27 +257,42 @@ def test_masks() -> Seen:
     for id, threshold_db in product(METHODS, (-1e-9, -0.5, -10.0, -400.0)):
         depth = depth_map(id, taken, threshold_db=threshold_db)
         on = np.isfinite(depth.z_m)
-        wanted = 1 if threshold_db == -1e-9 else on.size if threshold_db == -400 else np.count_nonzero(on)
-        wrong = abs(np.count_nonzero(on) - wanted) if id != "3fsk-plus" else 0  # drops what may have wrapped
+        wanted = (
+            1
+            if threshold_db == -1e-9
+            else on.size
+            if threshold_db == -400
+            else np.count_nonzero(on)
+        )
+        wrong = (
+            abs(np.count_nonzero(on) - wanted) if id != "3fsk-plus" else 0
+        )  # drops what may have wrapped
         if depth.sigma_m is not None:
-            wrong += np.count_nonzero(~(depth.sigma_m[on] > 0)) + np.count_nonzero(np.isfinite(depth.sigma_m[~on]))
+            wrong += np.count_nonzero(~(depth.sigma_m[on] > 0)) + np.count_nonzero(
+                np.isfinite(depth.sigma_m[~on])
+            )
         yield f"{id}, {threshold_db:g} dB", float(wrong)
 
 
 @cache
 def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors, σ and flags [n] of a smooth surface's pixels under noise, several draws, NaN where noise has taken the
-    pixel away; errors are against the same method without noise, since σ speaks of noise alone."""
+    """Errors, σ and flags [n] of a smooth surface's pixels under noise, several draws, NaN where
+    noise has taken the pixel away; errors are against the same method without noise, since σ speaks
+    of noise alone."""
     samples = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
     # No plan for points that noise scatters.
     values: dict[str, Any] = {"half_m": 0.02, "first_depth_m": POINT_M[2], "tolerance": None}
     values |= {} if id == "2fsk" else {"fine_filter_px": 1}
     clean = depth_map(id, capture(samples, LADDER_HZ), **values)
     points = PixelGrid(clean.x_m, clean.y_m).points_m(POINT_M[2]).reshape(-1, 3)
-    top = exact_images(samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points, True)
+    top = exact_images(
+        samples[:1].astype(np.complex64), np.array(LADDER_HZ[:1]), small_array(), points, True
+    )
     parts = []
     for seed in range(DRAWS):
-        found = depth_map(id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values)
+        found = depth_map(
+            id, capture(noisy(samples, float(np.abs(top).max()), snr_db, seed), LADDER_HZ), **values
+        )
         assert found.sigma_m is not None
         on = np.isfinite(clean.z_m)
         parts.append(((found.z_m - clean.z_m)[on], found.sigma_m[on], flags(found)[on]))
@@ -344,4 +372,7 @@ def test_nothing_left() -> Seen:
         noise = noisy(np.zeros_like(echoes(POINT_M, frequencies_hz=LADDER_HZ)), 1.0, 0.0, seed)
         depth = depth_map("3fsk-plus", capture(noise, LADDER_HZ))
         assert depth.sigma_m is not None
-        yield f"draw {seed}", float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m)))
+        yield (
+            f"draw {seed}",
+            float(np.count_nonzero(np.isfinite(depth.z_m) | np.isfinite(depth.sigma_m))),
+        )

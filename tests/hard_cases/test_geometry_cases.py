@@ -1,8 +1,9 @@
-"""Hard geometry: voxels on and behind the array, lone antennas and voxels, far origins, long ranges, many tones; and
-what has no answer.
+"""Hard geometry: voxels on and behind the array, lone antennas and voxels, far origins, long
+ranges, many tones; and what has no answer.
 
-Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct sum in balls. Both are
-told as shares of what was asked: a relative L2 error over the points and a few draws of samples.
+Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct
+sum in balls. Both are told as shares of what was asked: a relative L2 error over the points and a
+few draws of samples.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -36,24 +37,34 @@ class Place(NamedTuple):
 
 
 def _asked_of(tolerance: float | None, terms: int, tones_hz: np.ndarray, range_m: float) -> float:
-    """The tolerance; of the exact sum, two waves, sums in single precision that grow with the root of their terms'
-    number, and paths of two legs that take three roundings each in double precision."""
+    """The tolerance; of the exact sum, two waves, sums in single precision that grow with the root
+    of their terms' number, and paths of two legs that take three roundings each in double
+    precision."""
     paths = 2 * np.pi * np.abs(tones_hz).max() / LIGHT_M_S * 2 * range_m * 3 * U
     return tolerance or float(2 * STEER + np.sqrt(terms) * U_SINGLE + paths)
 
 
 def _shares(place: Place, tolerances: Iterable[float | None] = TOLERANCES) -> Seen:
-    samples = np.array([white_noise((len(place.tones_hz), *place.array.channels), n) for n in range(place.draws)])
+    samples = np.array(
+        [white_noise((len(place.tones_hz), *place.array.channels), n) for n in range(place.draws)]
+    )
     expected = images(samples, place.array, place.tones_hz, place.points_m)
     range_m = float(np.ptp([*place.points_m, *place.array.tx_m], axis=0).max())
     for tolerance in tolerances:
-        found = [image_points(s, place.tones_hz, place.array, place.points_m, tolerance, planned=True) for s in samples]
-        asked = _asked_of(tolerance, 2 * sum(place.array.channels) + len(samples[0]), place.tones_hz, range_m)
+        found = [
+            image_points(s, place.tones_hz, place.array, place.points_m, tolerance, planned=True)
+            for s in samples
+        ]
+        asked = _asked_of(
+            tolerance, 2 * sum(place.array.channels) + len(samples[0]), place.tones_hz, range_m
+        )
         yield f"{place.at}, {_asked(tolerance)}", _relative(np.array(found), expected) / asked
 
 
 def _relative(found: np.ndarray, expected: Balls, least: float = 0.0) -> float:
-    return float(np.linalg.norm(off(found, expected))) / max(float(np.linalg.norm(middles(expected))), least)
+    return float(np.linalg.norm(off(found, expected))) / max(
+        float(np.linalg.norm(middles(expected))), least
+    )
 
 
 def _asked(tolerance: float | None) -> str:
@@ -65,12 +76,15 @@ PROMISED: dict[str, Any] = {
     "bound": 1.0,
     "unit": "of what was asked",
     "reference": "the direct sum in balls",
-    "reason": "A tolerance is a promise; the exact sum's waves are off by 4·2⁻²⁴ each, its sums of N terms of random "
+    "reason": "A tolerance is a promise; the exact sum's waves are off by 4·2⁻²⁴ each, its sums "
+    "of N terms of random "
     "sign in single precision by √N·2⁻²⁴, its paths by three roundings in double precision a leg.",
 }
 
 
-def of_images(name: str, quantity: str) -> Callable[[Callable[[], Iterator[Place]]], Callable[[], None]]:
+def of_images(
+    name: str, quantity: str
+) -> Callable[[Callable[[], Iterator[Place]]], Callable[[], None]]:
     """The hard case that images at a sweep's places, to each tolerance."""
 
     def decorate(places: Callable[[], Iterator[Place]]) -> Callable[[], None]:
@@ -83,7 +97,9 @@ def of_images(name: str, quantity: str) -> Callable[[Callable[[], Iterator[Place
     return decorate
 
 
-@of_images("voxels through the array", "error of images where waves are chirps, R down to 0 and behind")
+@of_images(
+    "voxels through the array", "error of images where waves are chirps, R down to 0 and behind"
+)
 def test_through() -> Iterator[Place]:
     for z_m in (0.3, 0.05, 1e-2, 1e-3, 0.0, -1e-3, -0.3):
         yield Place(f"z = {z_m:g} m", plate(), cloud(40, (0, 0, z_m)) * [1, 1, z_m != 0])
@@ -94,23 +110,36 @@ def test_on_antennas() -> Iterator[Place]:
     for height_m in (1e-3, 1e-5, 1e-6, 1e-9, 0.0):
         places = np.concatenate([plate().tx_m, plate().rx_m]) + [0, 0, height_m]
         yield Place(f"{height_m:g} m above every antenna", plate(), places)
-        yield Place(f"within {height_m:g} m of one antenna", plate(), cloud(40, tuple(plate().tx_m[0]), height_m))
+        yield Place(
+            f"within {height_m:g} m of one antenna",
+            plate(),
+            cloud(40, tuple(plate().tx_m[0]), height_m),
+        )
 
 
 @of_images("one voxel", "error of an image without others to average over")
 def test_one_voxel() -> Iterator[Place]:
     for z_m in (1.0, 0.3, 1e-2, 1e-6, 0.0):
         yield Place(f"z = {z_m:g} m", plate(), np.array([[0.013, 0.021, z_m]]), draws=30)
-        yield Place(f"{z_m:g} m above an antenna", plate(), plate().tx_m[:1] + [0, 0, z_m], draws=30)
+        yield Place(
+            f"{z_m:g} m above an antenna", plate(), plate().tx_m[:1] + [0, 0, z_m], draws=30
+        )
 
 
-@of_images("lone, collinear and coincident antennas", "error of images from arrays whose waves are all alike")
+@of_images(
+    "lone, collinear and coincident antennas",
+    "error of images from arrays whose waves are all alike",
+)
 def test_few_antennas() -> Iterator[Place]:
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
     for t, r in ((1, 1), (1, 10), (12, 1)):
         yield Place(f"{t} × {r} antennas", plate(t, r), points)
     yield Place("antennas on a line", AntennaArray(line, line), points)
-    yield Place("antennas and voxels on one line", AntennaArray(line, line), np.linspace(-4, 4, 60)[:, None] * line[0])
+    yield Place(
+        "antennas and voxels on one line",
+        AntennaArray(line, line),
+        np.linspace(-4, 4, 60)[:, None] * line[0],
+    )
     yield Place("all antennas in one place", AntennaArray(0 * line, 0 * line), points)
 
 
@@ -126,7 +155,9 @@ def test_far_origin() -> Iterator[Place]:
 @of_images("long ranges", "error of images whose phase is 10⁴ to 10⁹ turns")
 def test_long_ranges() -> Iterator[Place]:
     halves_m = {20.0: (0.05, 1e-3), 100.0: (5e-3,), 1e3: (1e-3, 0.05), 1e5: (0.05,), 1e6: (0.05,)}
-    for range_m, half_m in ((range_m, half_m) for range_m, halves in halves_m.items() for half_m in halves):
+    for range_m, half_m in (
+        (range_m, half_m) for range_m, halves in halves_m.items() for half_m in halves
+    ):
         points = cloud(40, (0, 0, range_m), half_m)
         yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", plate(), points, draws=12)
 
@@ -150,19 +181,35 @@ def test_many_tones() -> Seen:
     return _shares(place, (None, 1e-5))
 
 
-@hard_case("uneven and tiny grids", quantity="error of volumes by interpolation between nodes", **PROMISED)
+@hard_case(
+    "uneven and tiny grids", quantity="error of volumes by interpolation between nodes", **PROMISED
+)
 def test_grids() -> Seen:
     generator = np.random.default_rng(3)
     two = np.r_[1e-5 * np.arange(40), 0.1 + 1e-5 * np.arange(40)]
-    uneven: list[np.ndarray] = [np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)]
+    uneven: list[np.ndarray] = [
+        np.cumsum(10 ** generator.uniform(-5, -2.5, n)) for n in (40, 12, 24)
+    ]
     grids: dict[str, tuple[np.ndarray, ...]] = {
         "steps from 10 µm to 3 mm": (uneven[0] - uneven[0].mean(), uneven[1], 0.3 + uneven[2]),
         "two heaps 10 cm apart": (two, 1e-3 * np.arange(4), 0.3 + two[::3]),
-        "every voxel twice": (np.repeat(2e-4 * np.arange(40), 2), 1e-3 * np.arange(6), np.array([0.3, 0.3])),
-        "through the array": (2e-3 * np.arange(-15, 15), 2e-3 * np.arange(-10, 10), 2e-3 * np.arange(-9, 9)),
+        "every voxel twice": (
+            np.repeat(2e-4 * np.arange(40), 2),
+            1e-3 * np.arange(6),
+            np.array([0.3, 0.3]),
+        ),
+        "through the array": (
+            2e-3 * np.arange(-15, 15),
+            2e-3 * np.arange(-10, 10),
+            2e-3 * np.arange(-9, 9),
+        ),
     }
     for step_m in (1e-4, 1e-6, 1e-9):
-        grids[f"steps of {step_m:g} m"] = (step_m * np.arange(40), step_m * np.arange(12), 0.3 + step_m * np.arange(20))
+        grids[f"steps of {step_m:g} m"] = (
+            step_m * np.arange(40),
+            step_m * np.arange(12),
+            0.3 + step_m * np.arange(20),
+        )
     for counts in ((1, 1, 30), (1, 30, 1), (30, 1, 1)):
         starts = zip(counts, (0, 0, 0.3), strict=True)
         grids[f"{counts} voxels"] = tuple(1e-3 * np.arange(n) + start for n, start in starts)
@@ -179,16 +226,28 @@ def test_grids() -> Seen:
             yield f"{name}, {_asked(tolerance)}", _relative(found, expected, least) / asked
 
 
-@hard_case("echoes of points close to antennas", quantity="error of echoes that fade as 1/R, R → 0", **PROMISED)
+@hard_case(
+    "echoes of points close to antennas",
+    quantity="error of echoes that fade as 1/R, R → 0",
+    **PROMISED,
+)
 def test_echoes() -> Seen:
-    places = {f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m] for z_m in (0.3, 0.03, 3e-3, 1e-3)}
-    places |= {f"{r_m:g} m above antennas": plate(40, 40).tx_m[:3] + [0, 0, r_m] for r_m in (1e-3, 1e-6, 1e-12, 1e-24)}
+    places = {
+        f"z = {z_m:g} m": cloud(40, (0, 0, 0)) * [1, 1, 0.02] + [0, 0, z_m]
+        for z_m in (0.3, 0.03, 3e-3, 1e-3)
+    }
+    places |= {
+        f"{r_m:g} m above antennas": plate(40, 40).tx_m[:3] + [0, 0, r_m]
+        for r_m in (1e-3, 1e-6, 1e-12, 1e-24)
+    }
     places |= {"range 1e5 m": cloud(40, (0, 0, 1e5)), "behind the array": cloud(40, (0, 0, -0.3))}
     for name, points_m in places.items():
         weights = np.random.default_rng(5).standard_normal(len(points_m))
         expected = echoes(weights, plate(40, 40), TONES_HZ, points_m)
         for tolerance in (None, 1e-2, 1e-3, 1e-5):
-            found = simulate(Scatterers(points_m, weights), TONES_HZ, plate(40, 40), tolerance=tolerance)
+            found = simulate(
+                Scatterers(points_m, weights), TONES_HZ, plate(40, 40), tolerance=tolerance
+            )
             asked = _asked_of(tolerance, 2 * len(points_m), TONES_HZ, np.abs(points_m).max())
             yield f"{name}, {_asked(tolerance)}", _relative(found, expected) / asked
 
@@ -217,7 +276,10 @@ def test_on_antenna() -> Works:
     """1/R has no value at R = 0: an echo of NaN would spoil all samples."""
     point = Scatterers(plate().tx_m[4:5], np.ones(1))
     for tolerance in (1e-5, None):
-        yield f"tolerance {tolerance}", partial(simulate, point, TONES_HZ, plate(), tolerance=tolerance)
+        yield (
+            f"tolerance {tolerance}",
+            partial(simulate, point, TONES_HZ, plate(), tolerance=tolerance),
+        )
 
 
 @refusal("voxels at NaN and infinity", "points_m", "NaN or infinity")
@@ -231,7 +293,8 @@ def test_voxels_nowhere() -> Works:
     kind="rigorous",
     bound=1.0,
     unit="of the certificate",
-    quantity="error of images of noise, leaks 40 dB above it, a target outside and a single channel",
+    quantity="error of images of noise, leaks 40 dB above it, a target outside and a single "
+    "channel",
     reference="the direct sum in balls",
 )
 def test_certificates() -> Seen:
@@ -242,7 +305,11 @@ def test_certificates() -> Seen:
     for kind in ("noise", "a leak", "a target outside", "one channel"):
         samples = white_noise((len(TONES_HZ), 30, 30), 0).astype(np.complex128)
         if kind == "a leak":
-            samples += 100 * white_noise((1, 30, 30), 1) * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
+            samples += (
+                100
+                * white_noise((1, 30, 30), 1)
+                * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
+            )
         elif kind == "a target outside":
             samples = middles(echoes(np.ones(1), antennas, TONES_HZ, np.array([[0.4, 0.0, 0.3]])))
         elif kind == "one channel":
@@ -265,7 +332,8 @@ def test_voxels_beyond() -> Works:
 def test_antennas() -> Works:
     """No phase, or one that rounding spoils, as for voxels."""
     return (
-        (f"at {value}", partial(AntennaArray, _with(value), _with(0.0))) for value in (1e300, 1.1e7, np.inf, np.nan)
+        (f"at {value}", partial(AntennaArray, _with(value), _with(0.0)))
+        for value in (1e300, 1.1e7, np.inf, np.nan)
     )
 
 
@@ -280,4 +348,7 @@ def test_unordered() -> Works:
 @refusal("an axis with NaN", "x_m")
 def test_axis_nowhere() -> Works:
     """No phase, as for voxels."""
-    return ((f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP)) for axis in ([np.nan], [0, np.nan, 1]))
+    return (
+        (f"{axis}", partial(VoxelGrid, np.array(axis), UP, UP))
+        for axis in ([np.nan], [0, np.nan, 1])
+    )

@@ -1,5 +1,6 @@
-"""Hard meshes: grazing planes, slivers, fins, soups, holes, few faces, far origins, stray faces, other units; rays that
-meet a mesh at its vertices and edges, obliquely, from far away, or on their own surface; files of 10⁷ faces.
+"""Hard meshes: grazing planes, slivers, fins, soups, holes, few faces, far origins, stray faces,
+other units; rays that meet a mesh at its vertices and edges, obliquely, from far away, or on their
+own surface; files of 10⁷ faces.
 """
 
 import tempfile
@@ -63,27 +64,36 @@ def ball(
 def surface(vertices_m: np.ndarray, faces: np.ndarray) -> Surface:
     """As the product takes it: known without error, and seen everywhere."""
     return Surface(
-        np.asarray(vertices_m, float), np.asarray(faces), np.zeros(len(vertices_m)), np.ones(len(vertices_m), bool)
+        np.asarray(vertices_m, float),
+        np.asarray(faces),
+        np.zeros(len(vertices_m)),
+        np.ones(len(vertices_m), bool),
     )
 
 
-def depth(vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+def depth(
+    vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
+) -> np.ndarray:
     """The product's depth of triangles on a grid [ny, nx]."""
     return reference_on_grid(surface(vertices_m, faces), np.atleast_1d(x_m), np.atleast_1d(y_m)).z_m
 
 
-def plane_error_m(z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.ndarray = SLOPES) -> float:
+def plane_error_m(
+    z_m: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, slopes: np.ndarray = SLOPES
+) -> float:
     """Largest error of depths [ny, nx] of the plane; infinite where one is missing."""
     x, y = balls(np.atleast_1d(x_m)), balls(np.atleast_1d(y_m))[:, None]
     return float(off(z_m, DEPTH_M + x * float(slopes[0]) + y * float(slopes[1])).max())
 
 
 GRID_M = np.linspace(-0.09, 0.09, 37)
-# A plane's depth: edges, products and differences of two components of the normal, then an offset, a product, a sum, a
-# quotient and a difference, in double; a vertex is rounded too.
+# A plane's depth: edges, products and differences of two components of the normal, then an offset,
+# a product, a sum, a quotient and a difference, in double; a vertex is rounded too.
 ROUNDED_M = (2 * 3 + 5 + 1) * U * 0.5
 SHEET_M = 0.13  # furthest from the axis
-FACE_BYTES = 0.5 * 28 + 13  # of a PLY: half a vertex of three doubles and a float, three indices and their count
+FACE_BYTES = (
+    0.5 * 28 + 13
+)  # of a PLY: half a vertex of three doubles and a float, three indices and their count
 
 
 @hard_case(
@@ -102,7 +112,10 @@ def test_grazing() -> Seen:
         xy = np.array([[-half_m, -0.1], [half_m, -0.1], [half_m, 0.1], [-half_m, 0.1]])
         z_m = depth(on_plane(xy, slopes), np.array([[0, 1, 2], [0, 2, 3]]), GRID_M / slope, GRID_M)
         beyond = 0.0 if np.isnan(z_m).all() else np.inf
-        yield f"slope {slope:g}", beyond if slope > 1e4 else plane_error_m(z_m, GRID_M / slope, GRID_M, slopes)
+        yield (
+            f"slope {slope:g}",
+            beyond if slope > 1e4 else plane_error_m(z_m, GRID_M / slope, GRID_M, slopes),
+        )
 
 
 @hard_case(
@@ -118,7 +131,9 @@ def test_fins() -> Seen:
     vertices, faces = sheet(30)
     axis = np.linspace(-0.1, 0.1, 61)[1:-1]  # vertices and middles of edges
     for top_m in ([0, 0, 0.9], [0.01, 0.003, 5.0], [1e-6, 1e-5, 50.0]):
-        fins = np.stack([faces[:, 0], faces[:, 1], np.full(len(faces), len(vertices))], 1)  # three faces on an edge
+        fins = np.stack(
+            [faces[:, 0], faces[:, 1], np.full(len(faces), len(vertices))], 1
+        )  # three faces on an edge
         mesh = np.concatenate([vertices, [top_m]]), np.concatenate([faces, fins])
         yield f"fins up to {top_m}", plane_error_m(depth(*mesh, axis, axis), axis, axis)
 
@@ -135,10 +150,15 @@ def test_slivers() -> Seen:
     """Their normal is a difference of products that are larger by the aspect, and so are the
     twelve roundings of 0.5 m."""
     for aspect in (1e2, 1e4, 1e6, 1e8):
-        height_m, turn = 0.2 / aspect, Rotation.from_euler("z", 30, degrees=True).as_matrix()[:2, :2]
+        height_m, turn = (
+            0.2 / aspect,
+            Rotation.from_euler("z", 30, degrees=True).as_matrix()[:2, :2],
+        )
         rows = np.array([-0.1, -height_m / 2, height_m / 2, 0.1])
         xy = np.array([(x, y) for y in rows for x in (-0.1, 0.1)]) @ turn.T
-        faces = np.array([[2 * i + a for a in corners] for i in range(3) for corners in ((0, 1, 3), (0, 3, 2))])
+        faces = np.array(
+            [[2 * i + a for a in corners] for i in range(3) for corners in ((0, 1, 3), (0, 3, 2))]
+        )
         across_m = height_m * np.linspace(-0.45, 0.45, 7)
         places = np.array([(x, y) for x in (-0.06, 0.01, 0.055) for y in across_m]) @ turn.T
         error_m = max(plane_error_m(depth(on_plane(xy), faces, x, y), x, y) for x, y in places)
@@ -165,10 +185,16 @@ def test_soups() -> Seen:
         "all turned": (vertices, faces[:, ::-1]),
         "every vertex once a face": (vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)),
         "every face twice, one turned": (vertices, np.concatenate([faces, faces[:, ::-1]])),
-        "faces without area": (vertices, np.concatenate([faces, np.stack([corner] * 3, 1), faces[:, [0, 0, 1]]])),
+        "faces without area": (
+            vertices,
+            np.concatenate([faces, np.stack([corner] * 3, 1), faces[:, [0, 0, 1]]]),
+        ),
         "vertices without a face": (np.concatenate([vertices, [[0, 0, -1e6]]]), faces),
     }
-    return ((name, plane_error_m(depth(*mesh, GRID_M, GRID_M), GRID_M, GRID_M)) for name, mesh in meshes.items())
+    return (
+        (name, plane_error_m(depth(*mesh, GRID_M, GRID_M), GRID_M, GRID_M))
+        for name, mesh in meshes.items()
+    )
 
 
 @hard_case(
@@ -189,9 +215,15 @@ def test_holes() -> Seen:
         kept = np.random.default_rng(2).random(cells**2) >= share
         expected = np.where(kept.reshape(cells, cells), plane, plane + behind_m)
         nothing, left = np.isnan(behind_m), faces[np.tile(kept, 2)]
-        both = np.concatenate([vertices, vertices + [0, 0, behind_m]]), np.concatenate([left, faces + len(vertices)])
+        both = (
+            np.concatenate([vertices, vertices + [0, 0, behind_m]]),
+            np.concatenate([left, faces + len(vertices)]),
+        )
         z_m = depth(*((vertices, left) if nothing else both), middles, middles)
-        place = f"{share:.0%} of the squares missing, {'nothing' if nothing else f'{1e3 * behind_m:g} mm'} behind"
+        place = (
+            f"{share:.0%} of the squares missing, "
+            f"{'nothing' if nothing else f'{1e3 * behind_m:g} mm'} behind"
+        )
         yield place, int((~np.isclose(z_m, expected, 0, 1e-12, equal_nan=True)).sum())
 
 
@@ -220,7 +252,10 @@ def test_far() -> Seen:
     under the sphere's slope: over its cosine, 0.31 at 0.95 r, and as much again for how the
     slope changes there; rays count from the grid, so that single precision does not choose
     another face."""
-    return ((f"offset {offset_m:g} m", _ball_share(40, 1, offset_m)) for offset_m in (1.0, 1e3, 1e5, 1e6))
+    return (
+        (f"offset {offset_m:g} m", _ball_share(40, 1, offset_m))
+        for offset_m in (1.0, 1e3, 1e5, 1e6)
+    )
 
 
 @hard_case(
@@ -267,8 +302,13 @@ EYES_M = np.array([[0.07, 0.07, 0.0], [-0.3, 0.2, 0.3], [0.0, 0.0, 20.0]])
 def test_watertight() -> Seen:
     """The ray caster's edge tests are watertight: neighbours share each edge's sign."""
     for n, half_m in product((7, 30, 128), (0.1, 0.13)):
-        corners = np.linspace(-half_m, half_m, n + 1)[1:-1]  # the rim belongs to the sheet only in part
-        slipped = (np.isnan(depth(*sheet(n, half_m), axis, axis)).sum() for axis in (corners, between(n, half_m)))
+        corners = np.linspace(-half_m, half_m, n + 1)[
+            1:-1
+        ]  # the rim belongs to the sheet only in part
+        slipped = (
+            np.isnan(depth(*sheet(n, half_m), axis, axis)).sum()
+            for axis in (corners, between(n, half_m))
+        )
         yield f"{n} × {n} squares of {2e3 * half_m / n:.3g} mm", sum(slipped)
     generator = np.random.default_rng(0)
     rim = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]
@@ -277,14 +317,20 @@ def test_watertight() -> Seen:
     edges = places[faces[:, :2]]
     along = generator.uniform(0, 1, (len(edges), 1))
     met = np.concatenate([places[:-4], edges[:, 0] + along * (edges[:, 1] - edges[:, 0])])
-    yield "an uneven triangulation", np.isnan(depth(on_plane(places), faces, *met.T).diagonal()).sum()
+    yield (
+        "an uneven triangulation",
+        np.isnan(depth(on_plane(places), faces, *met.T).diagonal()).sum(),
+    )
 
 
 def _slipped(rings: int, aims: np.ndarray, eye_m: np.ndarray) -> float:
-    """Share of the rays from an eye to places on a ball that face it which go on to the far side."""
+    """Share of the rays from an eye to places on a ball that face it which go on to the far
+    side."""
     vertices, faces = ball(rings)
     towards = aims - eye_m
-    facing = np.einsum("ni,ni->n", towards, aims - [0, 0, DEPTH_M]) < -0.1 * 0.05 * np.linalg.norm(towards, axis=1)
+    facing = np.einsum("ni,ni->n", towards, aims - [0, 0, DEPTH_M]) < -0.1 * 0.05 * np.linalg.norm(
+        towards, axis=1
+    )
     along, _ = Rays(vertices, faces).first_hits(np.tile(eye_m, (len(aims), 1)), towards)
     return float((along[facing] > 1 + 1e-3).mean())
 
@@ -304,7 +350,9 @@ def test_oblique() -> Seen:
         vertices, faces = ball(rings)
         generator = np.random.default_rng(3)
         chosen = faces[generator.integers(0, len(faces), 100_000)]
-        aims = np.einsum("nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen])
+        aims = np.einsum(
+            "nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen]
+        )
         edges_per_m = 3 / (np.pi * 0.05 / rings)  # length of edges over the area
         rounded = edges_per_m * 4 * U_SINGLE * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
         yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
@@ -342,7 +390,12 @@ def test_own_surface() -> Seen:
     for range_m in (0.1, 0.3, 2.0, 20.0, 400.0):
         vertices, faces = ball(40, 0.05, (0, 0, range_m))
         corners = vertices[faces]
-        areal = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0
+        areal = (
+            np.linalg.norm(
+                np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+            )
+            > 0
+        )
         points = corners[areal].mean(axis=1)
         outward, towards = points - [0, 0, range_m], -points
         lengths_m2 = np.linalg.norm(outward, axis=1) * np.linalg.norm(towards, axis=1)

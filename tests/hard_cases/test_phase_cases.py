@@ -1,5 +1,5 @@
-"""Hard phases: at and across each pair's ambiguity, pairs of tones too close and too far apart, first depths that are
-wrong, points that tie, points at the edge of what is imaged and outside.
+"""Hard phases: at and across each pair's ambiguity, pairs of tones too close and too far apart,
+first depths that are wrong, points that tie, points at the edge of what is imaged and outside.
 """
 
 from collections.abc import Iterator
@@ -43,11 +43,32 @@ from tests.references.balls import LIGHT_M_S, PI, balls, off
 PAPER_HZ = (82.0e9, 81.8e9, 79.5e9)
 CELL_M = 0.006  # resolution cell at 0.3 m
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
-OFFSETS_MM = (-1000, -700, -500, -400, -370, -300, -200, -100, -10, 10, 100, 200, 300, 370, 400, 500, 700, 1000)
+OFFSETS_MM = (
+    -1000,
+    -700,
+    -500,
+    -400,
+    -370,
+    -300,
+    -200,
+    -100,
+    -10,
+    10,
+    100,
+    200,
+    300,
+    370,
+    400,
+    500,
+    700,
+    1000,
+)
 NEAREST_M = 0.14  # a first plane as near as the aperture is wide
 BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
 PAPER = ThreeToneConfig()
-NEARER_M = [POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M]
+NEARER_M = [
+    POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M
+]
 Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 
 
@@ -61,13 +82,23 @@ Pixels = Iterator[tuple[str, np.ndarray, np.ndarray]]
 )
 def test_across() -> Seen:
     """Each image rounds to single precision: 2⁻²⁴ rad at most, of two images 2⁻²³."""
-    share = np.array([0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3])
+    share = np.array(
+        [0, 0.1, 0.3, 0.5, 0.77, 1 - 1e-6, 1 - 2**-24, 1, 1 + 2**-24, 1 + 1e-6, 1.5, 2, 3]
+    )
     for difference_hz, sign in product((0.2e9, 0.5e9, 0.7e9, 2.3e9, 2.5e9, 9.8e9, 10e9), (-1, 1)):
         turns = sign * share / 2  # of the phase, from the step −Δz; exact
-        image, one = np.exp(2j * np.pi * turns).astype(np.complex64), np.ones(len(share), np.complex64)
-        told = balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / LIGHT_M_S  # turns
+        image, one = (
+            np.exp(2j * np.pi * turns).astype(np.complex64),
+            np.ones(len(share), np.complex64),
+        )
+        told = (
+            balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / LIGHT_M_S
+        )  # turns
         periods = np.rint(told.astype(np.float64) + turns)
-        yield f"Δf {difference_hz / 1e9:g} GHz", off(0 * turns, (told + turns - periods) * 2 * PI).max()
+        yield (
+            f"Δf {difference_hz / 1e9:g} GHz",
+            off(0 * turns, (told + turns - periods) * 2 * PI).max(),
+        )
 
 
 @hard_case(
@@ -111,8 +142,13 @@ def test_coarse_error() -> Seen:
         for size in (15, 31):
             values = {"coarse_filter_px": size, "fine_filter_px": 1, "first_depth_m": 0.3}
             depth = depth_map("3fsk", taken, half_m=0.024, **values)
-            off_m, beside = np.abs(depth.z_m - np.where(depth.x_m < 0, 0.26, far_m)), np.abs(depth.x_m) > CELL_M
-            yield from by_flag(f"step {height_mm} mm, filter {size}", off_m[:, beside], flags(depth)[:, beside])
+            off_m, beside = (
+                np.abs(depth.z_m - np.where(depth.x_m < 0, 0.26, far_m)),
+                np.abs(depth.x_m) > CELL_M,
+            )
+            yield from by_flag(
+                f"step {height_mm} mm, filter {size}", off_m[:, beside], flags(depth)[:, beside]
+            )
 
 
 @hard_case(
@@ -129,9 +165,14 @@ def test_tones_meet() -> Seen:
     for difference_hz in (2e8, 2e7, 2e6, 2e5, 2e4, 2e3, 2e2, 20.0):
         tones = np.array([82e9, 82e9 - difference_hz])
         taken = recorded(POINT_M, tones)
-        depth = depth_map("2fsk", taken, f1_hz=tones[0], f2_hz=tones[1], tolerance=None, first_depth_m=0.28)
+        depth = depth_map(
+            "2fsk", taken, f1_hz=tones[0], f2_hz=tones[1], tolerance=None, first_depth_m=0.28
+        )
         metres = C / (4 * np.pi * difference_hz)
-        yield f"Δf {difference_hz:g} Hz", max(abs(float(middle(depth.z_m)) - 0.28) - 1e-6, 0.0) / metres
+        yield (
+            f"Δf {difference_hz:g} Hz",
+            max(abs(float(middle(depth.z_m)) - 0.28) - 1e-6, 0.0) / metres,
+        )
 
 
 @refusal("equal tones")
@@ -147,7 +188,11 @@ def test_equal_tones() -> Works:
         ("3fsk", LADDER_HZ, {"f3_hz": 82e9}, "same measured tone"),
         ("2fsk", LADDER_HZ, {"f2_hz": 82e9}, "same measured tone"),
     ):
-        yield f"{id}, {values}", partial(depth_map, id, recorded(POINT_M, measured_hz), **values), words
+        yield (
+            f"{id}, {values}",
+            partial(depth_map, id, recorded(POINT_M, measured_hz), **values),
+            words,
+        )
 
 
 @hard_case(
@@ -166,7 +211,10 @@ def test_order() -> Seen:
             tones = np.array(LADDER_HZ)[:: -1 if turned else 1]
             there = middle(depth_map(id, recorded(POINT_M, tones), f1_hz=f1, f2_hz=f2).z_m)
             usual = middle(depth_map(id, recorded(POINT_M, LADDER_HZ)).z_m)
-            yield f"{id}, f1 {f1 / 1e9:g} GHz, file {'as' if turned else 'des'}cending", 1e3 * abs(there - usual)
+            yield (
+                f"{id}, f1 {f1 / 1e9:g} GHz, file {'as' if turned else 'des'}cending",
+                1e3 * abs(there - usual),
+            )
 
 
 @hard_case(
@@ -183,23 +231,35 @@ def test_far_tone() -> Seen:
     for f3_hz in (79.5e9, 76e9, 72e9, 60e9, 40e9, 20e9):
         tones = np.array([82e9, 81.8e9, f3_hz])
         clean = echoes(bumpy_points(), frequencies_hz=tones)
-        values: dict[str, Any] = {"f3_hz": f3_hz, "first_depth_m": 0.28, "fine_filter_px": 1, "tolerance": None}
+        values: dict[str, Any] = {
+            "f3_hz": f3_hz,
+            "first_depth_m": 0.28,
+            "fine_filter_px": 1,
+            "tolerance": None,
+        }
         right = depth_map("3fsk", capture(clean, tones), half_m=0.02, **values).z_m
         half_m, silent = C / (4 * (82e9 - f3_hz)), []
         for seed in range(3):
-            found = depth_map("3fsk", capture(noisy(clean, 900.0, 30.0, seed), tones), half_m=0.02, **values)
+            found = depth_map(
+                "3fsk", capture(noisy(clean, 900.0, 30.0, seed), tones), half_m=0.02, **values
+            )
             on = np.isfinite(right) & np.isfinite(found.z_m)
             silent.append(((np.abs(found.z_m - right) > half_m) & ~flags(found))[on].mean())
         yield f"f3 {f3_hz / 1e9:g} GHz", float(np.mean(silent))
 
 
-def _first_imaged(ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, corrections: int = 1) -> Pixels:
-    """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m, when the first image
-    lies some way off, within ±375 mm or beyond, and further than nearest_m away."""
+def _first_imaged(
+    ids: tuple[str, ...], within: bool, nearest_m: float = 0.02, corrections: int = 1
+) -> Pixels:
+    """The place, errors [n] and flags [n] of the pixels of a point at 0.28 m and of one at 1.2 m,
+    when the first image lies some way off, within ±375 mm or beyond, and further than nearest_m
+    away."""
     for id, z_m, offset_mm in product(ids, (0.28, 1.2), OFFSETS_MM):
         first_m = z_m + offset_mm / 1000
         if first_m > nearest_m and (abs(offset_mm) < 375) == within:
-            depth = depth_map(id, recorded((0, 0, z_m), LADDER_HZ), first_depth_m=first_m, corrections=corrections)
+            depth = depth_map(
+                id, recorded((0, 0, z_m), LADDER_HZ), first_depth_m=first_m, corrections=corrections
+            )
             on = np.isfinite(depth.z_m) | flags(depth)
             place = f"{id}, a point at {z_m:g} m first imaged at {first_m:.3g} m"
             yield place, np.abs(depth.z_m - z_m)[on], flags(depth)[on]
@@ -218,7 +278,10 @@ def test_first_depth() -> Seen:
     """From planes no nearer than the aperture is wide, 0.14 m, one correction leaves 6 % of
     itself, for the factor 2 of the path's derivative, and the pixel's own step 4 % of that,
     0.24 mm; a pixel 12 mm beside the point sees its range, 0.26 mm nearer."""
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, within=True, nearest_m=NEAREST_M))
+    return (
+        (place, 1e3 * error.max())
+        for place, error, _ in _first_imaged(FSK, within=True, nearest_m=NEAREST_M)
+    )
 
 
 @hard_case(
@@ -232,7 +295,10 @@ def test_first_depth() -> Seen:
 def test_first_depth_settled() -> Seen:
     """Each pass leaves 4 % of its correction, for the factor 2, and the last one is below 5 mm
     (settled_m): 0.2 mm; a pixel 12 mm beside the point sees its range, 0.26 mm nearer."""
-    return ((place, 1e3 * error.max()) for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING))
+    return (
+        (place, 1e3 * error.max())
+        for place, error, _ in _first_imaged(FSK, True, corrections=SETTLING)
+    )
 
 
 def _silent_beyond(ids: tuple[str, ...]) -> Seen:
@@ -249,8 +315,8 @@ def _silent_beyond(ids: tuple[str, ...]) -> Seen:
     reference="the flag's probability",
 )
 def test_first_depth_beyond() -> Seen:
-    """The pair settles 750 mm off, 12.5 periods of the third tone, whose step is then half a period:
-    likelier wrapped than wrap_probability, 0.1, at nine pixels of ten."""
+    """The pair settles 750 mm off, 12.5 periods of the third tone, whose step is then half a
+    period: likelier wrapped than wrap_probability, 0.1, at nine pixels of ten."""
     return _silent_beyond(FSK[1:])
 
 
@@ -290,13 +356,17 @@ def test_two_maxima() -> Seen:
         at = [np.abs(_images(samples, points)).max(axis=0) for samples in alone]  # [echo][point]
         for more in (0.9, 0.95, 0.99, 1 - 1e-6, 1, 1 + 1e-6, 1.01, 1.1):
             weight = np.array([more, 1 / more]) / peaks
-            taken = capture(sum(w * samples for w, samples in zip(weight, alone, strict=True)), LADDER_HZ, array)
+            taken = capture(
+                sum(w * samples for w, samples in zip(weight, alone, strict=True)), LADDER_HZ, array
+            )
             for id in FSK:
                 depth = depth_map(id, taken, half_m=0.024)
                 row, columns = depth.z_m.shape[0] // 2, np.array([4, -5])
                 one = int(depth.amplitude_db[row, columns].argmax())
                 leak = weight[1 - one] * at[1 - one][one] / (weight[one] * at[one][one])
-                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + 2 * left_m(points[one], PAPER.first_depth_m)
+                allowed_m = C * leak / (2 * np.pi * FINEST_HZ[id]) + 2 * left_m(
+                    points[one], PAPER.first_depth_m
+                )
                 error_m = abs(float(depth.z_m[row, columns[one]]) - points[one, 2])
                 yield f"{id}, {apart_mm} mm apart, strengths {more:g}", error_m / allowed_m
 
@@ -353,6 +423,25 @@ def test_outside() -> Seen:
 def test_outside_the_box() -> Seen:
     """Within the box half a voxel; outside it the strongest voxel is the box's last, or a range
     sidelobe whose tones do not agree: neither may pass for a depth."""
-    for z_m in (0.245, 0.2454, 0.28, 0.3246, 0.325, 0.326, 0.33, 0.24, 0.335, 0.345, 0.35, 0.40, 0.2, 0.6):
+    for z_m in (
+        0.245,
+        0.2454,
+        0.28,
+        0.3246,
+        0.325,
+        0.326,
+        0.33,
+        0.24,
+        0.335,
+        0.345,
+        0.35,
+        0.40,
+        0.2,
+        0.6,
+    ):
         depth = depth_map("broadband", recorded((0, 0, z_m)))
-        yield f"a point at {z_m:g} m", 1e3 * abs(float(middle(depth.z_m)) - z_m), bool(middle(flags(depth)))
+        yield (
+            f"a point at {z_m:g} m",
+            1e3 * abs(float(middle(depth.z_m)) - z_m),
+            bool(middle(flags(depth))),
+        )

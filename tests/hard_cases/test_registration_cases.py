@@ -1,7 +1,9 @@
-"""Hard cases of registration: centres nearly on a line, mirror images, symmetry, wrong pairs; and of the target's
-spheres: caps that shrink in photographs, balls that draw together in echoes; and of a board with wrong corners.
+"""Hard cases of registration: centres nearly on a line, mirror images, symmetry, wrong pairs; and
+of the target's spheres: caps that shrink in photographs, balls that draw together in echoes; and of
+a board with wrong corners.
 
-Pairs fit exactly unless a case is about their errors, so that the transform that made them is the reference.
+Pairs fit exactly unless a case is about their errors, so that the transform that made them is the
+reference.
 """
 
 import io
@@ -16,7 +18,13 @@ from scipy.stats import chi2
 from handbench.calibration.registration.register import solve
 from handbench.calibration.registration.rigid_fit import GROSS, HUBER, Pairs
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Candidate, Element, Target, default_target, match
+from handbench.calibration.spheres.description import (
+    Candidate,
+    Element,
+    Target,
+    default_target,
+    match,
+)
 from handbench.calibration.spheres.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
 from handbench.calibration.spheres.radar_detection import Ball
 from handbench.calibration.transforms import Transform, condition_number
@@ -35,13 +43,15 @@ FIVE = default_target().centres_m
 PLANE = FIVE * [1, 1, 0]
 TURN = Rotation.from_rotvec([0.3, -1.1, 2.0]).as_matrix()
 PARTS = (0.45, 0.3, 0.2, 0.15, 0.12, 0.1, 0.09, 0.08, 0.06, 0.03, 0.01)  # of a sphere that caps are
-CIRCLES = list(product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4)))  # height, width, noise
+CIRCLES = list(
+    product((0.0, 0.03, 0.3, 0.6, 0.99), (0.0, 0.02, 0.1), (0.0, 1e-5, 3e-4))
+)  # height, width, noise
 GAPS_M = (0.05, 0.02, 0.015, 0.012, 0.0101)  # between balls
 
 
 def normal_errors(count: int) -> float:
-    """Distance, in σ, that the largest of so many normal errors of three coordinates exceeds once in a thousand
-    sweeps."""
+    """Distance, in σ, that the largest of so many normal errors of three coordinates exceeds once
+    in a thousand sweeps."""
     return float(np.sqrt(chi2.isf(1e-3 / count, 3)))
 
 
@@ -76,14 +86,17 @@ def test_nearly_collinear() -> Seen:
         moved_m, kappa = points_m @ TURN.T + SHIFT_M, np.hypot(HALF_M, half_m) / half_m
         apart = off(registered(points_m, moved_m).rotation, rotation(points_m, moved_m))
         off_rad = np.linalg.norm(apart) / np.sqrt(2)  # of matrices a small angle apart
-        four_rad = 4 * EPS * max(np.abs(points_m).max(), np.abs(moved_m).max()) / HALF_M  # across the half width
+        four_rad = (
+            4 * EPS * max(np.abs(points_m).max(), np.abs(moved_m).max()) / HALF_M
+        )  # across the half width
         yield f"κ = {kappa:.3g}", float(off_rad / four_rad) / kappa
 
 
 @hard_case(
     "condition number of a narrowing rectangle",
     kind="rigorous",
-    bound=(4 + 4) / 2,  # sums of four squares, their centring and products; the square root halves them
+    bound=(4 + 4)
+    / 2,  # sums of four squares, their centring and products; the square root halves them
     unit="ε",
     quantity="relative error over κ²",
     reference="closed form √(a² + b²)/b, in balls",
@@ -93,10 +106,16 @@ def test_condition() -> Seen:
     itself; infinite where that is all."""
     for half_m in HALF_M * np.logspace(0, -12, 49):
         points_m = _rectangle(half_m)
-        kappa, found = np.hypot(HALF_M, half_m) / half_m, condition_number(points_m, points_m @ TURN.T)
+        kappa, found = (
+            np.hypot(HALF_M, half_m) / half_m,
+            condition_number(points_m, points_m @ TURN.T),
+        )
         exact = np.sqrt(1 + (balls(HALF_M) / float(half_m)) ** 2)
         lost = EPS * kappa**2 > 0.1
-        yield f"κ = {kappa:.3g}", 0.0 if lost and found > 1e7 else float(off(found, exact)) / (EPS * kappa**3)
+        yield (
+            f"κ = {kappa:.3g}",
+            0.0 if lost and found > 1e7 else float(off(found, exact)) / (EPS * kappa**3),
+        )
     yield "on a line", 0.0 if condition_number(_rectangle(0), _rectangle(0)) > 1e7 else np.inf
 
 
@@ -134,14 +153,20 @@ def test_nearly_symmetric() -> Seen:
     rng = np.random.default_rng(1)
     for skew_m in (*np.linspace(0.02, 0.001, 20), 1e-4, 0.0):
         places = ((-HALF_M, 0.0, 0.0), (HALF_M, 0.0, 0.0), (skew_m / 2, 0.09, 0.0))
-        target = Target(element=tuple(Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places))
+        target = Target(
+            element=tuple(
+                Element(centre_m=p, sphere_radius_m=0.02, ball_radius_m=0.005) for p in places
+            )
+        )
         moved_m = target.centres_m @ TURN.T + SHIFT_M + SIGMA_M * rng.standard_normal((3, 3))
         try:
             found = match(candidates(moved_m), target, "echoes")
         except HandbenchError:
             yield f"refused at a skew of {1e3 * skew_m:.3g} mm", 0.0
         else:
-            wrong = sum(bool((c.centre_m != moved_m[element]).any()) for element, c in found.items())
+            wrong = sum(
+                bool((c.centre_m != moved_m[element]).any()) for element, c in found.items()
+            )
             yield f"skew of {1e3 * skew_m:.3g} mm", float(wrong)
 
 
@@ -162,7 +187,10 @@ def test_one_wrong() -> Seen:
         moved_m = FIVE + SHIFT_M
         moved_m[wrong] += size_m * way / np.linalg.norm(way)
         found = registered(FIVE, moved_m)
-        step = np.r_[found.matrix[:3, 3] - found.rotation @ SHIFT_M, Rotation.from_matrix(found.rotation).as_rotvec()]
+        step = np.r_[
+            found.matrix[:3, 3] - found.rotation @ SHIFT_M,
+            Rotation.from_matrix(found.rotation).as_rotvec(),
+        ]
         yield (
             f"pair {wrong + 1}, {size_m:.2g} m off",
             float(np.sqrt(step @ np.linalg.solve(found.require_covariance(), step))),
@@ -190,17 +218,21 @@ def outward(z: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
 
 
 def _cap(rng: np.random.Generator, part: float) -> np.ndarray:
-    """Unit vectors [n, 3] to a thinned cloud's points on the part of a sphere that is nearest to −z."""
+    """Unit vectors [n, 3] to a thinned cloud's points on the part of a sphere that is nearest to
+    −z."""
     points = int(part * 4 * np.pi * RADIUS_M**2 * POINTS_M2)
     return outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
 
 
 def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Sphere | None:
-    """The fit to places about the origin of a sphere with the radius that is expected, to its tolerance."""
+    """The fit to places about the origin of a sphere with the radius that is expected, to its
+    tolerance."""
     made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()
     points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
     start_m = 1e-3 * np.array([1, -1, 1])
-    return fit_sphere(Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
+    return fit_sphere(
+        Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
+    )
 
 
 def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
@@ -223,7 +255,10 @@ def test_caps() -> Seen:
     rng = np.random.default_rng(0)
     for part, noise_m, _ in product(PARTS, (0.0, 1e-4, 5e-4), range(2)):
         found = _fit(rng, _cap(rng, part), noise_m)
-        yield f"{part:.0%}, noise {1e3 * noise_m:g} mm", in_sigmas(found, np.zeros(3)) if found else 0.0
+        yield (
+            f"{part:.0%}, noise {1e3 * noise_m:g} mm",
+            in_sigmas(found, np.zeros(3)) if found else 0.0,
+        )
 
 
 @hard_case(
@@ -261,8 +296,18 @@ def test_exact_sphere() -> Seen:
     whole = whole[(whole**2).sum(axis=1) == 81] * 2.0**-9  # lengths that have no rounding
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
     for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
-        found = fit_sphere(Cloud(points_m, points_m / radius_m, oriented=True), np.zeros(3), radius_m, (0,), sigma_m)
-        off_m = np.linalg.norm(found.centre_m) if found and np.isfinite(found.covariance_m2).all() else np.inf
+        found = fit_sphere(
+            Cloud(points_m, points_m / radius_m, oriented=True),
+            np.zeros(3),
+            radius_m,
+            (0,),
+            sigma_m,
+        )
+        off_m = (
+            np.linalg.norm(found.centre_m)
+            if found and np.isfinite(found.covariance_m2).all()
+            else np.inf
+        )
         yield f"{name}, radius known to {sigma_m:g} m", float(off_m)
 
 
@@ -279,9 +324,11 @@ def test_too_little() -> Works:
         yield f"{part:.0%}", partial(match, seen, target, "photographs")
 
 
-def heard(centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0) -> dict[int, Ball]:
-    """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m away along each axis;
-    noise: its power over the echoes'; strength: of the echoes."""
+def heard(
+    centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0
+) -> dict[int, Ball]:
+    """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m
+    away along each axis; noise: its power over the echoes'; strength: of the echoes."""
     first, second = default_target().element[:2]
     target, rng = Target(element=(first, second, second)), np.random.default_rng(1)
     radius_m, delay_m = target.element[0].ball_radius_m, target.foam_delay_m[0]
@@ -327,7 +374,9 @@ def test_silent() -> Works:
     yield "zeros", partial(heard, _apart(0.05), noise=0.0, off_m=0.0, strength=0.0)
 
 
-GRID = np.array([[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)])  # of a board
+GRID = np.array(
+    [[x, y, 0] for x in np.linspace(-0.1, 0.1, 5) for y in np.linspace(-0.07, 0.07, 4)]
+)  # of a board
 
 
 @hard_case(
@@ -357,6 +406,14 @@ def test_wrong_corners() -> Seen:
 def test_mirrored_board() -> Works:
     """No rotation carries a solid to its mirror image, though most of its corners lie in a
     plane."""
-    for height_m in (0.004, 0.02, 0.05, 0.2):  # twice as far off as that: 3 % of the extent and more are refused
+    for height_m in (
+        0.004,
+        0.02,
+        0.05,
+        0.2,
+    ):  # twice as far off as that: 3 % of the extent and more are refused
         points_m = GRID + np.outer(np.arange(20) % 3 == 0, [0, 0, height_m])
-        yield f"{height_m} m high", partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners")
+        yield (
+            f"{height_m} m high",
+            partial(trimmed_similarity, points_m * [1, 1, -1], points_m, "board corners"),
+        )

@@ -1,4 +1,5 @@
-"""Hard maps for the averaging filter: holes, borders, lone pixels, long rows, and weights that differ without end."""
+"""Hard maps for the averaging filter: holes, borders, lone pixels, long rows, and weights that
+differ without end."""
 
 from itertools import product
 
@@ -9,7 +10,10 @@ from tests.hard_cases.cases import Seen, U, hard_case
 from tests.references.balls import Balls, balls, off
 
 LONG = 10_000_000
-SUMS = "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset and the quotient."
+SUMS = (
+    "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the "
+    "offset and the quotient."
+)
 
 
 def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> Balls:
@@ -26,7 +30,8 @@ def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> Balls:
 
 
 def _error(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> float:
-    """Largest error over what the roundings of the filter allow; infinite where the holes differ."""
+    """Largest error over what the roundings of the filter allow; infinite where the holes
+    differ."""
     found = masked_mean(values, size_px, weight)
     known = np.isfinite(values)
     if not np.array_equal(np.isfinite(found), known):
@@ -66,7 +71,8 @@ def test_holes() -> Seen:
     bound=1.0,
     unit="1",
     quantity="drift of the average, over its roundings",
-    reference="direct sums in balls at 2500 places: borders, the jump, and where a sum in double is furthest off",
+    reference="direct sums in balls at 2500 places: borders, the jump, and where a sum in double "
+    "is furthest off",
 )
 def test_drift() -> Seen:
     """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
@@ -75,8 +81,14 @@ def test_drift() -> Seen:
     size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
     row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
     found = masked_mean(row[None], size)[0]
-    rough = np.abs(found[2:-2] - np.convolve(row, np.ones(size) / size, "valid"))  # finds where to look closely
-    places = (np.argpartition(rough, -1000)[-1000:], np.arange(500), LONG // 2 + np.arange(-500, 500))
+    rough = np.abs(
+        found[2:-2] - np.convolve(row, np.ones(size) / size, "valid")
+    )  # finds where to look closely
+    places = (
+        np.argpartition(rough, -1000)[-1000:],
+        np.arange(500),
+        LONG // 2 + np.arange(-500, 500),
+    )
     chosen = 2 + np.unique(np.concatenate(places))
     exact = sum(balls(row[chosen + shift]) for shift in range(-2, 3)) / size
     error = off(found[chosen], exact)

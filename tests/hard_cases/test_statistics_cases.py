@@ -1,5 +1,5 @@
-"""Hard cases of the figures, their intervals and tests: small spreads about large depths, 10⁸ samples, equal values,
-NaN, nothing, p-values that underflow, ties, figures of any size.
+"""Hard cases of the figures, their intervals and tests: small spreads about large depths, 10⁸
+samples, equal values, NaN, nothing, p-values that underflow, ties, figures of any size.
 """
 
 import tracemalloc
@@ -13,7 +13,12 @@ from flint import arb
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
 from handbench.bench.evaluation.floor import floor_mm
-from handbench.bench.evaluation.intervals import figure_interval, mean_interval, median_interval, precision_interval
+from handbench.bench.evaluation.intervals import (
+    figure_interval,
+    mean_interval,
+    median_interval,
+    precision_interval,
+)
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     HEADLINE,
@@ -35,12 +40,16 @@ EPS = np.finfo(float).eps
 DEPTH_M, PIXEL_M = 0.3, 1e-3
 SIDE = 300
 REPEATS = (2, 3, 100, 10_000)
-COUNTED = ("n_observed", "observed_percent", "false_alarm_percent")  # shares of nothing observed that are known
+COUNTED = (
+    "n_observed",
+    "observed_percent",
+    "false_alarm_percent",
+)  # shares of nothing observed that are known
 
 
 def pairwise_roundings(count: int) -> int:
-    """Most roundings of one term in NumPy's sum of so many: 15 in one of 8 partial sums of at most 128 terms, 3 of
-    these together, and one each time that two halves are added."""
+    """Most roundings of one term in NumPy's sum of so many: 15 in one of 8 partial sums of at most
+    128 terms, 3 of these together, and one each time that two halves are added."""
     return 15 + 3 + max(int(np.ceil(np.log2(count / 128))), 0)
 
 
@@ -58,8 +67,8 @@ def a_map(error_m: np.ndarray) -> ErrorMap:
 @hard_case(
     "precision of 1 mm to 0 about 0.3 m",
     kind="rigorous",
-    # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the mean's sum is alike in
-    # all depths and enters squared.
+    # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the
+    # mean's sum is alike in all depths and enters squared.
     bound=3 / 2,
     unit="roundings of 0.3 m",
     quantity="error of the standard deviation",
@@ -87,7 +96,9 @@ def test_deviation_of_float32() -> Seen:
         noise = np.random.default_rng(n).standard_normal((n, 4, 4))
         z_m = (DEPTH_M + spread_m * noise).astype(np.float32)
         found = deviation_map(np.arange(4), np.arange(4), z_m).error_m
-        error = off(found, deviation(z_m, lost=1)) / np.where(found > 0, found, 1)  # two float32 depths may be equal
+        error = off(found, deviation(z_m, lost=1)) / np.where(
+            found > 0, found, 1
+        )  # two float32 depths may be equal
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(error.max() / (n * EPS))
 
 
@@ -164,7 +175,12 @@ def test_memory() -> Seen:
 
 
 @hard_case(
-    "all values equal", kind="derived", bound=EPS, unit="1", quantity="spread, and 1 − p of a difference", reference="0"
+    "all values equal",
+    kind="derived",
+    bound=EPS,
+    unit="1",
+    quantity="spread, and 1 − p of a difference",
+    reference="0",
 )
 def test_all_equal() -> Seen:
     """One rounding of a depth in metres; no p from roundings."""
@@ -196,16 +212,25 @@ def test_rounding_alone() -> Seen:
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
     for captures, error_m in product((1, 5, 8), np.linspace(1e-4, 5e-3, 12)):
-        a, b = (of_captures([error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures) for s in (1, -1))
-        lines = [compare({"a": a[key].to_numpy(), "b": b[key].to_numpy()}, "", key) for key in (HEADLINE, "rmse_mm")]
-        yield f"{captures} captures, {1e3 * error_m:.3g} mm", sum(shown(line).sum() for line in lines)
+        a, b = (
+            of_captures([error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures)
+            for s in (1, -1)
+        )
+        lines = [
+            compare({"a": a[key].to_numpy(), "b": b[key].to_numpy()}, "", key)
+            for key in (HEADLINE, "rmse_mm")
+        ]
+        yield (
+            f"{captures} captures, {1e3 * error_m:.3g} mm",
+            sum(shown(line).sum() for line in lines),
+        )
 
 
 @hard_case(
     "p-values down to 0",
     kind="measured",
-    # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p falls as t⁻⁴ at most.
-    # 6.9e-15: what Cephes states of its incomplete beta function.
+    # t takes 13 roundings: 5 of the mean, 5 of the deviation, a root, a product and a quotient; p
+    # falls as t⁻⁴ at most. 6.9e-15: what Cephes states of its incomplete beta function.
     bound=4 * 13 * U + 6.9e-15,
     unit="1",
     quantity="relative error of p",
@@ -218,7 +243,10 @@ def test_tiny_p() -> Seen:
     apart = np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) / np.sqrt(5 / 8)  # deviation 1
     for t in (*np.logspace(-9, 3, 37), 37.0, 1e5, 1e8):
         gained = balls(b := t / sqrt(5) + apart)
-        exact, found = two_sided(gained.mean() / deviation(b, lost=1) * arb(5).sqrt(), 4), paired(np.zeros(5), b).p
+        exact, found = (
+            two_sided(gained.mean() / deviation(b, lost=1) * arb(5).sqrt(), 4),
+            paired(np.zeros(5), b).p,
+        )
         yield f"t = {t:g}", _relative(found, exact) if 0 <= found <= 1 else np.inf
     yield "no spread, a difference", paired(np.zeros(5), np.full(5, 1e-3)).p
     yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
@@ -237,18 +265,28 @@ def test_ties() -> Seen:
 
     def closed(p: list[float]) -> list[float]:
         sets = [s for size in range(1, len(p) + 1) for s in combinations(range(len(p)), size)]
-        return [max(min(len(s) * min(p[k] for k in s), 1.0) for s in sets if i in s) for i in range(len(p))]
+        return [
+            max(min(len(s) * min(p[k] for k in s), 1.0) for s in sets if i in s)
+            for i in range(len(p))
+        ]
 
     rng = np.random.default_rng(0)
     chosen = np.array([0.0, 5e-324, 1e-300, 0.01, 0.0125, 0.05, 0.5, 1.0])
     for p in ([], [0.0], [1.0] * 6, [0.01] * 6, *(list(rng.choice(chosen, 6)) for _ in range(40))):
-        yield str(p), max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0)
+        yield (
+            str(p),
+            max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0),
+        )
 
 
 def _interval(values: np.ndarray) -> tuple[arb, arb]:
-    """Ends of the 95 % interval of five values' mean, Student's t turned by the skewness γ as Hall (1992) does."""
+    """Ends of the 95 % interval of five values' mean, Student's t turned by the skewness γ as Hall
+    (1992) does."""
     exact, mean, spread = balls(values), balls(values).mean(), deviation(values, lost=1)
-    skew, root = ((exact - mean) ** 3).mean() / spread**3 * (arb(5) / 4) ** 1.5, (arb(39) / 400).sqrt()
+    skew, root = (
+        ((exact - mean) ** 3).mean() / spread**3 * (arb(5) / 4) ** 1.5,
+        (arb(39) / 400).sqrt(),
+    )
     t = (4 * ((root.acos() / 3).cos() / root - 1) / 5).sqrt()  # of four degrees of freedom, over √5
     low, high = ((1 + skew * (q - skew / 30)).root(3) for q in (t, -t))
     return mean - spread * 3 / skew * (low - 1), mean - spread * 3 / skew * (high - 1)
@@ -267,7 +305,9 @@ def test_any_size() -> Seen:
     would underflow."""
     values = np.array([1.0, 4.0, 2.5, 3.5, 9.0])
     for size in (1e-150, 1e-100, 1e-60, 1.0, 1e60, 1e100, 1e150):
-        ends = zip(mean_interval(size * values) or (np.nan, np.nan), _interval(size * values), strict=True)
+        ends = zip(
+            mean_interval(size * values) or (np.nan, np.nan), _interval(size * values), strict=True
+        )
         yield f"{size:g}", max(_relative(found, exact) for found, exact in ends) / EPS
     for gone in (np.nan, np.inf):
         yield f"{gone}", 0.0 if mean_interval([*values[:4], gone]) is None else np.inf
@@ -285,7 +325,10 @@ def test_not_finite() -> Seen:
     """Pairwise sums, and the square root's half; nothing that is not finite may enter."""
     rng, x_m = np.random.default_rng(0), PIXEL_M * np.arange(SIDE)
     for broken, share in product((np.nan, np.inf, -np.inf), (0.01, 0.5, 0.999)):
-        z_m, z_ref_m = DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)), np.full((SIDE, SIDE), DEPTH_M)
+        z_m, z_ref_m = (
+            DEPTH_M + 1e-3 * rng.standard_normal((SIDE, SIDE)),
+            np.full((SIDE, SIDE), DEPTH_M),
+        )
         z_m[rng.random(z_m.shape) < share] = broken
         z_ref_m[rng.random(z_m.shape) < share / 2] = broken
         error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)]
@@ -295,9 +338,13 @@ def test_not_finite() -> Seen:
             yield f"{share:.1%} {broken}, {key}", _relative(found[key], value) / EPS
     for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
         mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        share = told(precision([mixed])["precision_mm"]) / told(precision([mixed[::2]])["precision_mm"])
+        share = told(precision([mixed])["precision_mm"]) / told(
+            precision([mixed[::2]])["precision_mm"]
+        )
         yield f"precision with {broken}", abs(share - 1) / EPS
-        found_m = strongest_scatterer_z_m(np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]]))
+        found_m = strongest_scatterer_z_m(
+            np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]])
+        )
         yield f"strongest with {broken}", 0.0 if found_m[0] == strongest_m else np.inf
 
 
@@ -313,12 +360,20 @@ def test_empty() -> Seen:
     """Nothing is observed: no figure has anything to stand on."""
     shape, x_m = (40, 40), PIXEL_M * np.arange(40)
     holes, no_pixel, no_row = (a_map(np.full(size, np.nan)) for size in (shape, (0, 0), (0, 5)))
-    unobserved = error_map(x_m, x_m, np.full(shape, np.inf), np.full(shape, DEPTH_M), met=np.ones(shape, bool))
+    unobserved = error_map(
+        x_m, x_m, np.full(shape, np.inf), np.full(shape, DEPTH_M), met=np.ones(shape, bool)
+    )
     for maps in ([], [no_pixel], [no_row], [holes] * 3, [unobserved] * 6):
         # Of a surface that nobody observed the completeness is 0, and the F-score.
-        pooled = [v for k, v in pool(maps).items() if k not in COUNTED and (v or not k.startswith(("f_", "complete_")))]
+        pooled = [
+            v
+            for k, v in pool(maps).items()
+            if k not in COUNTED and (v or not k.startswith(("f_", "complete_")))
+        ]
         figures = {key: of_captures(maps)[key].to_numpy() for key in AVERAGED}
-        given: list[object] = [figure_interval(key, values) for key, values in figures.items() if key not in COUNTED]
+        given: list[object] = [
+            figure_interval(key, values) for key, values in figures.items() if key not in COUNTED
+        ]
         given += each(compare({"a": figures[HEADLINE], "b": figures[HEADLINE]}, ""))
         given += [*pooled, floor_mm(maps, [_known(m) for m in maps])]
         place = f"{len(maps)} maps of {[m.error_m.shape for m in maps[:1]]}"
@@ -327,7 +382,10 @@ def test_empty() -> Seen:
 
 def _known(m: ErrorMap, sigma_m: float = 1e-3) -> Reference:
     """A reference with one σ for all of a map's pixels, from its mesh alone."""
-    shape, registration = m.error_m.shape, Transform("photo", "radar", np.eye(4), covariance=np.zeros((6, 6)))
+    shape, registration = (
+        m.error_m.shape,
+        Transform("photo", "radar", np.eye(4), covariance=np.zeros((6, 6))),
+    )
     return Reference(m.reference_z_m, np.full(shape, sigma_m), np.zeros((*shape, 6)), registration)
 
 
@@ -351,4 +409,7 @@ def test_one_pixel() -> Seen:
         floor = told(floor_mm([m], [_known(m, size_m)])) / (1e3 * np.sqrt(2 / np.pi) * size_m)
         yield f"floor for σ = {size_m:g} m", abs(floor - 1) / EPS
         for sigma_m in (np.nan, np.inf):
-            yield f"floor for σ = {sigma_m}", 0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf
+            yield (
+                f"floor for σ = {sigma_m}",
+                0.0 if floor_mm([m], [_known(m, sigma_m)]) is None else np.inf,
+            )

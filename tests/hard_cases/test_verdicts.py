@@ -14,7 +14,9 @@ from tests.test_docs import DOCS
 
 def checked(sweep, kind="derived"):
     """The test of a sweep whose bound is 1."""
-    return hard_case("x", kind=kind, bound=1.0, unit="mm", quantity="q", reference="r", reason="because")(sweep)
+    return hard_case(
+        "x", kind=kind, bound=1.0, unit="mm", quantity="q", reference="r", reason="because"
+    )(sweep)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +58,13 @@ def test_a_refusal_has_to_say_why():
 
 def test_the_page_lists_every_case_with_its_bound():
     lines = (DOCS / "stability.md").read_text("utf-8").splitlines()
-    listed = [line.split(" | ")[:4] for line in lines if line.startswith(tuple(f"| {g} | " for g in GROUPS))]
-    expected = [[f"| {g}", case.name, case.kind, f"{case.bound:.3g}"] for g in GROUPS for case in cases(g)]
+    listed = [
+        line.split(" | ")[:4]
+        for line in lines
+        if line.startswith(tuple(f"| {g} | " for g in GROUPS))
+    ]
+    expected = [
+        [f"| {g}", case.name, case.kind, f"{case.bound:.3g}"] for g in GROUPS for case in cases(g)
+    ]
     assert [line for line in listed if not line[1].isdigit()] == expected
     assert all(case.reason for group in GROUPS for case in cases(group))

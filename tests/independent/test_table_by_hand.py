@@ -1,4 +1,5 @@
-"""The paper's block of a small result, from maps and from echoes, by code that shares nothing with handbench."""
+"""The paper's block of a small result, from maps and from echoes, by code that shares nothing with
+handbench."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ SWEEP = "sweep = [{ start_hz = 79.5e9, stop_hz = 82e9, count = 11 }]"
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small benchmark's result, with all four methods of the paper."""
     folder = tmp_path_factory.mktemp("by_hand")
-    write_mesh(folder / "ball.ply", load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40))
+    write_mesh(
+        folder / "ball.ply", load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=40)
+    )
     scene = SCENE.replace("sweep = []", SWEEP).replace("82e9, 81.8e9, 79.5e9]", "81.8e9]")
     (folder / "ball.toml").write_text(scene)
     (folder / "small.toml").write_text(BENCH + FURTHER)
@@ -46,7 +49,9 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_imports_nothing_of_handbench():
     source = Path(table_by_hand.__file__).read_text("utf-8")
     imported = {
-        line.split()[1].partition(".")[0] for line in source.splitlines() if line.startswith(("import", "from"))
+        line.split()[1].partition(".")[0]
+        for line in source.splitlines()
+        if line.startswith(("import", "from"))
     }
     assert imported - set(sys.stdlib_module_names) == {"h5py", "numpy"}
 

@@ -19,8 +19,25 @@ from tests.mutation.mutants import mutants
 from tests.mutation.trial import Trials
 
 PACKAGES = ("groundtruth", "bench/evaluation", "calibration", "radar")
-LIBRARIES = ("numpy", "scipy.optimize", "scipy.ndimage", "scipy.spatial", "numba", "h5py", "pandas", "pydantic", "cv2",
-             "open3d", "pycolmap", "PIL.Image", "skimage", "hypothesis", "psutil", "tomlkit")  # fmt: skip
+LIBRARIES = (
+    "numpy",
+    "scipy.optimize",
+    "scipy.ndimage",
+    "scipy.spatial",
+    "numba",
+    "h5py",
+    "pandas",
+    "pydantic",
+    "cv2",
+    # fmt: skip
+    "open3d",
+    "pycolmap",
+    "PIL.Image",
+    "skimage",
+    "hypothesis",
+    "psutil",
+    "tomlkit",
+)
 EXPLAINED = Path(__file__).with_name("explained.toml")
 
 
@@ -31,10 +48,19 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--package", action="append", default=[], choices=PACKAGES)
     parser.add_argument("--only", action="append", default=[], help="mutants whose name holds this")
-    parser.add_argument("--skip", type=int, default=0, help="of each package's mutants, already tried")
+    parser.add_argument(
+        "--skip", type=int, default=0, help="of each package's mutants, already tried"
+    )
     parser.add_argument("--minutes", type=float, default=60.0, help="of all packages together")
-    parser.add_argument("--tree", type=Path, required=True, help="copy of the repository, in which files are changed")
-    parser.add_argument("--map", type=Path, required=True, help="of tests.mutation.contexts, made in the copy")
+    parser.add_argument(
+        "--tree",
+        type=Path,
+        required=True,
+        help="copy of the repository, in which files are changed",
+    )
+    parser.add_argument(
+        "--map", type=Path, required=True, help="of tests.mutation.contexts, made in the copy"
+    )
     parser.add_argument("-o", dest="out", type=Path, help="JSON of all mutants")
     options = parser.parse_args()
     load()
@@ -43,8 +69,13 @@ def main() -> int:
     known = tomllib.loads(EXPLAINED.read_text(encoding="utf-8"))["mutant"]
     explained = {(mutant["file"], mutant["changed"]): mutant["reason"] for mutant in known}
     end = time.monotonic() + 60 * options.minutes
-    drawn = {p: mutants(trials.tree, p, options.sample, options.seed) for p in options.package or PACKAGES}
-    for number in range(options.skip, options.sample):  # in turns, so that all packages are sampled alike
+    drawn = {
+        p: mutants(trials.tree, p, options.sample, options.seed)
+        for p in options.package or PACKAGES
+    }
+    for number in range(
+        options.skip, options.sample
+    ):  # in turns, so that all packages are sampled alike
         for package, drawn_here in drawn.items():
             if number >= len(drawn_here) or time.monotonic() > end:
                 continue
@@ -54,10 +85,17 @@ def main() -> int:
             outcome = trials.outcome(mutant)
             changed = mutant.code(trials.tree).splitlines()[mutant.line - 1].strip()
             reason = explained.get((mutant.file, changed), "")
-            row = {"package": package, "mutant": mutant.name, "changed": changed, "reason": reason, **vars(outcome)}
+            row = {
+                "package": package,
+                "mutant": mutant.name,
+                "changed": changed,
+                "reason": reason,
+                **vars(outcome),
+            }
             rows.append(row)
             print(
-                f"{outcome.verdict:9} {outcome.seconds:5.1f} s {outcome.tests:4} tests  {mutant.name}  {changed}",
+                f"{outcome.verdict:9} {outcome.seconds:5.1f} s {outcome.tests:4} tests  "
+                f"{mutant.name}  {changed}",
                 flush=True,
             )
     for package in options.package or PACKAGES:
@@ -89,7 +127,8 @@ def score(package: str, rows: list[dict]) -> str:
     timed = sum(row["verdict"] == "timed out" for row in counted)
     return (
         f"{package}: {killed} of {len(counted)} killed, {100 * killed / len(counted):.1f} % "
-        f"[{100 * low:.1f}, {100 * high:.1f}], {timed} by time; {len(rows) - len(counted)} explained"
+        f"[{100 * low:.1f}, {100 * high:.1f}], {timed} by time; {len(rows) - len(counted)} "
+        "explained"
     )
 
 

@@ -1,6 +1,8 @@
-"""`python -m tests.mutation.contexts MAP.json TEST …`: the lines of the packages that each test runs, and its seconds.
+"""`python -m tests.mutation.contexts MAP.json TEST …`: the lines of the packages that each test
+runs, and its seconds.
 
-What a fixture of a module or a session runs counts for every test that uses it, not only for the first one.
+What a fixture of a module or a session runs counts for every test that uses it, not only for the
+first one.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ class Contexts:
     """A plugin of pytest that tells coverage which test or shared fixture is at work."""
 
     def __init__(self) -> None:
-        self.coverage = coverage.Coverage(data_file=None, source=[str(ROOT / p) for p in PACKAGES], config_file=False)
+        self.coverage = coverage.Coverage(
+            data_file=None, source=[str(ROOT / p) for p in PACKAGES], config_file=False
+        )
         self.seconds: dict[str, float] = {}
         self.users: defaultdict[str, list[str]] = defaultdict(list)  # of each shared fixture
         self.failed: set[str] = set()
@@ -46,7 +50,9 @@ class Contexts:
         return result
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef, request: pytest.FixtureRequest) -> Iterator[None]:
+    def pytest_fixture_setup(
+        self, fixturedef: pytest.FixtureDef, request: pytest.FixtureRequest
+    ) -> Iterator[None]:
         """Count what a shared fixture runs for all that use it."""
         if fixturedef.scope == "function":
             return (yield)
@@ -68,7 +74,14 @@ class Contexts:
         data, lines = self.coverage.get_data(), {}
         for file in sorted(data.measured_files()):
             lines[str(Path(file).relative_to(ROOT))] = {
-                line: sorted({number[test] for c in contexts for test in self.users.get(c, [c]) if test in number})
+                line: sorted(
+                    {
+                        number[test]
+                        for c in contexts
+                        for test in self.users.get(c, [c])
+                        if test in number
+                    }
+                )
                 for line, contexts in data.contexts_by_lineno(file).items()
             }
         return {"tests": tests, "seconds": [self.seconds[test] for test in tests], "lines": lines}
@@ -83,7 +96,9 @@ def main() -> int:
     target, *arguments = sys.argv[1:]
     contexts = Contexts()
     contexts.coverage.start()
-    status = pytest.main(["-m", "not slow", "-p", "no:cacheprovider", *arguments], plugins=[contexts])
+    status = pytest.main(
+        ["-m", "not slow", "-p", "no:cacheprovider", *arguments], plugins=[contexts]
+    )
     contexts.coverage.stop()
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     Path(target).write_text(json.dumps(contexts.map()))

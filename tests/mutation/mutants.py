@@ -1,7 +1,9 @@
-"""Mutants of a package: places at which cosmic-ray's operators change the code by a little, and random ones of these.
+"""Mutants of a package: places at which cosmic-ray's operators change the code by a little, and
+random ones of these.
 
-Left out: type hints, decorators, error messages (all of `raise` and of f-strings), what is said while work goes on,
-code that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by one. Strings have no operators.
+Left out: type hints, decorators, error messages (all of `raise` and of f-strings), what is said
+while work goes on, code that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by
+one. Strings have no operators.
 """
 
 from __future__ import annotations
@@ -18,9 +20,14 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.operators.operator import Operator
 from cosmic_ray.operators.provider import OperatorProvider
 
-BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul FloorDiv_Div Mod_Mul Pow_Mul BitAnd_BitOr BitOr_BitAnd BitXor_BitOr"
+BINARY = (
+    "Add_Sub Sub_Add Mul_Div Div_Mul FloorDiv_Div Mod_Mul Pow_Mul BitAnd_BitOr BitOr_BitAnd "
+    "BitXor_BitOr"
+)
 SHIFTS = "LShift_RShift RShift_LShift"
-COMPARED = "Eq_NotEq NotEq_Eq Lt_LtE Lt_GtE LtE_Lt LtE_Gt Gt_GtE Gt_LtE GtE_Gt GtE_Lt Is_IsNot IsNot_Is"
+COMPARED = (
+    "Eq_NotEq NotEq_Eq Lt_LtE Lt_GtE LtE_Lt LtE_Gt Gt_GtE Gt_LtE GtE_Gt GtE_Lt Is_IsNot IsNot_Is"
+)
 UNARY = "Delete_USub Delete_Not Delete_Invert"
 OPERATORS = (
     *(f"ReplaceBinaryOperator_{pair}" for pair in f"{BINARY} {SHIFTS}".split()),
@@ -29,14 +36,23 @@ OPERATORS = (
     "AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "NumberReplacer",
     "ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "ZeroIterationForLoop",
 )  # fmt: skip
-LEFT_OUT = {"raise_stmt", "fstring", "decorator", "decorators", "assert_stmt", "import_from", "import_name"}
+LEFT_OUT = {
+    "raise_stmt",
+    "fstring",
+    "decorator",
+    "decorators",
+    "assert_stmt",
+    "import_from",
+    "import_name",
+}
 SAYING = {"say", "print", "warn", "track"}
 LARGEST = 1e4
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change of one file. name: file:line:column operator, by which a file of explanations knows it."""
+    """One change of one file. name: file:line:column operator, by which a file of explanations
+    knows it."""
 
     file: str
     line: int
@@ -60,7 +76,8 @@ class Mutant:
 
 
 def mutants(root: Path, package: str, count: int, seed: int) -> list[Mutant]:
-    """`count` mutants of a package: places are drawn first, all alike, then one of the operators that apply there."""
+    """`count` mutants of a package: places are drawn first, all alike, then one of the operators
+    that apply there."""
     places: defaultdict[tuple[str, int, int], list[Mutant]] = defaultdict(list)
     for path in sorted((root / package).rglob("*.py")):
         file = path.relative_to(root).as_posix()
@@ -86,7 +103,9 @@ def of_file(root: Path, file: str) -> Iterator[Mutant]:
                 occurrences[name] += 1
                 if left_out is None:
                     left_out = _left_out(node)
-                if not left_out and not (node.type == "number" and abs(complex(_value(node))) > LARGEST):
+                if not left_out and not (
+                    node.type == "number" and abs(complex(_value(node))) > LARGEST
+                ):
                     yield Mutant(file, *start, name, number, _kernel(node))
 
 
@@ -110,7 +129,10 @@ def _left_out(node: parso.tree.NodeOrLeaf) -> bool:
             return True
         if outer.type == "funcdef" and outer.annotation is inner:
             return True
-        if outer.type in ("atom_expr", "power") and getattr(outer.children[0], "value", "") in SAYING:
+        if (
+            outer.type in ("atom_expr", "power")
+            and getattr(outer.children[0], "value", "") in SAYING
+        ):
             return True
         if outer.type == "if_stmt" and outer.children[1].get_code().strip() == "TYPE_CHECKING":
             return True
@@ -120,7 +142,9 @@ def _left_out(node: parso.tree.NodeOrLeaf) -> bool:
 
 def _kernel(node: parso.tree.NodeOrLeaf) -> bool:
     while node is not None:
-        if node.type == "decorated" and any(word in node.children[0].get_code() for word in ("jit", "vectorize")):
+        if node.type == "decorated" and any(
+            word in node.children[0].get_code() for word in ("jit", "vectorize")
+        ):
             return True
         node = node.parent
     return False

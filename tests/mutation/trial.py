@@ -1,4 +1,5 @@
-"""One mutant's trial: the tests that run its line, quickest first, in a fork of a process that has the libraries."""
+"""One mutant's trial: the tests that run its line, quickest first, in a fork of a process that has
+the libraries."""
 
 from __future__ import annotations
 
@@ -22,8 +23,20 @@ from tests.mutation.mutants import Mutant
 PACKAGES = ("radar", "calibration", "groundtruth", "bench")
 BUDGET_S = 25.0  # of tests a mutant, as they were timed when the lines were mapped
 SLACK_S, FACTOR, COMPILING_S = 40.0, 4.0, 100.0  # a mutant that takes longer hangs
-QUIETLY = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
-PASSED, FAILED = 0, 1  # pytest's exit codes; with another, of a module that cannot be imported, one looks twice
+QUIETLY = [
+    "-x",
+    "-q",
+    "-p",
+    "no:cacheprovider",
+    "-p",
+    "no:xdist",
+    "-W",
+    "ignore::pytest.PytestAssertRewriteWarning",
+]
+PASSED, FAILED = (
+    0,
+    1,
+)  # pytest's exit codes; with another, of a module that cannot be imported, one looks twice
 
 
 @dataclass(frozen=True)
@@ -42,12 +55,17 @@ class Trials:
         self.tree, self.log = tree, tree.parent / "trial.log"
         found = json.loads(lines.read_text())
         self.tests, self.seconds, self.lines = found["tests"], found["seconds"], found["lines"]
-        self.importers = {file: _importers(tree, file) for file in self.lines if file.startswith(PACKAGES)}
-        self.kernels = {file for file in self.importers if "jit" in (tree / file).read_text(encoding="utf-8")}
+        self.importers = {
+            file: _importers(tree, file) for file in self.lines if file.startswith(PACKAGES)
+        }
+        self.kernels = {
+            file for file in self.importers if "jit" in (tree / file).read_text(encoding="utf-8")
+        }
 
     def chosen(self, mutant: Mutant) -> list[str]:
-        """The tests that run the line; then those that run its file (what is cached, or decided at import, shows
-        there) or, of a compiled line, a file that imports it: quickest first, BUDGET_S in all."""
+        """The tests that run the line; then those that run its file (what is cached, or decided at
+        import, shows there) or, of a compiled line, a file that imports it: quickest first,
+        BUDGET_S in all."""
         file = self.lines.get(mutant.file, {})
         ranks: dict[int, int] = dict.fromkeys(file.get(str(mutant.line), []), 0)
         for line in file.values():
@@ -83,7 +101,8 @@ class Trials:
 
     @contextmanager
     def _changed(self, mutant: Mutant, compiled: bool) -> Iterator[None]:
-        """The file with the change, in the block; what numba keeps of it and its callers is put aside."""
+        """The file with the change, in the block; what numba keeps of it and its callers is put
+        aside."""
         path, state = self.tree / mutant.file, (self.tree / mutant.file).stat()
         source, aside = path.read_bytes(), self.tree.parent / "compiled"
         kept = list(_compiled(self.tree)) if compiled else []
@@ -175,8 +194,13 @@ def _direct(tree: Path) -> dict[str, set[str]]:
                     if isinstance(node, ast.Import):
                         names = [alias.name for alias in node.names]
                     elif isinstance(node, ast.ImportFrom) and node.module:
-                        names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+                        names = [
+                            node.module,
+                            *(f"{node.module}.{alias.name}" for alias in node.names),
+                        ]
                     for name in names:
-                        found.setdefault(name.removeprefix("handbench."), set()).add(path.relative_to(tree).as_posix())
+                        found.setdefault(name.removeprefix("handbench."), set()).add(
+                            path.relative_to(tree).as_posix()
+                        )
         _DIRECT[tree] = found
     return _DIRECT[tree]

@@ -10,8 +10,9 @@ from handbench.radar.imaging.plan import Sorted, TreePlan, fresh_plans
 
 @pytest.fixture(scope="module")
 def planned() -> Iterator[None]:
-    """Images of points are made by plans, few as they are: a test's points are so few that their exact sum costs less,
-    which would then be compared with itself. Whether a grid is planned stays as it is."""
+    """Images of points are made by plans, few as they are: a test's points are so few that their
+    exact sum costs less, which would then be compared with itself. Whether a grid is planned stays
+    as it is."""
     of_all = TreePlan.cost
 
     def cost(plan: TreePlan, where: Sorted | None = None) -> float:

@@ -4,9 +4,12 @@ import numpy as np
 
 
 def noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
-    """White complex noise, the hardest input of a skeleton: nothing is concentrated where it is accurate."""
+    """White complex noise, the hardest input of a skeleton: nothing is concentrated where it is
+    accurate."""
     generator = np.random.default_rng(seed)
-    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
+    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(
+        np.complex64
+    )
 
 
 def relative_error(image: np.ndarray, reference: np.ndarray) -> float:

@@ -17,7 +17,8 @@ def point_capture(point_m, frequencies_hz=TONES_HZ) -> RadarCapture:
 
 
 def points_capture(points_m, frequencies_hz=TONES_HZ, phase_noise_rad=0.0, seed=0) -> RadarCapture:
-    """Points [n, 3] of equal strength; phase_noise_rad: between two tones at the strongest point."""
+    """Points [n, 3] of equal strength; phase_noise_rad: between two tones at the strongest
+    point."""
     frequencies_hz = np.asarray(frequencies_hz)
     samples = simulate(Scatterers(points_m, np.ones(len(points_m))), frequencies_hz, qar50())
     if phase_noise_rad:
@@ -44,7 +45,8 @@ def bumpy(x, y):
 
 
 def around(point_m, half_m=0.012, step_m=0.001) -> dict[str, Axis]:
-    """Pixels about a point, which lies on one of them; the full image would take as long for nothing more."""
+    """Pixels about a point, which lies on one of them; the full image would take as long for
+    nothing more."""
     return {
         axis: Axis(start_m=p - half_m, stop_m=p + half_m, step_m=step_m)
         for axis, p in zip("xy", point_m[:2], strict=True)
@@ -53,4 +55,6 @@ def around(point_m, half_m=0.012, step_m=0.001) -> dict[str, Axis]:
 
 def strongest_z_m(depth) -> float:
     """Depth of the strongest pixel on target."""
-    return float(depth.z_m.flat[np.argmax(np.where(np.isfinite(depth.z_m), depth.amplitude_db, -np.inf))])
+    return float(
+        depth.z_m.flat[np.argmax(np.where(np.isfinite(depth.z_m), depth.amplitude_db, -np.inf))]
+    )

@@ -64,7 +64,8 @@ def full_disk(*_, **__):
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
-# --- errors ---------------------------------------------------------------------------------------------------------
+# --- errors
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_message_is_one_line_whatever_it_quotes():
@@ -75,21 +76,34 @@ def test_an_error_survives_the_way_back_from_a_worker_process():
     assert str(pickle.loads(pickle.dumps(HandbenchError("x: got 1")))) == "x: got 1"
 
 
-# --- configuration --------------------------------------------------------------------------------------------------
+# --- configuration
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
         ({"nmae": "a"}, "unknown key 'nmae'; did you mean 'name'?"),
-        ({"name": "a", "part": [{}, {"widht_m": 1}]}, "unknown key 'part.1.widht_m'; did you mean 'width_m'?"),
-        ({"name": "a", "target": {"kind": "mesh", "pth": "x"}}, "unknown key 'target.pth'; did you mean 'path'?"),
-        ({"name": "a", "target": {"kind": "hand", "pos": "x"}}, "unknown key 'target.pos'; did you mean 'pose'?"),
+        (
+            {"name": "a", "part": [{}, {"widht_m": 1}]},
+            "unknown key 'part.1.widht_m'; did you mean 'width_m'?",
+        ),
+        (
+            {"name": "a", "target": {"kind": "mesh", "pth": "x"}},
+            "unknown key 'target.pth'; did you mean 'path'?",
+        ),
+        (
+            {"name": "a", "target": {"kind": "hand", "pos": "x"}},
+            "unknown key 'target.pos'; did you mean 'pose'?",
+        ),
         ({"name": "a", "zzzzzz": 1}, "known: name, part, target"),
         ({}, "key 'name' is missing"),
         ({"name": "a", "target": {"kind": "mesh"}}, "key 'target.path' is missing"),
         ({"name": 5}, "'name' is 5; input should be a valid string"),
-        ({"name": "a", "part": [{"width_m": -1}]}, "'part.0.width_m' is -1; input should be greater than 0"),
+        (
+            {"name": "a", "part": [{"width_m": -1}]},
+            "'part.0.width_m' is -1; input should be greater than 0",
+        ),
         ({"name": "a", "part": [{"width_m": float("nan")}]}, "'part.0.width_m' is nan"),
         ({"name": "a", "b\nc": 1}, "unknown key 'b c'"),
     ],
@@ -128,7 +142,8 @@ def test_a_suggestion_is_made_only_when_a_name_is_near():
     assert suggest("xyz", ["b", "a"]) == "known: a, b"
 
 
-# --- atomic files ---------------------------------------------------------------------------------------------------
+# --- atomic files
+# ---------------------------------------------------------------------------------------------------
 
 
 def test_an_exception_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -141,7 +156,9 @@ def test_an_exception_leaves_the_old_file_and_nothing_else(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("where", ["handbench.support.files.os.replace", "handbench.support.files.tempfile.mkstemp"])
+@pytest.mark.parametrize(
+    "where", ["handbench.support.files.os.replace", "handbench.support.files.tempfile.mkstemp"]
+)
 def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, monkeypatch, where):
     path = tmp_path / "result.json"
     path.write_text("old")
@@ -154,7 +171,9 @@ def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path, monkeypatch, wher
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a device that is always full")
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="needs /dev/full, a device that is always full"
+)
 def test_a_disk_that_fills_while_writing_is_a_known_error(tmp_path):
     def fill() -> None:
         with atomic_path(tmp_path / "a.bin"), Path("/dev/full").open("wb") as stream:
@@ -227,7 +246,8 @@ def test_a_folder_takes_neither_a_files_place_nor_the_current_folders(tmp_path, 
     assert (tmp_path / "keep").read_text() == "precious"
 
 
-# --- names from strangers -------------------------------------------------------------------------------------------
+# --- names from strangers
+# -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "link/x", "a\0b"])
@@ -253,13 +273,24 @@ def test_missing_inputs_say_what_was_found(tmp_path):
     assert require_folder(tmp_path, "photos") == tmp_path
 
 
-# --- JSON and arrays ------------------------------------------------------------------------------------------------
+# --- JSON and arrays
+# ------------------------------------------------------------------------------------------------
 
 
 def test_json_holds_null_for_what_is_not_finite(tmp_path):
-    content = {"a": float("nan"), "b": [np.inf, np.float32(0.5)], "c": np.array([[1.0, -np.inf]]), 4: np.int64(3)}
+    content = {
+        "a": float("nan"),
+        "b": [np.inf, np.float32(0.5)],
+        "c": np.array([[1.0, -np.inf]]),
+        4: np.int64(3),
+    }
     write_json(tmp_path / "a.json", content)
-    assert read_json(tmp_path / "a.json", "a test") == {"a": None, "b": [None, 0.5], "c": [[1.0, None]], "4": 3}
+    assert read_json(tmp_path / "a.json", "a test") == {
+        "a": None,
+        "b": [None, 0.5],
+        "c": [[1.0, None]],
+        "4": 3,
+    }
 
 
 def test_json_that_cannot_be_written_leaves_nothing(tmp_path):
@@ -268,7 +299,9 @@ def test_json_that_cannot_be_written_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("content", [b"{", b"\xff\xfe", b"", b"[" * 200_000, b'{"a": 1}}', b"9" * 10_000])
+@pytest.mark.parametrize(
+    "content", [b"{", b"\xff\xfe", b"", b"[" * 200_000, b'{"a": 1}}', b"9" * 10_000]
+)
 def test_broken_json_is_one_line(tmp_path, content):
     (tmp_path / "a.json").write_bytes(content)
     line = message(read_json, tmp_path / "a.json", "a camera file")
@@ -278,7 +311,11 @@ def test_broken_json_is_one_line(tmp_path, content):
 
 @pytest.mark.parametrize("name", ["a.npz", "errors", "a.depth"])
 def test_arrays_come_back_from_any_name(tmp_path, name):
-    values = {"z_m": np.array([[1.0, np.nan]]), "method": np.array("3fsk"), "volume": np.ones(2, np.complex64)}
+    values = {
+        "z_m": np.array([[1.0, np.nan]]),
+        "method": np.array("3fsk"),
+        "volume": np.ones(2, np.complex64),
+    }
     write_npz(tmp_path / name, **values)
     assert [p.name for p in tmp_path.iterdir()] == [name]
     for key, value in read_npz(tmp_path / name, tuple(values)).items():
@@ -321,7 +358,8 @@ def test_broken_arrays_are_one_line(tmp_path):
     assert "lacks x_m; expected z_m, x_m" in message(read_npz, tmp_path / "a.npz", ("z_m", "x_m"))
 
 
-# --- hashes ---------------------------------------------------------------------------------------------------------
+# --- hashes
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_folders_hash_changes_with_content_and_name_and_with_nothing_else(tmp_path):
@@ -378,7 +416,8 @@ def test_what_cannot_be_told_apart_is_not_hashed():
         content_hash({"a": object()})
 
 
-# --- progress -------------------------------------------------------------------------------------------------------
+# --- progress
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_progress_yields_every_item_and_keeps_stdout_clean(capsys, monkeypatch):

@@ -1,4 +1,5 @@
-"""Small slips that no other test would notice: each test pins one formula, boundary or path by what it means."""
+"""Small slips that no other test would notice: each test pins one formula, boundary or path by what
+it means."""
 
 import sys
 from dataclasses import replace
@@ -30,7 +31,12 @@ from tests.radar.exact import tone_images
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.closed_forms import sphere_body
 from tests.radar.simulation.effects.plates import dihedral, plate
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated_change
+from tests.radar.simulation.effects.small_scenes import (
+    TONES_HZ,
+    bead_scene,
+    estimated,
+    simulated_change,
+)
 
 pytestmark = pytest.mark.usefixtures("planned")
 
@@ -45,7 +51,8 @@ def test_a_bar_on_a_terminal_leaves_stdout_to_results(capsys, monkeypatch):
     assert shown.out == "" and "exact volume" in shown.err
 
 
-# --- imaging --------------------------------------------------------------------------------------------------------
+# --- imaging
+# --------------------------------------------------------------------------------------------------------
 
 
 def test_a_phase_is_noise_where_three_deviations_fill_its_circle():
@@ -92,20 +99,26 @@ def test_a_scan_of_more_positions_than_are_decomposed_at_once_meets_the_toleranc
     assert relative_error(images, direct_sum(samples, tones_hz, scan, points_m)) < 1e-3
 
 
-# --- what bodies are made of ----------------------------------------------------------------------------------------
+# --- what bodies are made of
+# ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("wet", "permittivity"), [(False, [1133.6, 1119.2, 990.76]), (True, [29010.0, 15357.0, 1832.8])]
 )
 def test_every_dispersion_of_skin_is_the_tabulated_one(wet, permittivity):
-    """Gabriel's models at 10 kHz, 100 kHz and 1 MHz as table 3 of doi 10.1186/s12938-018-0473-9 has them (five digits):
-    there the slow dispersions count, which millimetre waves hardly feel."""
-    assert skin_permittivity(np.array([1e4, 1e5, 1e6]), wet).real == pytest.approx(permittivity, rel=1e-4)
+    """Gabriel's models at 10 kHz, 100 kHz and 1 MHz as table 3 of doi 10.1186/s12938-018-0473-9 has
+    them (five digits): there the slow dispersions count, which millimetre waves hardly feel."""
+    assert skin_permittivity(np.array([1e4, 1e5, 1e6]), wet).real == pytest.approx(
+        permittivity, rel=1e-4
+    )
 
 
 def test_the_estimate_meets_what_happens_to_a_target_of_foam():
-    body = replace(sphere_body(0.015, 5, (0.01, -0.005, 0.3)), material=Material(kind="foam", permittivity=1.03))
+    body = replace(
+        sphere_body(0.015, 5, (0.01, -0.005, 0.3)),
+        material=Material(kind="foam", permittivity=1.03),
+    )
     scene = EchoScene(SPARSE, TONES_HZ, np.zeros(3), target=body)
     changes, level_db = estimated(scene, "obliquity", "dielectric", without="dielectric")
     change, expected_db = simulated_change(scene, "obliquity", "dielectric", without="dielectric")
@@ -113,16 +126,21 @@ def test_the_estimate_meets_what_happens_to_a_target_of_foam():
     assert level_db == pytest.approx(expected_db, abs=0.1)
 
 
-# --- what the scene does --------------------------------------------------------------------------------------------
+# --- what the scene does
+# --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("effect", "causes"),
-    [("noise", {"noise": {"phase_noise_rad": 0.02}}), ("oscillator", {"oscillator": {"level_dbc_hz": -70.0}})],
+    [
+        ("noise", {"noise": {"phase_noise_rad": 0.02}}),
+        ("oscillator", {"oscillator": {"level_dbc_hz": -70.0}}),
+    ],
     ids=["noise", "oscillator"],
 )
 def test_what_every_frame_draws_anew_is_estimated_as_it_will_be_simulated(effect, causes):
-    """With the very numbers of the simulation's first frame: a closed form knows their spread alone."""
+    """With the very numbers of the simulation's first frame: a closed form knows their spread
+    alone."""
     scene, names = bead_scene(causes), ("obliquity", "shadow_centre", effect)
     changes, level_db = estimated(scene, *names, without=effect)
     change, expected_db = simulated_change(scene, *names, without=effect)
@@ -137,7 +155,8 @@ def test_headroom_is_told_in_decibels_of_amplitude():
 
 @pytest.mark.parametrize("away", [(1, 0), (-1, 0), (0, 1), (0, -1)])
 def test_a_facet_counts_when_only_one_side_of_the_aperture_sees_it(away):
-    """A facet whose plane meets the aperture 0.05 m off its centre: antennas on either side see one of its faces."""
+    """A facet whose plane meets the aperture 0.05 m off its centre: antennas on either side see one
+    of its faces."""
     place_m, towards = np.array([0.0, 0.0, 0.3]), np.array([*away, 0.0])
     along = place_m - 0.05 * towards  # away from where the plane meets the aperture
     across = np.cross(along, towards)
@@ -164,7 +183,10 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
     """No axis is special to a tube's footprint; rays are cast in single precision."""
     corner = dihedral(0.03, 0.04, (0.02, 0.01, 0.3), 4, turn_rad=0.1)
     echoes = []
-    whole = (SPARSE, corner.vertices_m, np.eye(3)[1]), (TURNED, corner.vertices_m @ TURN.T, TURN[:, 1])
+    whole = (
+        (SPARSE, corner.vertices_m, np.eye(3)[1]),
+        (TURNED, corner.vertices_m @ TURN.T, TURN[:, 1]),
+    )
     for array, vertices_m, dipole in whole:
         angle_deg = float(np.degrees(np.arctan2(dipole[1], dipole[0])))
         body = Body(vertices_m, corner.faces)
@@ -174,9 +196,12 @@ def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
 
 
 def test_mirrors_catch_the_same_whichever_way_the_scene_is_turned():
-    """A quarter turn about z changes nothing but on which side of a cell rays at its edge count (1 of 4945)."""
+    """A quarter turn about z changes nothing but on which side of a cell rays at its edge count (1
+    of 4945)."""
     plates = facets.facets_of(dihedral(0.03, 0.04, (0.0, 0.0, 0.3), 40))
-    turned = facets.Facets(plates.position_m @ TURN.T, plates.area_m2, plates.normal @ TURN.T, plates.face)
+    turned = facets.Facets(
+        plates.position_m @ TURN.T, plates.area_m2, plates.normal @ TURN.T, plates.face
+    )
     count = count_mirroring(plates, CENTRE_M)
     assert count > 0
     assert count_mirroring(turned, CENTRE_M) == pytest.approx(count, rel=2e-3)

@@ -1,4 +1,5 @@
-"""Kernels are compiled by a process of their own, so that all that image or simulate load the same code."""
+"""Kernels are compiled by a process of their own, so that all that image or simulate load the same
+code."""
 
 import sys
 import time
@@ -18,10 +19,14 @@ BOTH = [
 
 
 @pytest.mark.parametrize(("compile_kernels", "module"), BOTH)
-def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(compile_kernels, module, monkeypatch):
+def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(
+    compile_kernels, module, monkeypatch
+):
     done = []
     ended = SimpleNamespace(returncode=0)
-    monkeypatch.setattr(compiled.subprocess, "run", lambda command, **_: done.append(command) or ended)
+    monkeypatch.setattr(
+        compiled.subprocess, "run", lambda command, **_: done.append(command) or ended
+    )
     monkeypatch.setattr(warmup, "_run_every_kernel", lambda: done.append("here"))
     monkeypatch.setattr(compiled, "_cached", lambda _: False)
     compile_kernels()
@@ -62,7 +67,9 @@ def test_of_two_that_ask_at_once_one_compiles(monkeypatch):
 def test_kernels_that_ran_are_cached_for_this_processor_alone(monkeypatch):
     warmup.compile_kernels()
     assert compiled._cached([warmup.gather])
-    monkeypatch.setattr(type(warmup.gather.targetctx.codegen()), "magic_tuple", lambda self: ("another processor",))
+    monkeypatch.setattr(
+        type(warmup.gather.targetctx.codegen()), "magic_tuple", lambda self: ("another processor",)
+    )
     assert not compiled._cached([warmup.gather])
 
 

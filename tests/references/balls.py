@@ -1,7 +1,8 @@
-"""Ball arithmetic as oracle: each number is a middle and a radius that it is proven to lie within (Arb, 128 bits).
+"""Ball arithmetic as oracle: each number is a middle and a radius that it is proven to lie within
+(Arb, 128 bits).
 
-Arrays of objects carry the balls, so that +, −, ·, /, sum and np.sqrt are those of numbers. Floats become balls without
-a rounding; `off` is where a case compares.
+Arrays of objects carry the balls, so that +, −, ·, /, sum and np.sqrt are those of numbers. Floats
+become balls without a rounding; `off` is where a case compares.
 """
 
 from typing import Any
@@ -28,10 +29,15 @@ def balls(values: Any) -> Balls:
 
 
 def off(found: Any, exact: Any) -> np.ndarray:
-    """The most that numbers can differ from balls: float64 in their shape; infinite where a ball is nowhere."""
+    """The most that numbers can differ from balls: float64 in their shape; infinite where a ball is
+    nowhere."""
 
     def most(difference: arb | acb) -> float:
-        return float(np.nextafter(float(difference.abs_upper()), np.inf)) if difference.is_finite() else np.inf
+        return (
+            float(np.nextafter(float(difference.abs_upper()), np.inf))
+            if difference.is_finite()
+            else np.inf
+        )
 
     return np.asarray(np.frompyfunc(most, 1, 1)(balls(found) - exact), np.float64)
 
@@ -45,14 +51,18 @@ def middles(exact: Any) -> np.ndarray:
 def legs_m(antennas: AntennaArray, points_m: np.ndarray) -> tuple[Balls, Balls]:
     """Distances of points to transmitters [p, t] and receivers [p, r]."""
     points = balls(points_m)[:, None]
-    to, back = (np.sqrt(((points - balls(leg)) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m))
+    to, back = (
+        np.sqrt(((points - balls(leg)) ** 2).sum(axis=2)) for leg in (antennas.tx_m, antennas.rx_m)
+    )
     return to, back
 
 
 def wave(legs: Balls, tone_hz: float) -> Balls:
     """e^{+j2πfR/c} of distances."""
     per_metre = 2 * arb(float(tone_hz)) / LIGHT_M_S
-    return np.asarray(np.frompyfunc(lambda leg: acb(leg * per_metre).exp_pi_i(), 1, 1)(legs), dtype=object)
+    return np.asarray(
+        np.frompyfunc(lambda leg: acb(leg * per_metre).exp_pi_i(), 1, 1)(legs), dtype=object
+    )
 
 
 def product(a: Balls, b: Balls) -> Balls:
@@ -60,26 +70,35 @@ def product(a: Balls, b: Balls) -> Balls:
     return np.array((acb_mat(a.tolist()) * acb_mat(b.tolist())).tolist(), dtype=object)
 
 
-def images(samples: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> Balls:
+def images(
+    samples: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray
+) -> Balls:
     """Σ S e^{+j2πf(|p−t|+|p−r|)/c} of samples [draw, f, t, r] at points [p, 3]: [draw, p]."""
     to, back = legs_m(antennas, points_m)
     total = np.full((len(samples), len(points_m)), acb(0), dtype=object)
     for tone_hz, of_tone in zip(tones_hz, np.moveaxis(samples, 1, 0), strict=True):
         along, home = wave(to, tone_hz), wave(back, tone_hz).T
-        total = total + [(along * product(balls(s.astype(complex)), home).T).sum(axis=1) for s in of_tone]
+        total = total + [
+            (along * product(balls(s.astype(complex)), home).T).sum(axis=1) for s in of_tone
+        ]
     return total
 
 
-def echoes(weights: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> Balls:
+def echoes(
+    weights: np.ndarray, antennas: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray
+) -> Balls:
     """Samples [f, t, r] of points that scatter evenly, each leg fading as 1/R."""
     to, back = legs_m(antennas, points_m)
     weight = balls(weights)[:, None]
-    return np.array([product((weight * wave(-to, f) / to).T, wave(-back, f) / back) for f in tones_hz], dtype=object)
+    return np.array(
+        [product((weight * wave(-to, f) / to).T, wave(-back, f) / back) for f in tones_hz],
+        dtype=object,
+    )
 
 
 def rotation(source_m: np.ndarray, target_m: np.ndarray) -> Balls:
-    """Rotation [3, 3] of least squares from points to points [n, 3] (Horn 1987): the quaternion that is the eigenvector
-    of the greatest eigenvalue."""
+    """Rotation [3, 3] of least squares from points to points [n, 3] (Horn 1987): the quaternion
+    that is the eigenvector of the greatest eigenvalue."""
     source, target = (points - points.mean(axis=0) for points in (balls(source_m), balls(target_m)))
     s = source.T @ target
     skew = [s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]]

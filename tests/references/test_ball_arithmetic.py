@@ -1,4 +1,5 @@
-"""The oracle of balls against closed forms of its own, and its radii against what is known exactly."""
+"""The oracle of balls against closed forms of its own, and its radii against what is known
+exactly."""
 
 from __future__ import annotations
 
@@ -15,12 +16,15 @@ from tests.references import balls as b
 
 def test_floats_become_balls_without_a_rounding():
     values = np.array([0.1, -5e-324, 1e300, 3.0])
-    assert (b.middles(b.balls(values)) == values).all() and all(x.rad() == 0 for x in b.balls(values))
+    assert (b.middles(b.balls(values)) == values).all() and all(
+        x.rad() == 0 for x in b.balls(values)
+    )
     assert b.middles(b.balls([0.1 + 2j]))[0] == 0.1 + 2j
 
 
 def test_a_difference_is_never_told_too_small():
-    """1/3 and √2 are no floats: the distance to the nearest one is known, and a nan is infinitely far."""
+    """1/3 and √2 are no floats: the distance to the nearest one is known, and a nan is infinitely
+    far."""
     third = b.balls(1.0) / 3
     assert 1.8e-17 < b.off(1 / 3, third) < 1.9e-17
     assert b.off(np.nan, third) == np.inf and b.off(1.0, b.balls(0.0) / 0) == np.inf
@@ -29,7 +33,8 @@ def test_a_difference_is_never_told_too_small():
 
 
 def test_one_channel_s_image_is_a_phase_of_the_path():
-    """3 + 5 m at a wavelength of 1 m: a whole number of turns; a quarter of a wavelength more is j."""
+    """3 + 5 m at a wavelength of 1 m: a whole number of turns; a quarter of a wavelength more
+    is j."""
     from handbench.radar.data.arrays import AntennaArray
 
     one = AntennaArray(np.array([[3.0, 0, 0]]), np.array([[0, 4.0, 3.0]]))

@@ -1,4 +1,5 @@
-"""A small result folder: a bumpy hand-like surface, four methods with known errors, two references."""
+"""A small result folder: a bumpy hand-like surface, four methods with known errors, two
+references."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 
 MESH_SIGMA_M, REGISTRATION_SIGMA_M = 5e-5, 1.5e-4
-METHODS = {  # name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame
+# name: title, standard deviation and bias of z in mm, share of pixels seen, seconds per frame
+METHODS = {
     "2fsk": ("2-FSK", 6.0, 1.0, 0.7, 0.08),
     "3fsk": ("3-FSK", 1.5, 0.2, 0.7, 0.21),
     "broadband": ("Broadband", 0.9, -0.4, 0.9, 42.0),
@@ -49,8 +51,11 @@ def blurred(noise: np.ndarray) -> np.ndarray:
 
 
 def known(z_m: np.ndarray, reference: str) -> Reference:
-    """A reference whose mesh errs by MESH_SIGMA_M and its place along z by REGISTRATION_SIGMA_M; the truth does not."""
-    mesh_m, along_z_m = (MESH_SIGMA_M, REGISTRATION_SIGMA_M) if reference == "photogrammetry" else (0.0, 0.0)
+    """A reference whose mesh errs by MESH_SIGMA_M and its place along z by REGISTRATION_SIGMA_M;
+    the truth does not."""
+    mesh_m, along_z_m = (
+        (MESH_SIGMA_M, REGISTRATION_SIGMA_M) if reference == "photogrammetry" else (0.0, 0.0)
+    )
     registration = Transform("photo", "radar", np.eye(4), np.diag([0, 0, along_z_m**2, 0, 0, 0]))
     leverage = np.where(np.isfinite(z_m)[..., None], [0.0, 0, 1, 0, 0, 0], np.nan)
     return Reference(z_m, np.where(np.isfinite(z_m), mesh_m, np.nan), leverage, registration)
@@ -73,7 +78,8 @@ def write_synthetic(
     surfaces = {
         "truth": {c: known(z, "truth") for c, z in truth.items()},
         "photogrammetry": {
-            c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry") for c, z in truth.items()
+            c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry")
+            for c, z in truth.items()
         },
     }
     surfaces["completed"] = surfaces["photogrammetry"]
@@ -85,24 +91,48 @@ def write_synthetic(
     for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
         maps = {reference: [] for reference in references}
         for c in captures:
-            z = truth[c] + 1e-3 * (bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape)))
+            z = truth[c] + 1e-3 * (
+                bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape))
+            )
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
             results.write_surface(folder, c, method, results.Surface(axis, axis, z))
             maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
             tasks.append(
-                (f"{c}-{method}", c, method, "image", seconds, 2 * seconds, 300.0, False, None, "", None, 0.05, 1e-6)
+                (
+                    f"{c}-{method}",
+                    c,
+                    method,
+                    "image",
+                    seconds,
+                    2 * seconds,
+                    300.0,
+                    False,
+                    None,
+                    "",
+                    None,
+                    0.05,
+                    1e-6,
+                )
             )
             for reference in references:
                 errors = error_map(axis, axis, z, surfaces[reference][c].z_m)
                 results.write_errors(folder, c, method, reference, errors)
                 maps[reference].append(errors)
         strongest = [0.29 + 6e-4 * deviation_mm * rng.normal(size=10) for _ in range(3)]
-        repeats += [(f"hand{h}", method, i, z) for h, hand in enumerate(strongest) for i, z in enumerate(hand)]
+        repeats += [
+            (f"hand{h}", method, i, z)
+            for h, hand in enumerate(strongest)
+            for i, z in enumerate(hand)
+        ]
         for reference in references:
             found = list(surfaces[reference].values())
             floors = [floor_mm([m], [r]) for m, r in zip(maps[reference], found, strict=True)]
             figures = of_captures(maps[reference]).assign(floor_mm=floors)
-            rows.append(accuracy_rows(method, reference, figures, floor=floor_interval(maps[reference], found)))
+            rows.append(
+                accuracy_rows(
+                    method, reference, figures, floor=floor_interval(maps[reference], found)
+                )
+            )
             rows.append(precision_rows(method, reference, strongest))
             rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
@@ -131,25 +161,41 @@ def equal_treatment(
             for metric, values in captures.items():
                 low, high = figure_interval(metric, values.to_numpy()) or (None, None)
                 unit = METRICS[metric].unit
-                figures.append((metric, treatment, method, values.mean(), low, high, unit, reference))
+                figures.append(
+                    (metric, treatment, method, values.mean(), low, high, unit, reference)
+                )
             curve_mm = np.mean([treated[method].curve_mm for treated in each], axis=0)
             points = zip(SHARES_PERCENT, curve_mm, strict=True)
-            curves += [(method, treatment, reference, *point) for point in points if np.isfinite(point[1])]
+            curves += [
+                (method, treatment, reference, *point) for point in points if np.isfinite(point[1])
+            ]
     return {"equal": frame(EQUAL, figures), "curves": frame(CURVES, curves)}
 
 
 def about(
-    captures: tuple[str, ...], methods: dict[str, tuple], references: tuple[str, ...], budgets: dict[str, dict]
+    captures: tuple[str, ...],
+    methods: dict[str, tuple],
+    references: tuple[str, ...],
+    budgets: dict[str, dict],
 ) -> results.About:
     """Facts of the synthetic result."""
     scored = [
-        results.CaptureFacts(name=c, measures=("accuracy",), pose=c, distance_m=0.29, references=references)
+        results.CaptureFacts(
+            name=c, measures=("accuracy",), pose=c, distance_m=0.29, references=references
+        )
         for c in captures
     ]
-    repeated = [results.CaptureFacts(name=f"hand{h}", measures=("precision",), distance_m=0.29) for h in range(3)]
+    repeated = [
+        results.CaptureFacts(name=f"hand{h}", measures=("precision",), distance_m=0.29)
+        for h in range(3)
+    ]
     return results.About(
         name="synthetic",
-        protocol={"poses": list(captures), "repeats": 10, "threshold_db": {"fsk": -10, "broadband": -13}},
+        protocol={
+            "poses": list(captures),
+            "repeats": 10,
+            "threshold_db": {"fsk": -10, "broadband": -13},
+        },
         metrics=results.metric_facts(),
         inputs={"bench.toml": "0" * 64},
         versions={"handbench": "0.1.0", "numpy": np.__version__},
@@ -161,13 +207,27 @@ def about(
 
 
 def write_synthetic_tradeoff(folder: Path, name: str = "synthetic", tolerances: int = 4) -> Path:
-    """Write a trade-off of two sections: images whose error falls as their time grows, and meshes without parts."""
+    """Write a trade-off of two sections: images whose error falls as their time grows, and meshes
+    without parts."""
     imaging = [
-        setting(method, tolerance, mm * (1 + 30 * tolerance**0.5), seconds * tolerance**-0.15, front=method == "3fsk")
-        for method, mm, seconds in (("2fsk", 6, 0.013), ("3fsk", 0.9, 0.012), ("broadband", 1.9, 0.1))
+        setting(
+            method,
+            tolerance,
+            mm * (1 + 30 * tolerance**0.5),
+            seconds * tolerance**-0.15,
+            front=method == "3fsk",
+        )
+        for method, mm, seconds in (
+            ("2fsk", 6, 0.013),
+            ("3fsk", 0.9, 0.012),
+            ("broadband", 1.9, 0.1),
+        )
         for tolerance in np.geomspace(1e-5, 1e-2, tolerances)
     ]
-    meshes = [setting("", views, 0.3 / views**0.5, 3.0 * views, section="groundtruth") for views in (4, 8, 16)]
+    meshes = [
+        setting("", views, 0.3 / views**0.5, 3.0 * views, section="groundtruth")
+        for views in (4, 8, 16)
+    ]
     sections = tuple(
         results.Section(
             name=section,
@@ -183,16 +243,30 @@ def write_synthetic_tradeoff(folder: Path, name: str = "synthetic", tolerances: 
             ("groundtruth", "Photogrammetry", "rms_mm", meshes[0].name),
         )
     )
-    claims = (results.Claim(text="3-FSK takes a thousandth", paper=1000.0, counted=740.0, measured=31.5, note="both"),)
+    claims = (
+        results.Claim(
+            text="3-FSK takes a thousandth", paper=1000.0, counted=740.0, measured=31.5, note="both"
+        ),
+    )
     facts = results.TradeoffFacts(
-        name=name, scored_against="truth", sections=sections, claims=claims, captures=("B",), versions={"numpy": "2"}
+        name=name,
+        scored_against="truth",
+        sections=sections,
+        claims=claims,
+        captures=("B",),
+        versions={"numpy": "2"},
     )
     results.write_tradeoff(folder, facts, [*imaging, *meshes])
     return folder
 
 
 def setting(
-    method: str, knob: float, error_mm: float, seconds: float, section: str = "imaging", front: bool = True
+    method: str,
+    knob: float,
+    error_mm: float,
+    seconds: float,
+    section: str = "imaging",
+    front: bool = True,
 ) -> results.Setting:
     """One line of a trade-off; what has a method tells the parts of its time."""
     parts = (0.003, 2.0, 0.7 * seconds, 0.3 * seconds) if method else (None,) * 4

@@ -1,4 +1,5 @@
-"""The tables of README and docs/results.md: made from a result, and every way in which they can be stale is noticed."""
+"""The tables of README and docs/results.md: made from a result, and every way in which they can be
+stale is noticed."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "els
 
 @pytest.fixture
 def result(tmp_path) -> results.Result:
-    """A synthetic result, of a scene, with comparisons as the methods are and under equal treatment, and a report's
-    figure."""
+    """A synthetic result, of a scene, with comparisons as the methods are and under equal
+    treatment, and a report's figure."""
     lines = [
         (
             "mae_mm",
@@ -64,7 +65,9 @@ def root(result, tmp_path) -> Path:
     (root / readme.SCENES).mkdir(parents=True)
     (root / readme.SCENES / "hand.toml").write_text('pose = "F"\n', "utf-8")
     for page in readme.PAGES:
-        (root / page).write_text("before\n<!-- table: begin -->\nstale words\n<!-- table: end -->\nafter\n", "utf-8")
+        (root / page).write_text(
+            "before\n<!-- table: begin -->\nstale words\n<!-- table: end -->\nafter\n", "utf-8"
+        )
     readme.write(result, root)
     return root
 
@@ -79,19 +82,33 @@ def changed(result: results.Result, metric: str, factor: float) -> results.Resul
 def test_what_was_written_is_the_results_and_not_stale(result, root):
     text, alike_text = ((root / page).read_text("utf-8") for page in readme.PAGES)
     for page in (text, alike_text):
-        assert page.startswith("before\n<!--") and page.endswith("-->\nafter\n") and "stale words" not in page
+        assert (
+            page.startswith("before\n<!--")
+            and page.endswith("-->\nafter\n")
+            and "stale words" not in page
+        )
     row = result.row("mae_mm", "3fsk", "photogrammetry")
     [mae] = [line for line in text.splitlines() if line.startswith("| MAE (mm) |")]
-    assert f"| **{row.value:.2f}** \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in mae and mae.count("**") == 2
+    assert (
+        f"| **{row.value:.2f}** \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in mae
+        and mae.count("**") == 2
+    )
     assert mae.endswith("| – | – |")  # this result has no methods of ours
     sentences = [line for line in alike_text.splitlines() if line.startswith("- ")]
     assert sentences[0] == (
-        "- 3-FSK and 2-FSK, on the pixels that all see: 3-FSK better by 1.0 mm unsmoothed \\[0.5, 1.5\\]; "
+        "- 3-FSK and 2-FSK, on the pixels that all see: 3-FSK better by 1.0 mm unsmoothed "
+        "\\[0.5, 1.5\\]; "
         "over completeness: not compared."
     )
     assert len(sentences) == 2 and "Broadband" in sentences[1]
-    [alike] = [line for line in alike_text.splitlines() if line.startswith("| MAE on common pixels, unsmoothed (mm) |")]
-    equal = result.equal[(result.equal.metric == "mae_mm") & (result.equal.treatment == "none")].set_index("method")
+    [alike] = [
+        line
+        for line in alike_text.splitlines()
+        if line.startswith("| MAE on common pixels, unsmoothed (mm) |")
+    ]
+    equal = result.equal[
+        (result.equal.metric == "mae_mm") & (result.equal.treatment == "none")
+    ].set_index("method")
     assert f"| **{equal.value['3fsk']:.2f}**" in alike and alike.count("**") == 2
     assert "(fitted) *3.6*" in text and "2 cores of an an \\| odd\\_one, no GPU." in text
     assert (root / "docs" / "depth_F.png").read_bytes() == b"a figure"
@@ -101,8 +118,16 @@ def test_what_was_written_is_the_results_and_not_stale(result, root):
 @pytest.mark.parametrize(
     ("file", "content", "problem"),
     [
-        ("README.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
-        ("docs/results.md", "<!-- table: begin -->\nby hand\n<!-- table: end -->\n", "the table is not what"),
+        (
+            "README.md",
+            "<!-- table: begin -->\nby hand\n<!-- table: end -->\n",
+            "the table is not what",
+        ),
+        (
+            "docs/results.md",
+            "<!-- table: begin -->\nby hand\n<!-- table: end -->\n",
+            "the table is not what",
+        ),
         ("docs/depth_F.png", "another", "docs/depth_F.png: is not the figure"),
         ("docs/depth_F.png", None, "docs/depth_F.png: is not the figure"),
         ("bench/run/benchmarks/hand.toml", 'pose = "B"\n', "hand.toml: has changed"),
@@ -127,7 +152,9 @@ def test_a_record_edited_by_hand_is_noticed(root):
     assert readme.stale(root) == ["README.md: the table is not what docs/table.json says"]
     recorded["equal"][0]["value"] *= 1.1
     (root / "docs" / "table.json").write_text(json.dumps(recorded), "utf-8")
-    assert readme.stale(root) == [f"{page}: the table is not what docs/table.json says" for page in readme.PAGES]
+    assert readme.stale(root) == [
+        f"{page}: the table is not what docs/table.json says" for page in readme.PAGES
+    ]
 
 
 def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
@@ -139,9 +166,14 @@ def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
     assert len(readme.disagreements(replace(result, table=fewer), root)) == 6  # all but the time
     worse = result.equal.assign(value=1.1 * result.equal.value)
     assert any(
-        "none" in line for line in readme.disagreements(replace(result, files={**result.files, "equal": worse}), root)
+        "none" in line
+        for line in readme.disagreements(
+            replace(result, files={**result.files, "equal": worse}), root
+        )
     )
-    [found] = readme.disagreements(replace(result, files={**result.files, "comparisons": frame(COMPARISONS)}), root)
+    [found] = readme.disagreements(
+        replace(result, files={**result.files, "comparisons": frame(COMPARISONS)}), root
+    )
     assert found.startswith("best: ")
 
 
@@ -162,7 +194,12 @@ def test_nothing_is_written_without_what_it_needs(result, root, tmp_path):
 
 def test_the_command_line_says_what_is_stale(result_folder, monkeypatch, capsys):
     monkeypatch.setattr(readme, "stale", lambda: [])
-    monkeypatch.setattr(readme, "disagreements", lambda result: ["mae_mm of 3fsk: 1 was recorded, 2 found"])
+    monkeypatch.setattr(
+        readme, "disagreements", lambda result: ["mae_mm of 3fsk: 1 was recorded, 2 found"]
+    )
     assert readme.main(["--check"]) == 0 and "up to date" in capsys.readouterr().out
-    assert readme.main([str(result_folder), "--check"]) == 1 and "1 was recorded, 2 found" in capsys.readouterr().out
+    assert (
+        readme.main([str(result_folder), "--check"]) == 1
+        and "1 was recorded, 2 found" in capsys.readouterr().out
+    )
     assert readme.main(["--write"]) == 2 and "RESULT: is missing" in capsys.readouterr().err

@@ -1,4 +1,5 @@
-"""The keys of the stages: what an edit of any module changes, held against another library's graph of the imports."""
+"""The keys of the stages: what an edit of any module changes, held against another library's graph
+of the imports."""
 
 import ast
 import sys
@@ -38,7 +39,8 @@ def graph(tmp_path_factory) -> grimp.ImportGraph:
 
 
 def reached(graph: grimp.ImportGraph, start: str) -> set[str]:
-    """All that runs when `start` does: what it imports, with the packages on the way, and what these import."""
+    """All that runs when `start` does: what it imports, with the packages on the way, and what
+    these import."""
     found: set[str] = set()
     waiting = {start}
     while waiting:
@@ -57,11 +59,15 @@ def test_an_edit_of_any_module_changes_the_keys_of_exactly_the_stages_that_run_i
     files = sorted(root.rglob("*.py"))
     assert len(files) > 250
     for file in files:
-        module = ".".join(file.relative_to(tmp_path).with_suffix("").parts).removesuffix(".__init__")
+        module = ".".join(file.relative_to(tmp_path).with_suffix("").parts).removesuffix(
+            ".__init__"
+        )
         whole = file.read_bytes()
         file.write_bytes(whole + b"# edited\n")
         edited = Sources(root)
-        edited._modules = {name: read for name, read in whole_tree._modules.items() if name != module}  # saves time
+        edited._modules = {
+            name: read for name, read in whole_tree._modules.items() if name != module
+        }  # saves time
         after = keys(edited)
         file.write_bytes(whole)
         changed = {name for name in STAGES if after[name] != before[name]}
@@ -75,10 +81,17 @@ def keys(sources: Sources) -> dict[str, str]:
 
 def test_keys_are_sharp():
     """What only shows results, or runs them, makes no stage anew."""
-    showing = ("handbench.reports", "handbench.cli", "handbench.bench.tradeoff", "handbench.bench.validation")
+    showing = (
+        "handbench.reports",
+        "handbench.cli",
+        "handbench.bench.tradeoff",
+        "handbench.bench.validation",
+    )
     for name, module in STAGES.items():
         ours = Sources().closure(module)[0]
-        aside = "handbench.bench.validation" if name == "inspect" else "nothing"  # the room that it is in
+        aside = (
+            "handbench.bench.validation" if name == "inspect" else "nothing"
+        )  # the room that it is in
         assert not [m for m in ours if m.startswith(showing) and not m.startswith(aside)], name
         assert not {
             "handbench.bench.run.runner",
@@ -87,7 +100,9 @@ def test_keys_are_sharp():
             "handbench.support.store",
         } & set(ours), name
     for name in ("reconstruct", "inspect"):
-        assert not [m for m in Sources().closure(STAGES[name])[0] if m.startswith("handbench.bench.results")], name
+        assert not [
+            m for m in Sources().closure(STAGES[name])[0] if m.startswith("handbench.bench.results")
+        ], name
 
 
 CASES = {
@@ -98,8 +113,14 @@ CASES = {
         "def f():\n    try:\n        pass\n    finally:\n        from handbench.bench import two",
         {"handbench.bench.two"},
     ),
-    "in a case": ("match 1:\n    case 1:\n        import handbench.bench.two", {"handbench.bench.two"}),
-    "in a class": ("class A:\n    async def f(self):\n        import handbench.bench.two", {"handbench.bench.two"}),
+    "in a case": (
+        "match 1:\n    case 1:\n        import handbench.bench.two",
+        {"handbench.bench.two"},
+    ),
+    "in a class": (
+        "class A:\n    async def f(self):\n        import handbench.bench.two",
+        {"handbench.bench.two"},
+    ),
     "relative": ("from . import two", {"handbench.bench.two"}),
     "relative, a name": ("from .two import f", {"handbench.bench.two"}),
     "by name": (
@@ -114,7 +135,10 @@ CASES = {
         "import handbench.radar.three",
         {"handbench.radar", "handbench.radar.three", "handbench.bench.two"},
     ),
-    "for types": ("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import handbench.bench.two", set()),
+    "for types": (
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import handbench.bench.two",
+        set(),
+    ),
     "or else": (
         "import typing\nif typing.TYPE_CHECKING:\n    pass\nelse:\n    import handbench.bench.two",
         {"handbench.bench.two"},
@@ -126,25 +150,39 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_every_way_to_import(tmp_path, case):
     code, expected = CASES[case]
-    for name, text in (("bench/one", code), ("bench/two", ""), ("radar/three", "import handbench.bench.two")):
+    for name, text in (
+        ("bench/one", code),
+        ("bench/two", ""),
+        ("radar/three", "import handbench.bench.two"),
+    ):
         file = tmp_path / f"{name}.py"
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
         (file.parent / "__init__.py").touch()
     assert (
-        set(Sources(tmp_path).closure("handbench.bench.one")[0]) - {"handbench.bench", "handbench.bench.one"}
+        set(Sources(tmp_path).closure("handbench.bench.one")[0])
+        - {"handbench.bench", "handbench.bench.one"}
         == expected
     )
 
 
 def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
     (tmp_path / "bench").mkdir()
-    (tmp_path / "bench" / "one.py").write_text("import cv2.aruco, json\nfrom numpy.linalg import norm\nimport nowhere")
-    assert Sources(tmp_path).closure("handbench.bench.one") == (["handbench.bench.one"], ["cv2", "nowhere", "numpy"])
-    assert installed("nowhere") == ("nowhere none",) and installed("numpy") == (f"numpy {np.__version__}",)
+    (tmp_path / "bench" / "one.py").write_text(
+        "import cv2.aruco, json\nfrom numpy.linalg import norm\nimport nowhere"
+    )
+    assert Sources(tmp_path).closure("handbench.bench.one") == (
+        ["handbench.bench.one"],
+        ["cv2", "nowhere", "numpy"],
+    )
+    assert installed("nowhere") == ("nowhere none",) and installed("numpy") == (
+        f"numpy {np.__version__}",
+    )
     assert installed("cv2")[0].startswith("opencv-contrib-python-headless ")
     before = Sources(tmp_path).key("handbench.bench.one")
-    monkeypatch.setattr("handbench.support.closure.installed", lambda name: (f"{name} of tomorrow",))
+    monkeypatch.setattr(
+        "handbench.support.closure.installed", lambda name: (f"{name} of tomorrow",)
+    )
     assert Sources(tmp_path).key("handbench.bench.one") != before
     with pytest.raises(ModuleNotFoundError, match=r"handbench\.bench\.no: is no module"):
         Sources(tmp_path).key("handbench.bench.no")
@@ -153,11 +191,15 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
 def test_data_beside_a_module_count_with_it(tmp_path):
     (tmp_path / "bench" / "data").mkdir(parents=True)
     (tmp_path / "bench" / "one.py").write_text("import handbench.bench.two")
-    (tmp_path / "bench" / "two.py").write_text("from pathlib import Path\nx = Path(__file__).parent / 'data'")
+    (tmp_path / "bench" / "two.py").write_text(
+        "from pathlib import Path\nx = Path(__file__).parent / 'data'"
+    )
     (tmp_path / "bench" / "plain.py").write_text("")
 
     def found() -> tuple[str, str]:
-        return Sources(tmp_path).key("handbench.bench.one"), Sources(tmp_path).key("handbench.bench.plain")
+        return Sources(tmp_path).key("handbench.bench.one"), Sources(tmp_path).key(
+            "handbench.bench.plain"
+        )
 
     seen = [found()]
     for name in ("a.toml", "data/b.html"):
@@ -166,15 +208,26 @@ def test_data_beside_a_module_count_with_it(tmp_path):
             seen.append(found())
     assert len({one for one, _ in seen}) == 5 and len({plain for _, plain in seen}) == 1
     (tmp_path / "bench" / "__pycache__").mkdir()
-    for compiled in ("two.cpython-311.pyc", "two.kernel-12.py311.nbi"):  # by Python and by numba, as it runs
+    for compiled in (
+        "two.cpython-311.pyc",
+        "two.kernel-12.py311.nbi",
+    ):  # by Python and by numba, as it runs
         (tmp_path / "bench" / "__pycache__" / compiled).write_text("1")
     assert found() == seen[-1]
 
 
 def test_nothing_that_a_stage_runs_is_imported_under_a_name_that_nobody_can_read():
-    """`import_module(name)` would hide what it imports: no stage's code has it. The registry's plug-ins have their own
-    key, and the package's own file looks up what its users name."""
-    for module in {module for start in STAGES.values() for module in Sources().closure(start)[0]} - {"handbench"}:
+    """`import_module(name)` would hide what it imports: no stage's code has it. The registry's
+    plug-ins have their own key, and the package's own file looks up what its users name."""
+    for module in {
+        module for start in STAGES.values() for module in Sources().closure(start)[0]
+    } - {"handbench"}:
         file = Path(str(find_spec(module).origin))
-        calls = [ast.unparse(n) for n in ast.walk(ast.parse(file.read_bytes())) if isinstance(n, ast.Call)]
-        assert not [call for call in calls if call.split("(")[0].endswith(("import_module", "__import__"))], module
+        calls = [
+            ast.unparse(n)
+            for n in ast.walk(ast.parse(file.read_bytes()))
+            if isinstance(n, ast.Call)
+        ]
+        assert not [
+            call for call in calls if call.split("(")[0].endswith(("import_module", "__import__"))
+        ], module

@@ -1,4 +1,5 @@
-"""Compiled loops: the vectors they fill, read off the machine code, and the one place that they come from."""
+"""Compiled loops: the vectors they fill, read off the machine code, and the one place that they
+come from."""
 
 import os
 import re
@@ -31,7 +32,8 @@ def test_loops_fill_whole_vectors():
 
 
 def test_all_loops_come_from_here():
-    """A loop that is compiled by numba itself before this module is imported would decide the vectors of all others."""
+    """A loop that is compiled by numba itself before this module is imported would decide the
+    vectors of all others."""
     asked = re.compile(r"^(import numba$|from numba import)", re.MULTILINE)
     importing = {
         str(file.relative_to(ROOT))

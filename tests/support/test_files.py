@@ -26,7 +26,9 @@ def capture(frames=2) -> RadarCapture:
     return RadarCapture(samples.astype(np.complex64), np.linspace(72e9, 82e9, 5), array)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason=f"the recorded antenna positions are not at {SHARED}")
+@pytest.mark.skipif(
+    not SHARED.is_dir(), reason=f"the recorded antenna positions are not at {SHARED}"
+)
 def test_built_in_array_equals_the_recorded_positions():
     assert np.allclose(qar50().tx_m, load_positions(SHARED / "tx_m.csv"), atol=1e-12)
     assert np.allclose(qar50().rx_m, load_positions(SHARED / "rx_m.csv"), atol=1e-12)
@@ -47,7 +49,9 @@ def test_capture_round_trip(tmp_path):
 
 
 def test_planar_scan_round_trip(tmp_path):
-    scan = RadarCapture(np.ones((1, 2, 7), np.complex64), np.array([1e9, 2e9]), PlanarScan(np.zeros((7, 3))))
+    scan = RadarCapture(
+        np.ones((1, 2, 7), np.complex64), np.array([1e9, 2e9]), PlanarScan(np.zeros((7, 3)))
+    )
     save_capture(tmp_path / "echoes.h5", scan)
     assert load_capture(tmp_path / "echoes.h5").aperture.channels == (7,)
 
@@ -56,7 +60,11 @@ def test_planar_scan_round_trip(tmp_path):
     ("name", "value", "message"),
     [
         ("samples", np.full((1, 5, 3, 4), np.nan, np.complex64), "no channel was measured"),
-        ("samples", np.ones((1, 5, 3, 5), np.complex64), r"shape \(1, 5, 3, 5\); expected \[frame, 5, 3, 4\]"),
+        (
+            "samples",
+            np.ones((1, 5, 3, 5), np.complex64),
+            r"shape \(1, 5, 3, 5\); expected \[frame, 5, 3, 4\]",
+        ),
         ("frequencies_hz", np.array([1.0, 2.0, 3.0, 4.0, -5.0]), "expected positive hertz"),
         ("frequencies_hz", np.float64(1.0), r"shape \(\); expected \[f\]"),
         ("tx_m", np.zeros((3, 2)), r"shape \(3, 2\); expected \[n, 3\]"),
@@ -100,13 +108,17 @@ def test_tones_are_the_nearest_measured_ones_with_their_true_frequencies():
 
 def test_depth_map_round_trip_and_wrong_axes(tmp_path):
     z_m = np.array([[0.3, np.nan], [0.31, 0.32], [0.3, 0.3]])
-    depth = DepthMap(np.arange(2.0), np.arange(3.0), z_m, np.where(z_m > 0.31, 0.0, -6.0), "2fsk", {"f1_hz": 1.0})
+    depth = DepthMap(
+        np.arange(2.0), np.arange(3.0), z_m, np.where(z_m > 0.31, 0.0, -6.0), "2fsk", {"f1_hz": 1.0}
+    )
     depth.save(tmp_path / "d.npz")
     again = load_depthmap(tmp_path / "d.npz")
     assert np.array_equal(again.z_m, z_m, equal_nan=True)
     assert (again.method, again.config) == ("2fsk", {"f1_hz": 1.0})
     DepthMap(np.arange(5.0), np.arange(3.0), z_m, z_m, "x").save(tmp_path / "bad.npz")
-    with pytest.raises(HandbenchError, match=r"z_m is float64 \(3, 2\); expected real numbers \(3, 5\)"):
+    with pytest.raises(
+        HandbenchError, match=r"z_m is float64 \(3, 2\); expected real numbers \(3, 5\)"
+    ):
         load_depthmap(tmp_path / "bad.npz")
 
 
@@ -145,14 +157,29 @@ HUGE = (1, 5, 3, 10**13)  # a few kB of file, 10^15 bytes of memory
         lambda file, name: file.create_group(name),
         lambda file, name: file.create_dataset(name, data="samples"),
         lambda file, name: file.create_dataset(name, data=h5py.Empty("f4")),
-        lambda file, name: file.create_dataset(name, data=np.zeros(3, [("a", "f4"), ("b", "f4"), ("c", "f4")])),
+        lambda file, name: file.create_dataset(
+            name, data=np.zeros(3, [("a", "f4"), ("b", "f4"), ("c", "f4")])
+        ),
         lambda file, name: file.__setitem__(name, h5py.SoftLink("/nowhere")),
         lambda file, name: file.__setitem__(name, h5py.SoftLink(f"/{name}")),
         lambda file, name: file.__setitem__(name, h5py.ExternalLink("other.h5", "samples")),
-        lambda file, name: file.create_dataset(name, (1, 5, 3, 4), "f4", external=[("secret", 0, 240)]),
+        lambda file, name: file.create_dataset(
+            name, (1, 5, 3, 4), "f4", external=[("secret", 0, 240)]
+        ),
         lambda file, name: file.create_virtual_dataset(name, _virtual()),
     ],
-    ids=["huge", "group", "text", "empty", "records", "dangling", "circular", "elsewhere", "raw", "virtual"],
+    ids=[
+        "huge",
+        "group",
+        "text",
+        "empty",
+        "records",
+        "dangling",
+        "circular",
+        "elsewhere",
+        "raw",
+        "virtual",
+    ],
 )
 def test_data_sets_that_are_none_are_refused(tmp_path, make, monkeypatch):
     """Nor does a file reach into others: what lies beside it, or anywhere, is not its echoes."""
@@ -198,11 +225,13 @@ print(refused)
 
 
 def test_mutations_are_read_or_refused(tmp_path):
-    """300 seeded ones in a process of their own: what HDF5's library does of itself (it can loop for ever on a crafted
-    file) is not ours to catch."""
+    """300 seeded ones in a process of their own: what HDF5's library does of itself (it can loop
+    for ever on a crafted file) is not ours to catch."""
     save_capture(tmp_path / "echoes.h5", capture(1))
     command = [sys.executable, "-c", MUTATED, str(tmp_path / "echoes.h5")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2])
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2]
+    )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 20  # a flipped bit of an echo is but another echo
 

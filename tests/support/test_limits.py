@@ -104,7 +104,10 @@ def test_thousands_of_problems_are_one_line():
 def test_a_file_without_end_and_a_pipe_are_not_waited_for(tmp_path):
     assert read_bytes("/proc/self/maps", "text", 2**20) == b""  # its size says so
     os.mkfifo(tmp_path / "a.png")
-    with pytest.raises(HandbenchError, match="expected a photograph"), opened_picture(tmp_path / "a.png"):
+    with (
+        pytest.raises(HandbenchError, match="expected a photograph"),
+        opened_picture(tmp_path / "a.png"),
+    ):
         pass
 
 
@@ -129,13 +132,16 @@ def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path, mor
         read_npz(tmp_path / "a.npz", ("x",))
 
 
-# --- HDF5 -----------------------------------------------------------------------------------------------------------
+# --- HDF5
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def echoes(tmp_path):
     capture = RadarCapture(
-        np.ones((1, 2, 2, 2), np.complex64), np.array([1e9, 2e9]), AntennaArray(np.eye(3)[:2], np.eye(3)[:2])
+        np.ones((1, 2, 2, 2), np.complex64),
+        np.array([1e9, 2e9]),
+        AntennaArray(np.eye(3)[:2], np.eye(3)[:2]),
     )
     save_capture(tmp_path / "echoes.h5", capture)
     (tmp_path / "elsewhere").mkdir()
@@ -143,11 +149,15 @@ def echoes(tmp_path):
     return tmp_path / "echoes.h5"
 
 
-@pytest.mark.parametrize(("sizes", "broken"), [((8, 20, 16), False), ((8, 20, 0), True), ((0,), True)])
+@pytest.mark.parametrize(
+    ("sizes", "broken"), [((8, 20, 16), False), ((8, 20, 0), True), ((0,), True)]
+)
 def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, sizes, broken):
-    """Objects with a number and a size, in steps of 8 bytes; the last has no number, and the rest for its size."""
+    """Objects with a number and a size, in steps of 8 bytes; the last has no number, and the rest
+    for its size."""
     content = b"".join(
-        struct.pack("<HHIQ", number, 0, 0, size) + bytes((size + 7) // 8 * 8 if number else max(size - 16, 0))
+        struct.pack("<HHIQ", number, 0, 0, size)
+        + bytes((size + 7) // 8 * 8 if number else max(size - 16, 0))
         for number, size in zip((*range(1, len(sizes)), 0), sizes, strict=True)
     )
     heap = b"GCOL\x01\0\0\0" + struct.pack("<Q", 16 + len(content)) + content
@@ -158,7 +168,9 @@ def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, s
 
 
 @pytest.mark.parametrize("name", ["samples", "frequencies_hz", "tx_m"])
-@pytest.mark.parametrize("chain", ["external", "soft to external", "soft", "through a group", "another's position_m"])
+@pytest.mark.parametrize(
+    "chain", ["external", "soft to external", "soft", "through a group", "another's position_m"]
+)
 def test_what_links_lead_to_is_not_read(echoes, name, chain):
     """The other file is whole: a reader that followed the link would accept it."""
     with h5py.File(echoes, "a") as file:
@@ -182,10 +194,15 @@ def test_what_links_lead_to_is_not_read(echoes, name, chain):
 @pytest.mark.parametrize("size, fits", [(64, True), (2**26, False), (2**29, False)])
 def test_pieces_that_unpack_to_more_than_they_are_are_refused(echoes, size, fits):
     packer = zlib.compressobj(9)
-    packed = b"".join(packer.compress(bytes(min(size, 2**24))) for _ in range(max(size // 2**24, 1))) + packer.flush()
+    packed = (
+        b"".join(packer.compress(bytes(min(size, 2**24))) for _ in range(max(size // 2**24, 1)))
+        + packer.flush()
+    )
     with h5py.File(echoes, "a") as file:
         del file["samples"]
-        made = file.create_dataset("samples", (1, 2, 2, 2), np.complex64, chunks=(1, 2, 2, 2), compression="gzip")
+        made = file.create_dataset(
+            "samples", (1, 2, 2, 2), np.complex64, chunks=(1, 2, 2, 2), compression="gzip"
+        )
         made.id.write_direct_chunk((0, 0, 0, 0), packed)
     if fits:
         assert not load_capture(echoes).samples.any()
@@ -194,7 +211,8 @@ def test_pieces_that_unpack_to_more_than_they_are_are_refused(echoes, size, fits
         load_capture(echoes)
 
 
-# --- pictures -------------------------------------------------------------------------------------------------------
+# --- pictures
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_pictures_of_many_scans_pixels_or_other_forms_are_refused(tmp_path):
@@ -207,14 +225,20 @@ def test_pictures_of_many_scans_pixels_or_other_forms_are_refused(tmp_path):
     with pytest.raises(HandbenchError, match="scans"), opened_picture(tmp_path / "a.jpg"):
         pass
     Image.new("L", (8, 8)).save(tmp_path / "a.gif")
-    with pytest.raises(HandbenchError, match="not a readable photograph"), opened_picture(tmp_path / "a.gif"):
+    with (
+        pytest.raises(HandbenchError, match="not a readable photograph"),
+        opened_picture(tmp_path / "a.gif"),
+    ):
         pass
     Image.new("L", (8, 8)).save(tmp_path / "a.png")
     content = bytearray((tmp_path / "a.png").read_bytes())
     content[16:24] = struct.pack(">II", 9000, 9000)
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     (tmp_path / "a.png").write_bytes(content + bytes(10_000))
-    with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
+    with (
+        pytest.raises(HandbenchError, match="9000 × 9000 pixels"),
+        opened_picture(tmp_path / "a.png"),
+    ):
         pass
 
 
@@ -231,7 +255,10 @@ def test_a_large_picture_holds_so_many_pixels_a_byte(tmp_path, mode, depth_bits,
     with opened_picture(tmp_path / "a.png") as image:
         assert image.size == (9000, 9000)
     (tmp_path / "a.png").write_bytes(content + bytes(least - 1 - len(content)))
-    with pytest.raises(HandbenchError, match="9000 × 9000 pixels"), opened_picture(tmp_path / "a.png"):
+    with (
+        pytest.raises(HandbenchError, match="9000 × 9000 pixels"),
+        opened_picture(tmp_path / "a.png"),
+    ):
         pass
 
 

@@ -1,4 +1,5 @@
-"""Processes that a script's call starts: the script, which says so each time that it runs, runs once."""
+"""Processes that a script's call starts: the script, which says so each time that it runs, runs
+once."""
 
 import subprocess
 import sys

@@ -1,4 +1,5 @@
-"""Stages that are kept: made once, found again, made anew when anything that they depend on is another."""
+"""Stages that are kept: made once, found again, made anew when anything that they depend on is
+another."""
 
 from pathlib import Path
 
@@ -34,10 +35,16 @@ def test_what_was_made_is_not_made_again(tmp_path, of):
     again = cached(tmp_path, of("dense", ["a", 1, None]))
     assert again == (stamp, True)  # what it cost when it was made
     assert len(made) == 1 and (first.folder(tmp_path) / "result.txt").read_text() == "made 1"
-    assert {path.name for path in first.folder(tmp_path).iterdir()} == {"result.txt", STAMP, MANIFEST}
+    assert {path.name for path in first.folder(tmp_path).iterdir()} == {
+        "result.txt",
+        STAMP,
+        MANIFEST,
+    }
 
 
-@pytest.mark.parametrize("other", [["b", 1, None], ["a", 2, None], ["a", 1, ""], ["a", 1], ["a", None, 1]])
+@pytest.mark.parametrize(
+    "other", [["b", 1, None], ["a", 2, None], ["a", 1, ""], ["a", 1], ["a", None, 1]]
+)
 def test_what_depends_on_something_else_is_another_folder(tmp_path, of, other):
     folders = set()
     for each in (of("dense", ["a", 1, None]), of("dense", other), of("mesh", other)):
@@ -68,4 +75,7 @@ def test_a_broken_file_is_named_and_the_stage_made_again(tmp_path, of, capsys, n
     cached(tmp_path, one)
     (one.folder(tmp_path) / name).write_text("{")
     assert not cached(tmp_path, one)[1]
-    assert f"{name} " in capsys.readouterr().err and (one.folder(tmp_path) / "result.txt").read_text() == "made 2"
+    assert (
+        f"{name} " in capsys.readouterr().err
+        and (one.folder(tmp_path) / "result.txt").read_text() == "made 2"
+    )

@@ -1,21 +1,31 @@
-"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate phases, transposed
-weights, in reverse order."""
+"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate
+phases, transposed weights, in reverse order."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.descent import BLOCK, SECOND_LEVEL, apply, differences, leaf_of, mix, steer, turn
+from handbench.radar.imaging.cpu.descent import (
+    BLOCK,
+    SECOND_LEVEL,
+    apply,
+    differences,
+    leaf_of,
+    mix,
+    steer,
+    turn,
+)
 from handbench.radar.imaging.cpu.steering import cis_turns
 from handbench.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):
-    """The part of each antenna's wave that reaches each point: complex, and smooth from point to point, from antenna to
-    antenna and in frequency. corner [3, n]: samples around each point, −1 in full sight of all antennas, with the share
-    [3, n] of each; table_a [samples, 3, nodes] complex64: factors of 1, u and u² at some antennas, from which spread_a
-    [a, nodes] makes all, u = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, and beside:
-    the sine of the angle from beside a point under which they come."""
+    """The part of each antenna's wave that reaches each point: complex, and smooth from point to
+    point, from antenna to antenna and in frequency. corner [3, n]: samples around each point, −1 in
+    full sight of all antennas, with the share [3, n] of each; table_a [samples, 3, nodes]
+    complex64: factors of 1, u and u² at some antennas, from which spread_a [a, nodes] makes all, u
+    = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, and beside: the
+    sine of the angle from beside a point under which they come."""
 
     corner: np.ndarray
     share: np.ndarray
@@ -35,27 +45,41 @@ class Sight(NamedTuple):
 
     def where(self, chosen: np.ndarray) -> "Sight":
         """Of some points, by mask or index."""
-        return self._replace(corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy())
+        return self._replace(
+            corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy()
+        )
 
     def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
         """Complex weights [a, n] of a leg, 0 or 1."""
         table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
         u = (turns_per_m - self.middle) / self.half
         nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
-        return np.where(self.partial, spread @ (nodes[self.corner] * self.share[:, :, None]).sum(axis=0).T, 1)
+        return np.where(
+            self.partial, spread @ (nodes[self.corner] * self.share[:, :, None]).sum(axis=0).T, 1
+        )
 
 
 NO_TABLE, NO_SPREAD = np.zeros((0, 3, 0), np.complex64), np.zeros((0, 0), np.float32)
 NOTHING = np.zeros((3, 0))
 FULL_SIGHT = Sight(
-    NOTHING.astype(np.int32), NOTHING.astype(np.float32), NO_TABLE, NO_SPREAD, NO_TABLE, NO_SPREAD, 0.0, 1.0, 0.0, 0.0
+    NOTHING.astype(np.int32),
+    NOTHING.astype(np.float32),
+    NO_TABLE,
+    NO_SPREAD,
+    NO_TABLE,
+    NO_SPREAD,
+    0.0,
+    1.0,
+    0.0,
+    0.0,
 )
 
 
 class Source(NamedTuple):
-    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal [3, n] or [3, 0];
-    spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a [a, n], seen_b [b, n]: which antennas
-    see each point, or [0, 0] where all do. Masks need a leaf that keeps all antennas."""
+    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal
+    [3, n] or [3, 0]; spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a
+    [a, n], seen_b [b, n]: which antennas see each point, or [0, 0] where all do. Masks need a leaf
+    that keeps all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -70,12 +94,15 @@ class Source(NamedTuple):
 
 @njit(**FAST)
 def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
-    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all scatterers."""
+    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all
+    scatterers."""
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            leaf = radiate(_part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m)
+            leaf = radiate(
+                _part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m
+            )
             samples += ascend(leaf, turns_per_m, *shifts, *weights)
     return samples
 
@@ -89,13 +116,17 @@ def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weig
 
 @njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
-    """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b]. `source`: a `Source`."""
+    """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b].
+    `source`: a `Source`."""
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
     sight, weighted = source.sight, source.sight.corner.shape[1] > 0
     if weighted:
-        spread_a, spread_b = sight.spread_a[number_a.astype(np.int64)], sight.spread_b[number_b.astype(np.int64)]
+        spread_a, spread_b = (
+            sight.spread_a[number_a.astype(np.int64)],
+            sight.spread_b[number_b.astype(np.int64)],
+        )
     block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
     for start in range(0, source.point_m.shape[1], block):
         stop = min(start + block, source.point_m.shape[1])
@@ -103,8 +134,12 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         points = source.point_m[:, start:stop].copy()
         common = (passes[0] + passes[1]) * source.delay_m[start:stop]
         delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
-        differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
-        differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
+        differences(
+            points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common
+        )
+        differences(
+            points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common
+        )
         gain_a = _gains(source, start, points, position_a, source.seen_a)
         gain_b = _gains(source, start, points, position_b, source.seen_b)
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
@@ -143,8 +178,8 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
 
 @njit(**FAST)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
-    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if nothing spreads; 0
-    where an antenna sees nothing of a point."""
+    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if
+    nothing spreads; 0 where an antenna sees nothing of a point."""
     n = points_m.shape[1]
     gain = np.ones((len(position_m), n), np.float32)
     if source.spreading:
@@ -157,7 +192,11 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
                 obliquity = 1.0
                 if source.normal.shape[1] > 0:
                     i = start + p
-                    along = source.normal[0, i] * dx + source.normal[1, i] * dy + source.normal[2, i] * dz
+                    along = (
+                        source.normal[0, i] * dx
+                        + source.normal[1, i] * dy
+                        + source.normal[2, i] * dz
+                    )
                     obliquity = max(along / distance, 0.0)
                 gain[a, p] = np.sqrt(obliquity) / distance
                 if source.pattern != 0.0:
@@ -169,7 +208,8 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
-    """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n points."""
+    """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n
+    points."""
     nodes, n_a = table.shape[2], len(spread)
     at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
     for power in range(3):
@@ -177,9 +217,16 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
             one, two, three = corner[0, start + p], corner[1, start + p], corner[2, start + p]
             s1, s2, s3 = share[0, start + p], share[1, start + p], share[2, start + p]
             for i in range(nodes):
-                mixed = s1 * table[one, power, i] + s2 * table[two, power, i] + s3 * table[three, power, i]
+                mixed = (
+                    s1 * table[one, power, i]
+                    + s2 * table[two, power, i]
+                    + s3 * table[three, power, i]
+                )
                 at_nodes[0, i, p], at_nodes[1, i, p] = mixed.real, mixed.imag
-        factors[power, :n_a], factors[power, n_a:] = np.dot(spread, at_nodes[0]), np.dot(spread, at_nodes[1])
+        factors[power, :n_a], factors[power, n_a:] = (
+            np.dot(spread, at_nodes[0]),
+            np.dot(spread, at_nodes[1]),
+        )
     return factors
 
 

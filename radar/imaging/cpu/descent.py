@@ -1,9 +1,10 @@
 """Down the tree: samples → the images of a limb's points.
 
-Samples are float32 planes [tone, re/im, transmitter, receiver], so that all products are real matrix products (faster
-than complex ones here). Descending multiplies by the parent-to-child phases and by the real skeleton weights. In a leaf
-ΔR is formed in float64 against a reference point near the aperture; what is left of it differs little from antenna to
-antenna, so that its phase can be formed in float32. The leaves of a limb are packed: one call images a whole limb.
+Samples are float32 planes [tone, re/im, transmitter, receiver], so that all products are real
+matrix products (faster than complex ones here). Descending multiplies by the parent-to-child phases
+and by the real skeleton weights. In a leaf ΔR is formed in float64 against a reference point near
+the aperture; what is left of it differs little from antenna to antenna, so that its phase can be
+formed in float32. The leaves of a limb are packed: one call images a whole limb.
 """
 
 from typing import NamedTuple
@@ -14,14 +15,17 @@ from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node
 from handbench.support.compiled import FAST, njit
 
-BLOCK = 320  # points per matrix product, fewer where that would push the factors out of the second-level cache:
+# points per matrix product, fewer where that would push the factors out of the second-level cache:
+BLOCK = 320
 SECOND_LEVEL = 65536  # antennas × points
-VECTOR = 32  # points that compiled loops take at once: of 54 points left over, each costs twice one of 256
+# points that compiled loops take at once: of 54 points left over, each costs twice one of 256
+VECTOR = 32
 
 
 class Leaves(NamedTuple):
-    """The leaves of a node, packed: sizes [n, 8] (tones and antennas of either leg; whether weights of each are given;
-    where the leaf begins in single and in double), zeros of those that are not planned; their arrays one after another.
+    """The leaves of a node, packed: sizes [n, 8] (tones and antennas of either leg; whether weights
+    of each are given; where the leaf begins in single and in double), zeros of those that are not
+    planned; their arrays one after another.
     """
 
     sizes: np.ndarray
@@ -47,7 +51,9 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
     for number, leaf in leaves.items():
         floats = [leaf.tone_weights, *leaf.leg_weights]
         doubles = [leaf.box.centre_m, leaf.turns_per_m, *leaf.shifts_m]
-        doubles += [array for leg in leaf.legs for array in (leg.length_m, leg.position_m, leg.number)]
+        doubles += [
+            array for leg in leaf.legs for array in (leg.length_m, leg.position_m, leg.number)
+        ]
         counts = [len(leaf.turns_per_m), *(len(leg.length_m) for leg in leaf.legs)]
         sizes[number] = *counts, *(array.size > 0 for array in floats), at_single, at_double
         single += [array.ravel() for array in floats]
@@ -59,22 +65,35 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
 
 @njit(**FAST)
 def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
-    """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b] at its part of all
-    points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
+    """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b]
+    at its part of all points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
     images = np.empty((count, starts[-1] - starts[0]), np.complex64)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
             below = descend(samples, turns_per_m, *shifts, *weights)
             here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
-            evaluate(below, points_m[:, starts[i] : starts[i + 1]], turns, place, passes, reference_m, here)
+            evaluate(
+                below,
+                points_m[:, starts[i] : starts[i + 1]],
+                turns,
+                place,
+                passes,
+                reference_m,
+                here,
+            )
     return images
 
 
 @njit(**FAST)
 def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
-    """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it is."""
-    return apply(weights_a, weights_b, mix(tone_weights, turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))))
+    """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it
+    is."""
+    return apply(
+        weights_a,
+        weights_b,
+        mix(tone_weights, turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))),
+    )
 
 
 @njit(**FAST)
@@ -108,7 +127,9 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
     """Real weights [n, a] and [m, b] on the antenna axes of samples [k, 2, a, b]: [k, 2, n, m]."""
     tones, _, n_a, n_b = samples.shape
     if weights_b.size != 0:
-        samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(tones, 2, n_a, len(weights_b))
+        samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
+            tones, 2, n_a, len(weights_b)
+        )
     if weights_a.size == 0:
         return samples
     out = np.empty((tones, 2, len(weights_a), samples.shape[3]), np.float32)
@@ -120,7 +141,8 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position, number of a, of b))."""
+    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position,
+    number of a, of b))."""
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
     weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
@@ -129,7 +151,10 @@ def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     centre = double[start : start + 3]
     turns = double[start + 3 : start + 3 + k]
     start += 3 + k
-    shift_a, shift_b = double[start : start + shape[2]], double[start + shape[2] : start + shape[2] + shape[3]]
+    shift_a, shift_b = (
+        double[start : start + shape[2]],
+        double[start + shape[2] : start + shape[2] + shape[3]],
+    )
     start += shape[2] + shape[3]
     place = (centre, *_antennas(double, start, n_a), *_antennas(double, start + 5 * n_a, n_b))
     return (tones, weights_a, weights_b), (shift_a, shift_b), turns, place
@@ -151,20 +176,27 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 
 @njit(**FAST)
 def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
-    """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums all tones."""
+    """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums
+    all tones."""
     tones, _, n_a, n_b = samples.shape
     centre_m, length_a, position_a, _, length_b, position_b, _ = place
     count = points_m.shape[1]
     blocks = -(-count // max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
-    n = VECTOR * -(-count // (blocks * VECTOR))  # of even blocks, the last one filled up with its last point
+    n = VECTOR * -(
+        -count // (blocks * VECTOR)
+    )  # of even blocks, the last one filled up with its last point
     points = np.empty((3, n))  # contiguous: the loops over points become vector code
     for start in range(0, count, n):
         held = min(count - start, n)
         points[:, :held], points[:, held:] = points_m[:, start : start + held], points_m[:, -1:]
         common = np.zeros(n)
         delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
-        differences(points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common)
-        differences(points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common)
+        differences(
+            points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common
+        )
+        differences(
+            points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common
+        )
         a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
         stacked, u = np.empty((2 * n_a, 2 * n_b), np.float32), np.empty((2 * n_a, n), np.float32)
         total_re, total_im = np.zeros(n, np.float32), np.zeros(n, np.float32)
@@ -188,8 +220,8 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
 
 @njit(**FAST)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2, a, b] and b [2b, p];
-    stacked [2a, 2b] and u [2a, p] are scratch."""
+    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2,
+    a, b] and b [2b, p]; stacked [2a, 2b] and u [2a, p] are scratch."""
     n_a, n_b = samples.shape[1:]
     stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
     stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
@@ -204,13 +236,22 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
-    """out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32; common_m [p] gains ΔR_reference(p)."""
+    """out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32; common_m [p] gains
+    ΔR_reference(p)."""
     n = points_m.shape[1]
-    cx, cy, cz = centre_m[0] - reference_m[0], centre_m[1] - reference_m[1], centre_m[2] - reference_m[2]
+    cx, cy, cz = (
+        centre_m[0] - reference_m[0],
+        centre_m[1] - reference_m[1],
+        centre_m[2] - reference_m[2],
+    )
     at_centre = passes * np.sqrt(cx * cx + cy * cy + cz * cz)
     reference = np.empty(n)
     for p in range(n):
-        dx, dy, dz = points_m[0, p] - reference_m[0], points_m[1, p] - reference_m[1], points_m[2, p] - reference_m[2]
+        dx, dy, dz = (
+            points_m[0, p] - reference_m[0],
+            points_m[1, p] - reference_m[1],
+            points_m[2, p] - reference_m[2],
+        )
         reference[p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre
         common_m[p] += reference[p]
     for a in range(len(position_m)):
@@ -222,7 +263,8 @@ def differences(points_m, position_m, passes, length_m, centre_m, reference_m, o
 
 @njit(**FAST)
 def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the conjugate."""
+    """out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the
+    conjugate."""
     n_a, n = difference_m.shape
     turns = np.float32(turns_per_m)
     for a in range(n_a):

@@ -2,15 +2,21 @@
 
     O(p) = Σ_f Σ_t Σ_r S_f[t, r] exp(+j2πf(|p − t| + |p − r|)/c)
 
-The double sum over antennas is a bilinear form aᵀ S b, so that one matrix product per tone and block of points replaces
-t·r exponentials per point.
+The double sum over antennas is a bilinear form aᵀ S b, so that one matrix product per tone and
+block of points replaces t·r exponentials per point.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, as_of_an_array, tones
+from handbench.radar.data.arrays import (
+    SPEED_OF_LIGHT_M_S,
+    AntennaArray,
+    Aperture,
+    as_of_an_array,
+    tones,
+)
 from handbench.radar.data.capture import largest_part
 from handbench.radar.imaging.cpu.steering import cis_turns, distances_m, phasor, steering
 from handbench.support.compiled import FAST, njit
@@ -18,16 +24,26 @@ from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
-TONES, WAVES = 32, 1 << 21  # most of one piece of work in float64: tones, and complex numbers of steering
-SAME = 1e-15  # spacings that differ by less, relative to a tone, are equal: 1e-9 rad over 15 m and 32 tones
+TONES, WAVES = (
+    32,
+    1 << 21,
+)  # most of one piece of work in float64: tones, and complex numbers of steering
+# spacings that differ by less, relative to a tone, are equal: 1e-9 rad over 15 m and 32 tones
+SAME = 1e-15
 
 
 def exact_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    points_m: np.ndarray,
+    apart: bool,
 ) -> np.ndarray:
-    """Images complex64 at points_m [n, 3]: [f, n] of every tone (apart), or [1, n] of their coherent sum.
+    """Images complex64 at points_m [n, 3]: [f, n] of every tone (apart), or [1, n] of their
+    coherent sum.
 
-    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f]. Every tone is summed.
+    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f]. Every tone
+    is summed.
     """
     check_samples(samples, frequencies_hz, aperture)
     images = np.zeros((len(samples) if apart else 1, len(points_m)), np.complex64)
@@ -35,7 +51,9 @@ def exact_images(
 
     def work(start: int) -> None:
         block = slice(start, start + BLOCK)
-        for f, image in enumerate(_block_images(stacked, frequencies_hz, aperture, points_m[block])):
+        for f, image in enumerate(
+            _block_images(stacked, frequencies_hz, aperture, points_m[block])
+        ):
             if apart:
                 images[f, block] = image
             else:
@@ -46,15 +64,24 @@ def exact_images(
 
 
 def exact_sums(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool = False
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    points_m: np.ndarray,
+    apart: bool = False,
 ) -> np.ndarray:
-    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-11 of Σ|samples| within a
-    metre. Samples that are no finite numbers, or not of the aperture, are the caller's to refuse.
+    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-11 of
+    Σ|samples| within a metre. Samples that are no finite numbers, or not of the aperture, are the
+    caller's to refuse.
 
-    From one tone to the next, steering is multiplied by that of their difference, which evenly spaced tones share.
+    From one tone to the next, steering is multiplied by that of their difference, which evenly
+    spaced tones share.
     """
     tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
-    lengths = [leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2) for leg in aperture.legs]
+    lengths = [
+        leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2)
+        for leg in aperture.legs
+    ]
     lengths = as_of_an_array(aperture, lengths)
     images = np.empty((len(samples), len(points)), np.complex128)
     count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
@@ -72,7 +99,11 @@ def exact_sums(
 def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
     """Steering exp(j2πfL/c) [f, a, n] of tones [f] at lengths [a, n]."""
     waves = np.empty((len(frequencies_hz), *length_m.shape), np.complex128)
-    waves[0], spacing_hz, steps = phasor(length_m, frequencies_hz[0], 1), 0.0, np.ones_like(waves[0])
+    waves[0], spacing_hz, steps = (
+        phasor(length_m, frequencies_hz[0], 1),
+        0.0,
+        np.ones_like(waves[0]),
+    )
     for f in range(1, len(waves)):
         if abs(frequencies_hz[f] - frequencies_hz[f - 1] - spacing_hz) > SAME * frequencies_hz[f]:
             spacing_hz = frequencies_hz[f] - frequencies_hz[f - 1]
@@ -90,12 +121,17 @@ def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
 def _block_images(
     stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """Every tone's image complex64 [n] at one block of points_m [n, 3]; `stacked` comes from `_stack`."""
+    """Every tone's image complex64 [n] at one block of points_m [n, 3]; `stacked` comes from
+    `_stack`."""
     points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
-        to, back = (leg.position_m for leg in aperture.legs)  # the second is not looked at where the first is met twice
+        to, back = (
+            leg.position_m for leg in aperture.legs
+        )  # the second is not looked at where the first is met twice
         for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
-            yield _scan_image(s, to, back, aperture.legs[0].passes == 2, points, frequency_hz / SPEED_OF_LIGHT_M_S)
+            yield _scan_image(
+                s, to, back, aperture.legs[0].passes == 2, points, frequency_hz / SPEED_OF_LIGHT_M_S
+            )
         return
     to, back = (distances_m(leg.position_m, points) for leg in aperture.legs)  # once for all tones
     a, u = (np.empty((2 * len(to), len(points_m)), np.float32) for _ in range(2))
@@ -107,8 +143,8 @@ def _block_images(
 
 
 def _stack(samples: np.ndarray) -> np.ndarray:
-    """Complex S [t, r] as the real matrix [[Re, −Im], [Im, Re]] (real products are faster than complex ones here);
-    a scan's samples stay complex."""
+    """Complex S [t, r] as the real matrix [[Re, −Im], [Im, Re]] (real products are faster than
+    complex ones here); a scan's samples stay complex."""
     if samples.ndim == 1:
         return np.ascontiguousarray(samples, np.complex64)
     re, im = samples.real, samples.imag
@@ -142,15 +178,18 @@ def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # 
 
 
 def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
-    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones and the aperture; the
-    largest magnitude of the samples' parts."""
+    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones
+    and the aperture; the largest magnitude of the samples' parts."""
     tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:
         raise HandbenchError(
-            f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} frequencies and "
+            f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} "
+            "frequencies and "
             f"{type(aperture).__name__} channels {aperture.channels}"
         )
     if samples.dtype.kind not in "iufc" or not np.isfinite(largest := largest_part(samples)):
-        raise HandbenchError(f"samples: hold NaN, infinity or {samples.dtype}; expected finite numbers: repair them")
+        raise HandbenchError(
+            f"samples: hold NaN, infinity or {samples.dtype}; expected finite numbers: repair them"
+        )
     return largest

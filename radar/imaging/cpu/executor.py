@@ -1,5 +1,6 @@
-"""Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix products along x, y and z
-that make every voxel of the coarse nodes, so that a projection along z never holds the volume."""
+"""Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix
+products along x, y and z that make every voxel of the coarse nodes, so that a projection along z
+never holds the volume."""
 
 from collections.abc import Callable
 from itertools import product
@@ -9,7 +10,15 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu.ascent import Source, ascend, scatter
-from handbench.radar.imaging.cpu.descent import Leaves, complex_samples, descend, gather, pack, planes, turn
+from handbench.radar.imaging.cpu.descent import (
+    Leaves,
+    complex_samples,
+    descend,
+    gather,
+    pack,
+    planes,
+    turn,
+)
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
@@ -22,14 +31,16 @@ ROWS = 16  # pixels along y of one piece of work
 
 
 class Executor:
-    """Images and echoes of points by a plan, whose limbs and leaves stay once points have touched them."""
+    """Images and echoes of points by a plan, whose limbs and leaves stay once points have touched
+    them."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._limbs: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
+        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
+        at sorted points."""
         plan, order = self.plan, where.order
         with one_blas_thread():
             root = _down(planes(samples), plan.trunk, plan.root)
@@ -39,7 +50,14 @@ class Executor:
             node, leaves, starts = self._limb(limb, where)
             below = _down(root, plan.root, node)
             images[:, starts[0] : starts[-1]] = gather(
-                below, node.turns_per_m, leaves, plan.passes, plan.reference_m, where.points_m, starts, len(images)
+                below,
+                node.turns_per_m,
+                leaves,
+                plan.passes,
+                plan.reference_m,
+                where.points_m,
+                starts,
+                len(images),
             )
 
         for_each(work, plan.touched(where))
@@ -48,19 +66,26 @@ class Executor:
         return unsorted
 
     def echoes(self, source: Source, where: Sorted) -> np.ndarray:
-        """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones summed."""
+        """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones
+        summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 
         def work(limb: int) -> None:
             node, leaves, starts = self._limb(limb, where)
             shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
-            samples = scatter(source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape)
+            samples = scatter(
+                source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape
+            )
             parts[limb] = _up(samples, plan.root, node)
 
         for_each(work, touched)
         with one_blas_thread():  # parts are added in order: no result depends on the threads
-            samples = _up(sum((parts[limb] for limb in touched), np.zeros((), np.float32)), plan.trunk, plan.root)
+            samples = _up(
+                sum((parts[limb] for limb in touched), np.zeros((), np.float32)),
+                plan.trunk,
+                plan.root,
+            )
         return complex_samples(samples)
 
     def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
@@ -72,23 +97,35 @@ class Executor:
         if leaves is None or not touched <= planned.keys():
             planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
             leaves = pack(planned, count)
-            self._limbs[limb] = node, planned, leaves  # whole, for the threads that read it meanwhile
+            self._limbs[limb] = (
+                node,
+                planned,
+                leaves,
+            )  # whole, for the threads that read it meanwhile
         return node, leaves, starts
 
 
 class ToneSkeleton:
-    """The tones frequencies_hz [k] that the box between low_m and high_m [3] needs, to a relative `tolerance`: as many
-    as carry all f of them there (128 → 11 for 20 mm at 1e-6), for exact images of a few points of it.
+    """The tones frequencies_hz [k] that the box between low_m and high_m [3] needs, to a relative
+    `tolerance`: as many as carry all f of them there (128 → 11 for 20 mm at 1e-6), for exact images
+    of a few points of it.
 
-    This is the root of `radar.imaging.tree` with the phase about the box's centre put back, so that the few tones are
-    samples like any others.
+    This is the root of `radar.imaging.tree` with the phase about the box's centre put back, so that
+    the few tones are samples like any others.
     """
 
     def __init__(
-        self, frequencies_hz: np.ndarray, aperture: Aperture, low_m: np.ndarray, high_m: np.ndarray, tolerance: float
+        self,
+        frequencies_hz: np.ndarray,
+        aperture: Aperture,
+        low_m: np.ndarray,
+        high_m: np.ndarray,
+        tolerance: float,
     ) -> None:
         self._all = trunk(frequencies_hz, aperture)
-        self._few = branch(self._all, Box(low_m, high_m), Family(tolerance, apart=False), keep_antennas=True)
+        self._few = branch(
+            self._all, Box(low_m, high_m), Family(tolerance, apart=False), keep_antennas=True
+        )
         self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
 
     def compress(self, samples: np.ndarray) -> np.ndarray:
@@ -96,11 +133,17 @@ class ToneSkeleton:
         return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
 
     def expand(self, samples: np.ndarray) -> np.ndarray:
-        """Echoes [k, t, r] of scatterers in the box at the few tones → [f, t, r] at all tones: the adjoint."""
+        """Echoes [k, t, r] of scatterers in the box at the few tones → [f, t, r] at all tones: the
+        adjoint."""
         return complex_samples(_up(self._centred(planes(samples), 1.0), self._all, self._few))
 
     def _centred(self, samples: np.ndarray, sign: float) -> np.ndarray:
-        return turn(samples, self._few.turns_per_m, *(leg.length_m for leg in self._few.legs), np.float32(sign))
+        return turn(
+            samples,
+            self._few.turns_per_m,
+            *(leg.length_m for leg in self._few.legs),
+            np.float32(sign),
+        )
 
 
 class Upsampler:
@@ -116,7 +159,9 @@ class Upsampler:
 
         def keep(image: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
             if carrier:
-                volumes[image, :, rows] = restore_carrier(re, im, grid.x_m, grid.y_m[rows], z_m, *self.plan.carrier)
+                volumes[image, :, rows] = restore_carrier(
+                    re, im, grid.x_m, grid.y_m[rows], z_m, *self.plan.carrier
+                )
             else:
                 volumes[image, :, rows].real, volumes[image, :, rows].imag = re, im
 
@@ -125,19 +170,31 @@ class Upsampler:
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
         """The peaks of the volume, which is never held."""
-        peaks = Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images))
+        peaks = Peaks.empty(
+            self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
+        )
 
         def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-            strongest(re, im, peaks.index[rows], peaks.magnitude[:, rows], peaks.rival[rows], peaks.second[rows])
+            strongest(
+                re,
+                im,
+                peaks.index[rows],
+                peaks.magnitude[:, rows],
+                peaks.rival[rows],
+                peaks.second[rows],
+            )
 
         self._upsample(nodes, images, keep)
         return peaks
 
     def _upsample(
-        self, nodes: VoxelGrid, images: np.ndarray, keep: Callable[[int, slice, np.ndarray, np.ndarray], None]
+        self,
+        nodes: VoxelGrid,
+        images: np.ndarray,
+        keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
     ) -> None:
-        """Envelopes of all voxels from the nodes' images, handed to keep(image, rows, re, im) in pieces
-        [nz, rows, nx]."""
+        """Envelopes of all voxels from the nodes' images, handed to keep(image, rows, re, im) in
+        pieces [nz, rows, nx]."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
         at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)
@@ -147,15 +204,24 @@ class Upsampler:
             image, z, rows = part
             piece = images[image, z, rows]
             envelope = np.empty((2, *piece.shape), np.float32)
-            take_carrier_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope)
+            take_carrier_out(
+                piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope
+            )
             plan.x.apply(envelope, along_x[image, :, z, rows])
 
         def heighten(part: tuple[int, tuple[slice, slice, np.ndarray | None]]) -> None:
             image, (rows, of, weights) = part
-            block = along_x[image, :, :, of] if weights is None else np.matmul(weights, along_x[image, :, :, of])
+            block = (
+                along_x[image, :, :, of]
+                if weights is None
+                else np.matmul(weights, along_x[image, :, :, of])
+            )
             for start in range(0, block.shape[2], at_once):
                 piece = block[:, :, start : start + at_once]
-                re, im = (plan.z.along_first(plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece)
+                re, im = (
+                    plan.z.along_first(plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
+                    for plane in piece
+                )
                 keep(image, slice(rows.start + start, rows.start + start + piece.shape[2]), re, im)
 
         halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
@@ -164,8 +230,12 @@ class Upsampler:
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return descend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
+    return descend(
+        samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
+    )
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return ascend(samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights)
+    return ascend(
+        samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
+    )

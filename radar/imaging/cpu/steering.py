@@ -1,9 +1,11 @@
-"""Steering phases: the one place where exp(±j 2π f R / c) is formed (but for the reference that checks it); and the
-gains of legs as skeletons meet them: which are smooth from antenna to antenna, and samples of those that are.
+"""Steering phases: the one place where exp(±j 2π f R / c) is formed (but for the reference that
+checks it); and the gains of legs as skeletons meet them: which are smooth from antenna to antenna,
+and samples of those that are.
 
-Convention: time e^{+jωt}; an echo over the path R carries exp(−j2πfR/c), and backprojection multiplies by the
-conjugate. Phases are counted in turns (f R / c) and reduced in float64 before the float32 sine, which keeps them good
-to 1e-7 rad at any range; forming them in float32 would cost 3e-4 rad at 2 m.
+Convention: time e^{+jωt}; an echo over the path R carries exp(−j2πfR/c), and backprojection
+multiplies by the conjugate. Phases are counted in turns (f R / c) and reduced in float64 before the
+float32 sine, which keeps them good to 1e-7 rad at any range; forming them in float32 would cost
+3e-4 rad at 2 m.
 """
 
 import numpy as np
@@ -17,9 +19,11 @@ GRAZING = 0.05  # √(n·û) where the cosine falls below this,
 FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m).
 
 
-def _minimax(function: np.ufunc, degree: int, parity: int, most: float = 1 / 4) -> tuple[np.float32, ...]:
-    """Power-series coefficients of function(2πt) in t² for |t| ≤ most, by Chebyshev interpolation (parity 1: divided
-    by t)."""
+def _minimax(
+    function: np.ufunc, degree: int, parity: int, most: float = 1 / 4
+) -> tuple[np.float32, ...]:
+    """Power-series coefficients of function(2πt) in t² for |t| ≤ most, by Chebyshev interpolation
+    (parity 1: divided by t)."""
     u = (np.cos(np.linspace(0, np.pi, 2001)) + 1) / 2 * most**2
     t = np.sqrt(np.maximum(u, 1e-12))
     values = function(2 * np.pi * t) / t**parity
@@ -43,8 +47,8 @@ def cis_turns(turns):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def cis_small(turns):  # type: ignore[no-untyped-def]
-    """The same of a float32 phase of a few turns, where float32 is exact enough (5e-7): series over a whole turn, which
-    need no sign."""
+    """The same of a float32 phase of a few turns, where float32 is exact enough (5e-7): series over
+    a whole turn, which need no sign."""
     t = turns - np.rint(turns)
     u = t * t
     cosine = Q0 + u * (Q1 + u * (Q2 + u * (Q3 + u * (Q4 + u * (Q5 + u * Q6)))))
@@ -75,8 +79,8 @@ def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R [a, p], f/c being
-    turns_per_m."""
+    """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R
+    [a, p], f/c being turns_per_m."""
     n_antennas, n_points = distance_m.shape
     for a in range(n_antennas):
         for p in range(n_points):
@@ -96,19 +100,24 @@ def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
-    """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are broadcast."""
+    """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are
+    broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
 @njit(**FAST)
 def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
-    """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3] with f/c [p] each, for
-    antennas [a, 3] about the centre c [3]."""
+    """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3]
+    with f/c [p] each, for antennas [a, 3] about the centre c [3]."""
     n_points, n_antennas = len(points_m), len(antennas_m)
     out = np.empty((2 * n_points, n_antennas), np.float32)
     at_centre = np.empty(n_antennas)
     for a in range(n_antennas):
-        dx, dy, dz = centre_m[0] - antennas_m[a, 0], centre_m[1] - antennas_m[a, 1], centre_m[2] - antennas_m[a, 2]
+        dx, dy, dz = (
+            centre_m[0] - antennas_m[a, 0],
+            centre_m[1] - antennas_m[a, 1],
+            centre_m[2] - antennas_m[a, 2],
+        )
         at_centre[a] = np.sqrt(dx * dx + dy * dy + dz * dz)
     for p in range(n_points):
         for a in range(n_antennas):
@@ -133,7 +142,9 @@ def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
     """planes [2, ny, nx] = image [ny, nx] without its carrier."""
     for j in range(len(y_m)):
         for i in range(len(x_m)):
-            cosine, sine = cis_turns(_carrier_turns(x_m[i], y_m[j], z_m, turns_per_m, passes, reference_m, ramp))
+            cosine, sine = cis_turns(
+                _carrier_turns(x_m[i], y_m[j], z_m, turns_per_m, passes, reference_m, ramp)
+            )
             value = image[j, i]
             planes[0, j, i] = value.real * cosine + value.imag * sine
             planes[1, j, i] = value.imag * cosine - value.real * sine
@@ -148,12 +159,15 @@ def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
     for k in range(len(z_m)):
         for j in range(len(y_m)):
             for i in range(nx):
-                turns = _carrier_turns(x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp)
+                turns = _carrier_turns(
+                    x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp
+                )
                 cosine[i], sine[i] = cis_turns(turns)
             for i in range(nx):
                 value_re, value_im = re[k, j, i], im[k, j, i]
                 volume[k, j, i] = complex(
-                    value_re * cosine[i] - value_im * sine[i], value_im * cosine[i] + value_re * sine[i]
+                    value_re * cosine[i] - value_im * sine[i],
+                    value_im * cosine[i] + value_re * sine[i],
                 )
     return volume
 
@@ -164,10 +178,12 @@ def least_cosine(pattern: float) -> float:
 
 
 def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
-    """Smooth gains [p, a] at points [p, 3], of unit mean square over the antennas [a, 3]: 1/R and the pattern, for half
-    of the points and more; for the others times the √(n·û) of a facet, whose normals stand evenly over all that every
-    antenna sees."""
-    return _probe_gains(points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern))
+    """Smooth gains [p, a] at points [p, 3], of unit mean square over the antennas [a, 3]: 1/R and
+    the pattern, for half of the points and more; for the others times the √(n·û) of a facet, whose
+    normals stand evenly over all that every antenna sees."""
+    return _probe_gains(
+        points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern)
+    )
 
 
 def _normals(count: int) -> np.ndarray:
@@ -182,7 +198,11 @@ def _normals(count: int) -> np.ndarray:
 @njit(**FAST)
 def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore[no-untyped-def]
     n_points, n_antennas = len(points_m), len(antennas_m)
-    gains, obliquity, axial = np.empty((n_points, n_antennas)), np.empty(n_antennas), np.empty(n_antennas)
+    gains, obliquity, axial = (
+        np.empty((n_points, n_antennas)),
+        np.empty(n_antennas),
+        np.empty(n_antennas),
+    )
     for p in range(n_points):
         nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
         for a in range(n_antennas):

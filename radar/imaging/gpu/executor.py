@@ -1,11 +1,13 @@
-"""Execution on a device as array code: the tree's boxes of a level all at once, and volumes from their nodes.
+"""Execution on a device as array code: the tree's boxes of a level all at once, and volumes from
+their nodes.
 
-Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch is one product per
-tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point, what is left of it in float32. Nodes'
-images pass through the processor's memory: there are thirty times fewer of them than voxels.
+Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch
+is one product per tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point,
+what is left of it in float32. Nodes' images pass through the processor's memory: there are thirty
+times fewer of them than voxels.
 
-An exact image is one complex product per tone and block. A planar scan is an array there, whose second leg is one
-antenna that the wave meets zero times.
+An exact image is one complex product per tone and block. A planar scan is an array there, whose
+second leg is one antenna that the wave meets zero times.
 """
 
 from collections.abc import Iterator
@@ -28,13 +30,15 @@ from handbench.support.parallel import for_each
 PIECE = 512  # points of one leaf that share a product
 WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
 PATH_BYTES = 40  # per point and antenna: differences in double
-POINT_BYTES = 48  # per point and antenna of an exact image: distances in double, their turns, phases and products
+# per point and antenna of an exact image: distances in double, their turns, phases and products
+POINT_BYTES = 48
 VOXEL_BYTES = 64  # of a piece of a volume: both planes, and what their magnitude or carrier takes
 
 
 class Batch(NamedTuple):
-    """n pieces of up to p points: sample [n] (its leaf's row among the samples), leaf [n] (its row in the level),
-    points_m [3, n, p], and target [n, p], where each point's image goes; padding goes one column past the last."""
+    """n pieces of up to p points: sample [n] (its leaf's row among the samples), leaf [n] (its row
+    in the level), points_m [3, n, p], and target [n, p], where each point's image goes; padding
+    goes one column past the last."""
 
     sample: Array
     leaf: Array
@@ -44,7 +48,8 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class Placed:
-    """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves, and the batches."""
+    """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves,
+    and the batches."""
 
     count: int
     limbs: Level
@@ -54,7 +59,8 @@ class Placed:
 
 
 class Executor:
-    """As `radar.imaging.cpu.executor.Executor`, on the chosen device, where the limbs that points have touched stay."""
+    """As `radar.imaging.cpu.executor.Executor`, on the chosen device, where the limbs that points
+    have touched stay."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
@@ -82,9 +88,12 @@ class Executor:
         return placed
 
     def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n] at sorted points."""
+        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
+        at sorted points."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
-        whole = xp.asarray(samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64)
+        whole = xp.asarray(
+            samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
+        )
         root = self._top.descend(whole, xp.arange(1))
         limbs = placed.limbs.descend(root, xp.arange(placed.limbs.centre_m.shape[1]))
         leaves = placed.leaves.descend(limbs, placed.rows)
@@ -95,12 +104,15 @@ class Executor:
         return to_host(images[:, :-1])
 
     def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
-        """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k, a, b]."""
+        """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k,
+        a, b]."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
         waves: list[Array] = []
         common_m: Array = 0.0
-        for leg, (passes, reference_m) in enumerate(zip(plan.passes, plan.reference_m, strict=True)):
+        for leg, (passes, reference_m) in enumerate(
+            zip(plan.passes, plan.reference_m, strict=True)
+        ):
             reference = xp.asarray(reference_m)[:, None]
             centre = distances(xp, leaves.centre_m[:, batch.leaf], reference)[:, None]
             shared_m = passes * (distances(xp, batch.points_m, reference[:, :, None]) - centre)
@@ -108,14 +120,17 @@ class Executor:
             path_m = passes * distances(xp, batch.points_m[:, :, None], antennas)
             path_m -= leaves.length_m[leg][batch.leaf][:, :, None]
             path_m -= shared_m[:, None]
-            waves.append(cis(xp, turns.astype(np.float32)[..., None] * path_m.astype(np.float32)[:, None]))
+            waves.append(
+                cis(xp, turns.astype(np.float32)[..., None] * path_m.astype(np.float32)[:, None])
+            )
             common_m = common_m + shared_m
         heard = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
         heard *= waves[1]
         return heard.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
     def _require(self, limbs: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """The levels of limbs and leaves with these limbs planned, and each limb's row there [limbs] (−1: none)."""
+        """The levels of limbs and leaves with these limbs planned, and each limb's row there
+        [limbs] (−1: none)."""
         with self._lock:
             new = [int(limb) for limb in limbs if int(limb) not in self._planned]
             if new or self._levels is None:
@@ -158,13 +173,18 @@ class Upsampler:
             for rows, envelope in self._upsampled(nodes, image):
                 voxels = envelope[0] + np.complex64(1j) * envelope[1]
                 if carrier:
-                    voxels *= self.plan.carrier_at(VoxelGrid(grid.x_m, grid.y_m[rows], z_m), self._xp)
+                    voxels *= self.plan.carrier_at(
+                        VoxelGrid(grid.x_m, grid.y_m[rows], z_m), self._xp
+                    )
                 volume[:, rows] = to_host(voxels)
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
         """The peaks of the volume, which is never held."""
-        xp, peaks = self._xp, Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images))
+        xp, peaks = (
+            self._xp,
+            Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)),
+        )
         for rows, envelope in self._upsampled(nodes, images[0]):
             power = envelope[0] ** 2 + envelope[1] ** 2
             found, last = power.argmax(axis=0), len(power) - 1
@@ -179,7 +199,8 @@ class Upsampler:
         return peaks
 
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
-        """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz, rows, nx])."""
+        """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz,
+        rows, nx])."""
         xp = self._xp
         envelope = xp.asarray(image) * self.plan.carrier_at(nodes, xp).conj()
         nz, ny, _ = nodes.shape
@@ -195,19 +216,26 @@ class Upsampler:
         return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
 
     def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
-        """Node values [..., n, m] → fine values [..., fine, m]; without windows the nodes are the fine samples."""
+        """Node values [..., n, m] → fine values [..., fine, m]; without windows the nodes are the
+        fine samples."""
         if not windows:
             return nodes
-        return self._xp.concatenate([self._xp.matmul(weights, nodes[..., of, :]) for of, weights in windows], axis=-2)
+        return self._xp.concatenate(
+            [self._xp.matmul(weights, nodes[..., of, :]) for of, weights in windows], axis=-2
+        )
 
 
-def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int) -> Iterator[Batch]:
-    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even pieces, the largest
-    first, so that little is padded. Padding repeats a piece's last point."""
+def _batches(
+    where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int
+) -> Iterator[Batch]:
+    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even
+    pieces, the largest first, so that little is padded. Padding repeats a piece's last point."""
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
     leaf = np.repeat(np.arange(len(touched)), pieces)
-    place = np.arange(len(leaf)) - np.repeat(np.cumsum(pieces) - pieces, pieces)  # among the pieces of its leaf
+    place = np.arange(len(leaf)) - np.repeat(
+        np.cumsum(pieces) - pieces, pieces
+    )  # among the pieces of its leaf
     first, end = (starts[leaf] + counts[leaf] * (place + i) // pieces[leaf] for i in (0, 1))
     order = np.argsort(first - end, kind="stable")
     while len(order):
@@ -219,7 +247,11 @@ def _batches(where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: 
 
 
 def exact_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, apart: bool
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    points_m: np.ndarray,
+    apart: bool,
 ) -> np.ndarray:
     """As `radar.imaging.cpu.exact.exact_images`: complex64 [f or 1, n] at points_m [n, 3]."""
     xp = array_module()
@@ -232,12 +264,15 @@ def exact_images(
         here = slice(start, start + block)
         points = xp.asarray(np.ascontiguousarray(points_m[here].T, np.float64))[:, None]
         lengths = [
-            leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs
+            leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None])
+            for leg in aperture.legs
         ]
         paths_a, paths_b = as_of_an_array(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
-            heard = xp.matmul(matrices[f], cis(xp, turns * paths_a))  # a scan's sum over positions is a product
+            heard = xp.matmul(
+                matrices[f], cis(xp, turns * paths_a)
+            )  # a scan's sum over positions is a product
             heard *= cis(xp, turns * paths_b)
             part[f if apart else 0] += heard.sum(axis=0)
         images[:, here] = to_host(part)

@@ -1,7 +1,8 @@
-"""A level of the tree on a device: its boxes' weights and phases, padded to common sizes, so that the samples of all
-boxes descend by a few batched products.
+"""A level of the tree on a device: its boxes' weights and phases, padded to common sizes, so that
+the samples of all boxes descend by a few batched products.
 
-Padding is zero: a tone or an antenna that a box does not have gets samples of zero, which add nothing to any image.
+Padding is zero: a tone or an antenna that a box does not have gets samples of zero, which add
+nothing to any image.
 """
 
 from dataclasses import dataclass
@@ -17,11 +18,13 @@ CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 
 @dataclass(frozen=True)
 class Level:
-    """n boxes of one level of the tree, with k tones and a, b antennas each; their parents have k', a', b'.
+    """n boxes of one level of the tree, with k tones and a, b antennas each; their parents have k',
+    a', b'.
 
-    parent [n] is each one's row in the level above. Complex64: phases [n, k', a'] and [n, k', b'] from the parent's
-    centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'], weights_b [n, b', b] (transposed). Float64:
-    turns_per_m [n, k], centre_m [3, n], and for each leg position_m [3, n, a] and length_m [n, a].
+    parent [n] is each one's row in the level above. Complex64: phases [n, k', a'] and [n, k', b']
+    from the parent's centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'], weights_b
+    [n, b', b] (transposed). Float64: turns_per_m [n, k], centre_m [3, n], and for each leg
+    position_m [3, n, a] and length_m [n, a].
     """
 
     xp: ModuleType
@@ -38,7 +41,10 @@ class Level:
     def descend(self, samples: Array, rows: Array) -> Array:
         """Samples [rows, k, a, b] of these boxes from those of the level above [n', k', a', b']."""
         block = max(BLOCK_BYTES // (CHILD_BYTES * int(np.prod(samples.shape[1:]))), 1)
-        parts = [self._descend(samples, rows[start : start + block]) for start in range(0, len(rows), block)]
+        parts = [
+            self._descend(samples, rows[start : start + block])
+            for start in range(0, len(rows), block)
+        ]
         return self.xp.concatenate(parts)
 
     def _descend(self, samples: Array, rows: Array) -> Array:
@@ -48,7 +54,9 @@ class Level:
         turned *= self.phases[1][rows][:, :, None, :]
         mixed = self.xp.matmul(self.tone_weights[rows], turned.reshape(n, k, a * b))
         k = mixed.shape[1]
-        fewer = self.xp.matmul(mixed.reshape(n, k * a, b), self.weights_b[rows]).reshape(n, k, a, -1)
+        fewer = self.xp.matmul(mixed.reshape(n, k * a, b), self.weights_b[rows]).reshape(
+            n, k, a, -1
+        )
         return self.xp.matmul(self.weights_a[rows][:, None], fewer)
 
 
@@ -57,20 +65,28 @@ def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int
     shifts = [_padded([node.shifts_m[leg] for node in nodes]) for leg in (0, 1)]
     turns_above = _padded([above[i].turns_per_m for i in parent])[:, :, None]
     tones = [_weights(node.tone_weights, len(node.turns_per_m)) for node in nodes]
-    weights = [[_weights(node.leg_weights[leg], len(node.legs[leg].length_m)) for node in nodes] for leg in (0, 1)]
+    weights = [
+        [_weights(node.leg_weights[leg], len(node.legs[leg].length_m)) for node in nodes]
+        for leg in (0, 1)
+    ]
     return Level(
         xp=xp,
         parent=xp.asarray(np.array(parent)),
-        phases=tuple(cis(xp, xp.asarray(turns_above) * xp.asarray(shift[:, None])) for shift in shifts),
+        phases=tuple(
+            cis(xp, xp.asarray(turns_above) * xp.asarray(shift[:, None])) for shift in shifts
+        ),
         tone_weights=xp.asarray(_padded(tones), dtype=np.complex64),
         weights_a=xp.asarray(_padded(weights[0]), dtype=np.complex64),
         weights_b=xp.asarray(_padded(weights[1]).swapaxes(1, 2), dtype=np.complex64),
         turns_per_m=xp.asarray(_padded([node.turns_per_m for node in nodes])),
         centre_m=xp.asarray(np.stack([node.box.centre_m for node in nodes], axis=1)),
         position_m=tuple(
-            xp.asarray(np.moveaxis(_padded([node.legs[leg].position_m for node in nodes]), 2, 0)) for leg in (0, 1)
+            xp.asarray(np.moveaxis(_padded([node.legs[leg].position_m for node in nodes]), 2, 0))
+            for leg in (0, 1)
         ),
-        length_m=tuple(xp.asarray(_padded([node.legs[leg].length_m for node in nodes])) for leg in (0, 1)),
+        length_m=tuple(
+            xp.asarray(_padded([node.legs[leg].length_m for node in nodes])) for leg in (0, 1)
+        ),
     )
 
 
@@ -80,7 +96,8 @@ def _weights(weights: np.ndarray, count: int) -> np.ndarray:
 
 
 def _padded(arrays: list[np.ndarray]) -> np.ndarray:
-    """Arrays of one dimension count, stacked: float64 [n, ...] with zeros up to the largest size along each axis."""
+    """Arrays of one dimension count, stacked: float64 [n, ...] with zeros up to the largest size
+    along each axis."""
     stacked = np.zeros((len(arrays), *np.max([array.shape for array in arrays], axis=0)))
     for row, array in zip(stacked, arrays, strict=True):
         row[tuple(map(slice, array.shape))] = array

@@ -1,6 +1,6 @@
-"""Quick estimates of effects, without rays or random numbers: the target's surface as coarse facets; visibility by
-depth buffers, in which every facet is a point; and where facets mirror onto others, by a walk through a grid of the
-surface's normals."""
+"""Quick estimates of effects, without rays or random numbers: the target's surface as coarse
+facets; visibility by depth buffers, in which every facet is a point; and where facets mirror onto
+others, by a walk through a grid of the surface's normals."""
 
 from __future__ import annotations
 
@@ -16,32 +16,41 @@ from handbench.support.compiled import njit
 
 LONGEST = 0.5  # edge of coarse facets in wavelengths
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
-TURN = 0.15  # rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four hands
+# rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four
+# hands
+TURN = 0.15
 CLEAR = 10.0  # an estimate may be wrong by this factor,
 CLOSED = 3.0  # and one in closed form by this: 1.9 at most in 25 cases on 23 random scenes
 FACET_S, TONE_S = 2e-6, 3e-8  # of a coarse facet's echo, and of each tone in it
 BUFFER_CELLS = 1 << 22  # at most
-STEEPEST = 6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
+STEEPEST = (
+    6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
+)
 CELL_M = 2e-3  # of the grid of normals
 ZONES = 2.0  # Fresnel's radii √(λL) from an outline within which it counts
-HORIZON = 0.05  # wavelengths above a facet's plane within which an outline, or a facet, is of the same surface
+# wavelengths above a facet's plane within which an outline, or a facet, is of the same surface
+HORIZON = 0.05
 PAIRED = 500  # facets, about, of which each two are looked at
 FIRST = 2.0  # cells from a facet to where its ray may meet another one
 GRID_CELLS = 1 << 24  # at most
-WIDE = 2.0  # the area in which rays are counted over the aperture's width: more of them, and they scatter widely
+# the area in which rays are counted over the aperture's width: more of them, and they scatter
+# widely
+WIDE = 2.0
 
 
 @dataclass(frozen=True)
 class QuickEstimate:
-    """The size of an effect by geometry or a closed form, within milliseconds: worst_mm, the change of the depths of
-    the method that it changes most; why; factor: by which that may be wrong."""
+    """The size of an effect by geometry or a closed form, within milliseconds: worst_mm, the change
+    of the depths of the method that it changes most; why; factor: by which that may be wrong."""
 
     worst_mm: float
     why: str
     factor: float = CLEAR
 
     @classmethod
-    def of_level(cls, scene: EchoScene, ratio: float, why: str, factor: float = CLEAR) -> QuickEstimate:
+    def of_level(
+        cls, scene: EchoScene, ratio: float, why: str, factor: float = CLEAR
+    ) -> QuickEstimate:
         """Of echoes with that amplitude over the target's own."""
         turned_rad = min(TURN * ratio, np.pi / 2)
         return cls(1e3 * scene.depth_m_per_rad * scene.strictness * turned_rad, why, factor)
@@ -59,21 +68,24 @@ def coarse_surface(scene: EchoScene, body: Body) -> Facets:
 
 
 def visible_surface(scene: EchoScene) -> Facets:
-    """The target's coarse facets that the aperture's centre sees; all, if the target lets waves through."""
+    """The target's coarse facets that the aperture's centre sees; all, if the target lets waves
+    through."""
     facets = require_facets(coarse_surface(scene, scene.body))
     return facets if scene.body.transparent else facets.where(seen_from_centre(scene))
 
 
 def seen_from_centre(scene: EchoScene) -> np.ndarray:
-    """Mask [p] of the target's coarse facets that the aperture's centre sees, by a depth buffer. Made once."""
+    """Mask [p] of the target's coarse facets that the aperture's centre sees, by a depth buffer.
+    Made once."""
     return scene.kept("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
-    """Mask [p] of the facets that face the point view_m [3] and have none before them in their cell of direction.
+    """Mask [p] of the facets that face the point view_m [3] and have none before them in their cell
+    of direction.
 
-    Cells are two facets wide, and what stands less before a facet than the facet's own surface may vary over a cell
-    counts as that surface.
+    Cells are two facets wide, and what stands less before a facet than the facet's own surface may
+    vary over a cell counts as that surface.
     """
     if len(facets) == 0:
         return np.zeros(0, bool)
@@ -96,7 +108,11 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
     n = len(position_m)
     distance, cosine, tangent = np.empty(n), np.empty(n), np.empty((n, 2))
     for p in range(n):
-        x, y, z = position_m[p, 0] - view_m[0], position_m[p, 1] - view_m[1], position_m[p, 2] - view_m[2]
+        x, y, z = (
+            position_m[p, 0] - view_m[0],
+            position_m[p, 1] - view_m[1],
+            position_m[p, 2] - view_m[2],
+        )
         distance[p] = np.sqrt(x * x + y * y + z * z)
         cosine[p] = -(x * normal[p, 0] + y * normal[p, 1] + z * normal[p, 2]) / distance[p]
         along = max(x * frame[2, 0] + y * frame[2, 1] + z * frame[2, 2], 1e-3 * range_m)
@@ -109,7 +125,9 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
     nearest = np.full((int(extent[0] / cell) + 1) * columns, np.inf)
     place = np.empty(n, np.int64)
     for p in range(n):
-        place[p] = int((tangent[p, 0] - low[0]) / cell) * columns + int((tangent[p, 1] - low[1]) / cell)
+        place[p] = int((tangent[p, 0] - low[0]) / cell) * columns + int(
+            (tangent[p, 1] - low[1]) / cell
+        )
         nearest[place[p]] = min(nearest[place[p]], distance[p])
     visible = np.zeros(n, np.bool_)
     for p in range(n):
@@ -121,22 +139,29 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
 
 @njit(nogil=True, cache=True)
 def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
-    """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the points outline_m
-    [n, 3], behind or beside them by less than ZONES, and below them: on a convex body nothing is above a facet's plane.
+    """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the
+    points outline_m [n, 3], behind or beside them by less than ZONES, and below them: on a convex
+    body nothing is above a facet's plane.
     """
     ways, places = outline_m - view_m, position_m - view_m
     near = np.zeros(len(places), np.bool_)
     lengths = np.sqrt((ways * ways).sum(axis=1))
     for p in range(len(places)):
         x, y, z = places[p, 0], places[p, 1], places[p, 2]
-        length, level = np.sqrt(x * x + y * y + z * z), normal[p, 0] * x + normal[p, 1] * y + normal[p, 2] * z
+        length, level = (
+            np.sqrt(x * x + y * y + z * z),
+            normal[p, 0] * x + normal[p, 1] * y + normal[p, 2] * z,
+        )
         for n in range(len(ways)):
             if near[p] or level >= 0:
                 break
             a, b, c, zone = ways[n, 0], ways[n, 1], ways[n, 2], 1 / lengths[n] - 1 / length
             cosine = (a * x + b * y + c * z) / (length * lengths[n])
             above_m = normal[p, 0] * a + normal[p, 1] * b + normal[p, 2] * c - level
-            near[p] = above_m > HORIZON * wavelength_m and 2 * (1 - cosine) < ZONES * ZONES * wavelength_m * zone
+            near[p] = (
+                above_m > HORIZON * wavelength_m
+                and 2 * (1 - cosine) < ZONES * ZONES * wavelength_m * zone
+            )
     return near
 
 
@@ -157,16 +182,19 @@ def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
     place = ((facets.position_m - low_m) / cell_m).astype(np.int64)
     shape = place.max(axis=0) + 1
     flat = np.ravel_multi_index(place.T, shape)
-    normals = np.stack([np.bincount(flat, facets.normal[:, i], np.prod(shape)) for i in range(3)], axis=1)
+    normals = np.stack(
+        [np.bincount(flat, facets.normal[:, i], np.prod(shape)) for i in range(3)], axis=1
+    )
     return _walk(facets.position_m, facets.normal, view_m, normals, low_m, shape, cell_m)
 
 
 def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
     """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3].
 
-    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the aperture's centre, A_p / R²,
-    spreads over an area about the aperture; physical optics' amplitude S is λ times the field, so that the mean of |S|²
-    over the channels is λ² Σ A_p / R² / area over the facets whose mirrored ray comes back through that area.
+    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the
+    aperture's centre, A_p / R², spreads over an area about the aperture; physical optics' amplitude
+    S is λ times the field, so that the mean of |S|² over the channels is λ² Σ A_p / R² / area over
+    the facets whose mirrored ray comes back through that area.
     """
     (low_m, high_m), ways = _returns(array), facets.position_m - view_m
     distance = np.linalg.norm(ways, axis=1)
@@ -175,14 +203,21 @@ def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> fl
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (low_m[2] - facets.position_m[:, 2]) / back[:, 2]
         at_m = facets.position_m[:, :2] + reach[:, None] * back[:, :2]
-    inside = (cosine > 0) & (back[:, 2] < 0) & ((at_m >= low_m[:2]) & (at_m <= high_m[:2])).all(axis=1)
-    return float((facets.area_m2 * cosine / distance**2)[inside].sum() / np.prod((high_m - low_m)[:2]))
+    inside = (
+        (cosine > 0) & (back[:, 2] < 0) & ((at_m >= low_m[:2]) & (at_m <= high_m[:2])).all(axis=1)
+    )
+    return float(
+        (facets.area_m2 * cosine / distance**2)[inside].sum() / np.prod((high_m - low_m)[:2])
+    )
 
 
 def _returns(array: AntennaArray) -> np.ndarray:
     """Corners [2, 3] of the area about the aperture in which returning rays are counted."""
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
-    middle_m, half_m = (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2, WIDE * np.ptp(antennas_m, axis=0) / 2
+    middle_m, half_m = (
+        (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2,
+        WIDE * np.ptp(antennas_m, axis=0) / 2,
+    )
     return np.stack([middle_m - half_m, middle_m + half_m])
 
 
@@ -190,17 +225,33 @@ def _returns(array: AntennaArray) -> np.ndarray:
 def _walk(position_m, normal, view_m, normals, low_m, shape, cell_m):  # type: ignore[no-untyped-def]
     count = 0
     for p in range(len(position_m)):
-        x, y, z = position_m[p, 0] - view_m[0], position_m[p, 1] - view_m[1], position_m[p, 2] - view_m[2]
+        x, y, z = (
+            position_m[p, 0] - view_m[0],
+            position_m[p, 1] - view_m[1],
+            position_m[p, 2] - view_m[2],
+        )
         distance = np.sqrt(x * x + y * y + z * z)
         x, y, z = x / distance, y / distance, z / distance
         cosine = -(x * normal[p, 0] + y * normal[p, 1] + z * normal[p, 2])
         if cosine <= 0:
             continue
-        x, y, z = x + 2 * cosine * normal[p, 0], y + 2 * cosine * normal[p, 1], z + 2 * cosine * normal[p, 2]
+        x, y, z = (
+            x + 2 * cosine * normal[p, 0],
+            y + 2 * cosine * normal[p, 1],
+            z + 2 * cosine * normal[p, 2],
+        )
         step = FIRST * cell_m
         while True:
-            at_x, at_y, at_z = position_m[p, 0] + step * x, position_m[p, 1] + step * y, position_m[p, 2] + step * z
-            i, j, k = (at_x - low_m[0]) / cell_m, (at_y - low_m[1]) / cell_m, (at_z - low_m[2]) / cell_m
+            at_x, at_y, at_z = (
+                position_m[p, 0] + step * x,
+                position_m[p, 1] + step * y,
+                position_m[p, 2] + step * z,
+            )
+            i, j, k = (
+                (at_x - low_m[0]) / cell_m,
+                (at_y - low_m[1]) / cell_m,
+                (at_z - low_m[2]) / cell_m,
+            )
             if min(i, j, k) < 0 or i >= shape[0] or j >= shape[1] or k >= shape[2]:
                 break
             there = normals[(int(i) * shape[1] + int(j)) * shape[2] + int(k)]

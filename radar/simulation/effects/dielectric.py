@@ -1,8 +1,9 @@
 """Dielectrics: they reflect little, let the wave in, and delay what comes from inside.
 
-Foam (n − 1 ≪ 1): rays pass straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets that face the array
-reflect with Γ = (1 − n)/(1 + n) and those that turn away with −Γ, seen from inside; foam casts no shadow. Plastic: only
-its surface, since what enters is bent far away from the straight path; `lost` says where its far wall echoes, too.
+Foam (n − 1 ≪ 1): rays pass straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets
+that face the array reflect with Γ = (1 − n)/(1 + n) and those that turn away with −Γ, seen from
+inside; foam casts no shadow. Plastic: only its surface, since what enters is bent far away from the
+straight path; `lost` says where its far wall echoes, too.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from handbench.radar.simulation.scene_echoes import Echoes, Surface, facing
 from handbench.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
-FAINT_DB = -20.0  # echo of the far wall over the front's that may be left out: 3-FSK then moves by 0.2 mm
+FAINT_DB = (
+    -20.0
+)  # echo of the far wall over the front's that may be left out: 3-FSK then moves by 0.2 mm
 BEYOND_M = 1e-5  # a ray goes on this far behind the surface that it has crossed
 
 
@@ -36,7 +39,9 @@ def dielectric(echoes: Echoes) -> Echoes:
     if echoes.with_target and any(map(has_foam, scene.balls)):
         array, exponent = echoes.array, echoes.pattern
         echoes = replace(echoes, ball_delay_m=foam_delays_m(scene.balls))
-        echoes = echoes.add("dielectric", lambda: foam_echoes(scene.balls, scene.frequencies_hz, array, exponent))
+        echoes = echoes.add(
+            "dielectric", lambda: foam_echoes(scene.balls, scene.frequencies_hz, array, exponent)
+        )
     surface = echoes.surface
     if surface is None or not _of_dielectric(scene):
         return echoes
@@ -48,25 +53,34 @@ def dielectric(echoes: Echoes) -> Echoes:
 
 
 def far_wall_db(body: Body, frequency_hz: float) -> float:
-    """The echo of a plastic body's far wall over that of its front, dB: both flat, met squarely and as far apart as its
-    mean chord 4V/A (Cauchy), (1 − Γ²) e^{−2αl}."""
+    """The echo of a plastic body's far wall over that of its front, dB: both flat, met squarely and
+    as far apart as its mean chord 4V/A (Cauchy), (1 − Γ²) e^{−2αl}."""
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces), axis=1).sum()
     chord_m = 4 * volume_m3(body) / area_m2
-    wave = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S * np.sqrt(dielectric_permittivity(body.material))
+    wave = (
+        2
+        * np.pi
+        * frequency_hz
+        / SPEED_OF_LIGHT_M_S
+        * np.sqrt(dielectric_permittivity(body.material))
+    )
     entered = 1 - np.abs(echo_reflection(body.material, np.array([frequency_hz]))[0]) ** 2
     return float(20 * np.log10(entered) - 40 / np.log(10) * abs(wave.imag) * chord_m)
 
 
 def lost(scene: EchoScene) -> str:
-    """The part of the scene's echoes that is not simulated, as a sentence for people; "" if none that counts."""
+    """The part of the scene's echoes that is not simulated, as a sentence for people; "" if none
+    that counts."""
     if scene.target is None or scene.target.material.kind != "plastic":
         return ""
     level_db = far_wall_db(scene.target, float(scene.frequencies_hz.mean()))
     if level_db < FAINT_DB:
         return ""
     return (
-        f"plastic lets waves through: its far wall echoes about {level_db:.0f} dB against its front, and that is not "
-        "simulated; painted with metal (kind = 'metal'), or with a loss_tangent of 0.1, it would not matter"
+        f"plastic lets waves through: its far wall echoes about {level_db:.0f} dB against its "
+        "front, and that is not "
+        "simulated; painted with metal (kind = 'metal'), or with a loss_tangent of 0.1, it would "
+        "not matter"
     )
 
 
@@ -75,7 +89,8 @@ def _of_dielectric(scene: EchoScene) -> bool:
 
 
 def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surface:
-    """All of the body's facets, in two layers: facing the array, with `front` [f], and turned away."""
+    """All of the body's facets, in two layers: facing the array, with `front` [f], and turned
+    away."""
     body = surface.body
     parts = facing(scene, body), turned_away(scene, body)
     index = np.sqrt(body.material.real_permittivity)
@@ -86,18 +101,22 @@ def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surfa
         surface.oblique,
         reflection=np.stack([front, -front * (1 - front**2)]),
         layer=np.repeat([0, 1], [len(part) for part in parts]),
-        delay_m=(index - 1) * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M),
+        delay_m=(index - 1)
+        * inside_m(Rays(body.vertices_m, body.faces), facets.position_m, CENTRE_M),
     )
 
 
 def turned_away(scene: EchoScene, body: Body) -> Facets:
     """The facets that the array would see from inside the body, their normals turned inwards."""
-    inside_out = scene.kept(("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material))
+    inside_out = scene.kept(
+        ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
+    )
     return facing(scene, inside_out)
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """Length [n] inside a closed body of the straight rays from an origin [3] outside it to points [n, 3]."""
+    """Length [n] inside a closed body of the straight rays from an origin [3] outside it to points
+    [n, 3]."""
     towards = points_m - origin_m
     distance_m = np.linalg.norm(towards, axis=1)
     towards = towards / distance_m[:, None]

@@ -1,9 +1,10 @@
 """Hand tremor and other motion of the target while one tone after another is measured.
 
-A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes are computed at few
-displacements; between them each channel is turned by the path to the target's middle, and what is left, the small
-difference between the target's parts, is interpolated linearly.
-Extra echoes (bounces, foam) are computed once and turned alone: they are weak, and what is left of them is less.
+A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes
+are computed at few displacements; between them each channel is turned by the path to the target's
+middle, and what is left, the small difference between the target's parts, is interpolated linearly.
+Extra echoes (bounces, foam) are computed once and turned alone: they are weak, and what is left of
+them is less.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from handbench.radar.simulation.scene_echoes import Echoes, generator
 from handbench.support.errors import HandbenchError
 
 MOST_NODES = 30  # displacements, each a simulation of its own
-RESIDUAL_RAD = 0.06  # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
+# between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
+RESIDUAL_RAD = 0.06
 
 
 def motion(echoes: Echoes) -> Echoes:
@@ -44,34 +46,43 @@ def estimate_motion(scene: EchoScene) -> QuickEstimate:
 
 
 def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
-    """Mean |δ(t + T) − δ(t)| for each T of `apart_s`; of a sine over its phase, 2a|sin πfT| · 2/π."""
+    """Mean |δ(t + T) − δ(t)| for each T of `apart_s`; of a sine over its phase, 2a|sin πfT| ·
+    2/π."""
     sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
     return sine_m + abs(motion.velocity_m_s) * apart_s
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
-    """Displacement [f] at each tone's time, counted from where the target is when the frame begins."""
+    """Displacement [f] at each tone's time, counted from where the target is when the frame
+    begins."""
     sine = np.sin(2 * np.pi * motion.frequency_hz * time_s + phase_rad) - np.sin(phase_rad)
     return motion.amplitude_m * sine + motion.velocity_m_s * time_s
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
-    """Bounds of the displacement, whatever the tremor's phase: frames do not depend on which others there are."""
+    """Bounds of the displacement, whatever the tremor's phase: frames do not depend on which others
+    there are."""
     drift_m = motion.velocity_m_s * time_s
-    return float(drift_m.min() - 2 * motion.amplitude_m), float(drift_m.max() + 2 * motion.amplitude_m)
+    return float(drift_m.min() - 2 * motion.amplitude_m), float(
+        drift_m.max() + 2 * motion.amplitude_m
+    )
 
 
-def echoes_of_moving(echoes: Echoes, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]) -> np.ndarray:
-    """Samples [frame, f, t, r] of the target displaced by offset_m [frame, f], all within `reach`, along the unit
-    vector `along`."""
+def echoes_of_moving(
+    echoes: Echoes, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]
+) -> np.ndarray:
+    """Samples [frame, f, t, r] of the target displaced by offset_m [frame, f], all within `reach`,
+    along the unit vector `along`."""
     frequencies_hz = echoes.scene.frequencies_hz
     middle_m, spread = _middle(echoes, along)
     low, high = reach
     residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
     if residual_rad > MOST_NODES * RESIDUAL_RAD:
         raise HandbenchError(
-            f"target.motion: moves the target by {1e3 * (high - low):.0f} mm within a frame; expected a motion of "
-            "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller sensor.step_time_s"
+            f"target.motion: moves the target by {1e3 * (high - low):.0f} mm within a frame; "
+            "expected a motion of "
+            "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller "
+            "sensor.step_time_s"
         )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
     slope = _slope(echoes, along, middle_m)
@@ -80,18 +91,23 @@ def echoes_of_moving(echoes: Echoes, along: np.ndarray, offset_m: np.ndarray, re
     turned = (phasor(-node * slope, frequencies_hz[:, None, None], -1) for node in nodes_m)
     arrays = (_moved(echoes.array, node * along) for node in nodes_m)
     still = [echoes.echo(array) * turn + extra for array, turn in zip(arrays, turned, strict=True)]
-    place = np.clip((offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1)
+    place = np.clip(
+        (offset_m - low) / max(high - low, 1e-12) * (len(nodes_m) - 1), 0, len(nodes_m) - 1
+    )
     below = np.minimum(place.astype(int), len(nodes_m) - 2)
     samples = np.empty((*offset_m.shape, *echoes.array.channels), np.complex64)
     for frame, tone in np.ndindex(*offset_m.shape):
         n, part = below[frame, tone], np.float32(place[frame, tone] - below[frame, tone])
         mixed = still[n][tone] * (1 - part) + still[n + 1][tone] * part
-        samples[frame, tone] = mixed * phasor(offset_m[frame, tone] * slope, frequencies_hz[tone], -1)
+        samples[frame, tone] = mixed * phasor(
+            offset_m[frame, tone] * slope, frequencies_hz[tone], -1
+        )
     return samples
 
 
 def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
-    """The target's middle [3], and how far its parts' direction cosines to `along` differ from the middle's."""
+    """The target's middle [3], and how far its parts' direction cosines to `along` differ from the
+    middle's."""
     points_m = echoes.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)

@@ -1,5 +1,5 @@
-"""Imperfections of the sensor: antennas' places, pattern, leakage and channels, dead ones; phase noise of the
-oscillator, thermal noise, quantisation."""
+"""Imperfections of the sensor: antennas' places, pattern, leakage and channels, dead ones; phase
+noise of the oscillator, thermal noise, quantisation."""
 
 from __future__ import annotations
 
@@ -21,9 +21,14 @@ PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked fo
 
 def positions(echoes: Echoes) -> Echoes:
     """Each antenna is off by a normal error per axis; the capture keeps the nominal positions."""
-    sigma_m, legs_m = echoes.scene.causes.positions.sigma_m, [leg.position_m for leg in echoes.array.legs]
+    sigma_m, legs_m = (
+        echoes.scene.causes.positions.sigma_m,
+        [leg.position_m for leg in echoes.array.legs],
+    )
     draws = [generator(echoes.seed("positions", i)) for i in range(len(legs_m))]
-    moved = [m + sigma_m * draw.standard_normal(m.shape) for m, draw in zip(legs_m, draws, strict=True)]
+    moved = [
+        m + sigma_m * draw.standard_normal(m.shape) for m, draw in zip(legs_m, draws, strict=True)
+    ]
     return replace(echoes, array=AntennaArray(*moved))
 
 
@@ -35,8 +40,12 @@ def pattern(echoes: Echoes) -> Echoes:
 def coupling(echoes: Echoes) -> Echoes:
     """Every channel also receives a direct wave, falling with the distance between its antennas."""
     samples, amplitude = echoes.samples, echoes.scene.causes.coupling.amplitude
-    level = echoes.level("coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size)))
-    return echoes.record(samples + level * direct_wave(echoes.array, echoes.scene.frequencies_hz), coupling=level)
+    level = echoes.level(
+        "coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size))
+    )
+    return echoes.record(
+        samples + level * direct_wave(echoes.array, echoes.scene.frequencies_hz), coupling=level
+    )
 
 
 def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
@@ -52,11 +61,16 @@ def channels(echoes: Echoes) -> Echoes:
     scene = echoes.scene
     legs = enumerate(scene.array.channels)
     drawn = [generator(echoes.seed("channels", i)).standard_normal((3, n)) for i, n in legs]
-    return echoes.record(echoes.samples * _channel_factor(scene.causes.channels, scene.frequencies_hz, drawn))
+    return echoes.record(
+        echoes.samples * _channel_factor(scene.causes.channels, scene.frequencies_hz, drawn)
+    )
 
 
-def _channel_factor(causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]) -> np.ndarray:
-    """Factor complex64 [f, t, r]; drawn: unit normal numbers [3, n] of each leg: gain, phase, delay."""
+def _channel_factor(
+    causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]
+) -> np.ndarray:
+    """Factor complex64 [f, t, r]; drawn: unit normal numbers [3, n] of each leg: gain, phase,
+    delay."""
     legs = []
     for gain, phase, delay in drawn:
         still = 10 ** (causes.gain_db * gain / 20) * np.exp(1j * causes.phase_rad * phase)
@@ -76,26 +90,32 @@ def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
         if wrong:
             last = alive.shape[axis] - 1
-            raise HandbenchError(f"sensor.dead.{name}: is {wrong[0]}; expected numbers from 0 to {last}")
+            raise HandbenchError(
+                f"sensor.dead.{name}: is {wrong[0]}; expected numbers from 0 to {last}"
+            )
         alive[(slice(None),) * axis + (list(numbers),)] = 0
     return samples * alive
 
 
 def oscillator(echoes: Echoes) -> Echoes:
-    """Every tone of every transmitter is turned by a phase of its own: noise of the oscillator that all share.
+    """Every tone of every transmitter is turned by a phase of its own: noise of the oscillator that
+    all share.
 
-    Its phase at the receiver is that of the echo's delay τ ago: what is left of a noise of density L(f) is
-    4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the receiver's bandwidth B,
+    Its phase at the receiver is that of the echo's delay τ ago: what is left of a noise of density
+    L(f) is 4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the
+    receiver's bandwidth B,
 
         σ² = ∫₀^B 2·L·4 sin²(πfτ) df = 8 L₀ f₀² [ πτ·Si(2πτB) − sin²(πτB)/B ].
 
-    Transmitters work one after another: the phase is another one for each tone and transmitter, and the same for all
-    receivers, so that an image of T transmitters averages it to σ/√T.
+    Transmitters work one after another: the phase is another one for each tone and transmitter, and
+    the same for all receivers, so that an image of T transmitters averages it to σ/√T.
     """
     delay_s = 2 * float(np.linalg.norm(echoes.scene.middle_m)) / SPEED_OF_LIGHT_M_S
     sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)
     shape = (len(echoes.scene.frequencies_hz), len(echoes.scene.array.tx_m), 1)
-    turns = np.stack([generator(seed).standard_normal(shape) for seed in echoes.frame_seeds("oscillator")])
+    turns = np.stack(
+        [generator(seed).standard_normal(shape) for seed in echoes.frame_seeds("oscillator")]
+    )
     return echoes.record((echoes.samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64))
 
 
@@ -111,7 +131,9 @@ def noise(echoes: Echoes) -> Echoes:
     tones_hz, sigma_rad = echoes.scene.frequencies_hz, echoes.scene.causes.noise.between_tones_rad
     strongest = echoes.level("noise", lambda: _strongest(echoes))
     frames = zip(echoes.samples, echoes.frame_seeds("noise"), strict=True)
-    samples = np.stack([thermal_noise(s, tones_hz, sigma_rad, strongest, seed) for s, seed in frames])
+    samples = np.stack(
+        [thermal_noise(s, tones_hz, sigma_rad, strongest, seed) for s, seed in frames]
+    )
     return echoes.record(samples, noise=strongest)
 
 
@@ -119,30 +141,48 @@ def _strongest(echoes: Echoes) -> float:
     """The strongest pixel of the first frame's highest tone on the target's surface."""
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
     top = int(echoes.scene.frequencies_hz.argmax())
-    return strongest_amplitude(echoes.samples[0, top], echoes.scene.frequencies_hz[top], echoes.scene.array, surface_m)
+    return strongest_amplitude(
+        echoes.samples[0, top], echoes.scene.frequencies_hz[top], echoes.scene.array, surface_m
+    )
 
 
-def strongest_amplitude(samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray) -> float:
-    """Largest magnitude of one tone's image (samples [t, r]) on the target's surface points [n, 3]."""
-    return float(np.abs(exact_images(samples[None], np.array([frequency_hz]), array, surface_m, True)).max())
+def strongest_amplitude(
+    samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray
+) -> float:
+    """Largest magnitude of one tone's image (samples [t, r]) on the target's surface points [n,
+    3]."""
+    return float(
+        np.abs(exact_images(samples[None], np.array([frequency_hz]), array, surface_m, True)).max()
+    )
 
 
 def thermal_noise(
-    samples: np.ndarray, frequencies_hz: np.ndarray, phase_noise_rad: float, strongest: float, seed: tuple[int, ...]
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    phase_noise_rad: float,
+    strongest: float,
+    seed: tuple[int, ...],
 ) -> np.ndarray:
-    """Samples [f, t, r] with white circular Gaussian noise of the same level in every channel and tone.
+    """Samples [f, t, r] with white circular Gaussian noise of the same level in every channel and
+    tone.
 
-    phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An image sums N = t·r
-    channels, so that its noise is √N σ; of it one quadrature turns the phase, σ_φ = √N σ / (√2 A) per tone, and
-    √N σ / A between two tones of equal amplitude A: σ = phase_noise_rad · A / √N.
+    phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An
+    image sums N = t·r channels, so that its noise is √N σ; of it one quadrature turns the phase,
+    σ_φ = √N σ / (√2 A) per tone, and √N σ / A between two tones of equal amplitude A: σ =
+    phase_noise_rad · A / √N.
 
-    Each tone draws from (seed, its frequency): its noise does not depend on which other tones there are.
+    Each tone draws from (seed, its frequency): its noise does not depend on which other tones there
+    are.
     """
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
     noisy = np.empty_like(samples)
     for f, frequency_hz in enumerate(frequencies_hz):
-        generator = np.random.default_rng(np.random.SeedSequence([*seed, round(float(frequency_hz))]))
-        noise = generator.standard_normal((*samples[f].shape, 2), dtype=np.float32) * np.float32(sigma / np.sqrt(2))
+        generator = np.random.default_rng(
+            np.random.SeedSequence([*seed, round(float(frequency_hz))])
+        )
+        noise = generator.standard_normal((*samples[f].shape, 2), dtype=np.float32) * np.float32(
+            sigma / np.sqrt(2)
+        )
         noisy[f] = samples[f] + noise.view(np.complex64)[..., 0]
     return noisy
 
@@ -151,7 +191,9 @@ def converter(echoes: Echoes) -> Echoes:
     """Both quadratures are rounded to the converter's steps and clipped at its full scale."""
     causes = echoes.scene.causes.converter
     scale = echoes.level("converter", lambda: full_scale(echoes.samples, causes))
-    return echoes.record(np.stack([quantised(frame, causes, scale) for frame in echoes.samples]), converter=scale)
+    return echoes.record(
+        np.stack([quantised(frame, causes, scale) for frame in echoes.samples]), converter=scale
+    )
 
 
 def full_scale(samples: np.ndarray, converter: Converter) -> float:
@@ -167,4 +209,6 @@ def quantised(samples: np.ndarray, converter: Converter, scale: float) -> np.nda
     step = 2 * scale / 2**converter.bits
     parts = np.ascontiguousarray(samples).view(np.float32).astype(np.float64)
     middle = (np.floor(parts / step) + 0.5) * step
-    return np.clip(middle, -scale + step / 2, scale - step / 2).astype(np.float32).view(np.complex64)
+    return (
+        np.clip(middle, -scale + step / 2, scale - step / 2).astype(np.float32).view(np.complex64)
+    )

@@ -1,9 +1,9 @@
 """The target's surface: obliquity, shadows, skin, roughness.
 
-Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. What facets resolve of a
-wave displaces them along their normals; the rest, of variance σ², weakens their echo by exp(−2k²σ²), which is what
-heights spread by σ leave of a mirrored wave (Ament 1953). What the latter scatter into other directions is left out,
-and so is the relief's effect on bounces.
+Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. What
+facets resolve of a wave displaces them along their normals; the rest, of variance σ², weakens their
+echo by exp(−2k²σ²), which is what heights spread by σ leave of a mirrored wave (Ament 1953). What
+the latter scatter into other directions is left out, and so is the relief's effect on bounces.
 """
 
 from __future__ import annotations
@@ -31,14 +31,21 @@ from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, facing, generator, require_facets
 
 FACETS_PER_S = 6e4  # coarse ones, each seen from all antennas
-OUTLINES, LOOKED_AT = 500, 2000  # points of an outline and facets, at most, at which an estimate looks
+OUTLINES, LOOKED_AT = (
+    500,
+    2000,
+)  # points of an outline and facets, at most, at which an estimate looks
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an even triangle's points along an axis, over its area: 1/(6√3)
 
 
 def obliquity(echoes: Echoes) -> Echoes:
     """Facets scatter towards every antenna by their angle to it, without this evenly."""
-    return echoes if echoes.surface is None else replace(echoes, surface=replace(echoes.surface, oblique=True))
+    return (
+        echoes
+        if echoes.surface is None
+        else replace(echoes, surface=replace(echoes.surface, oblique=True))
+    )
 
 
 def shadow_centre(echoes: Echoes) -> Echoes:
@@ -47,7 +54,9 @@ def shadow_centre(echoes: Echoes) -> Echoes:
         return echoes
     facets, body = echoes.surface.facets, echoes.surface.body
     corners_m = body.vertices_m[body.faces[facets.face, 0]]
-    front = (face_vectors(body.vertices_m, body.faces[facets.face]) * (CENTRE_M - corners_m)).sum(axis=1) > 0
+    front = (face_vectors(body.vertices_m, body.faces[facets.face]) * (CENTRE_M - corners_m)).sum(
+        axis=1
+    ) > 0
     front[front] = rays_of(echoes.scene, body).in_sight(facets.position_m[front], CENTRE_M)
     return replace(echoes, surface=echoes.surface.where(front))
 
@@ -71,78 +80,105 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
-    """The share of the surface that not all of the array sees, as the aperture's centre sees or would see it."""
+    """The share of the surface that not all of the array sees, as the aperture's centre sees or
+    would see it."""
     facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
     (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
     disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
-    cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(facets.position_m, axis=1)
+    cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(
+        facets.position_m, axis=1
+    )
     faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
     ratio = float(faced_m2[disputed].sum() / max(faced_m2[visible].sum(), 1e-12))
-    why = f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
+    why = (
+        f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
+    )
     return QuickEstimate.of_level(scene, ratio, why)
 
 
 def shadow_diffraction(echoes: Echoes) -> Echoes:
-    """Waves bend around the outline of what hides, and creep around what is round of it, each polarisation by itself.
-    Left out: waves that bend twice or turn their polarisation, and angles beyond some 40°; where a path bounces,
-    its shadows stay sharp."""
+    """Waves bend around the outline of what hides, and creep around what is round of it, each
+    polarisation by itself. Left out: waves that bend twice or turn their polarisation, and angles
+    beyond some 40°; where a path bounces, its shadows stay sharp."""
     if echoes.surface is None:
         return echoes
     scene, body = echoes.scene, echoes.surface.body
     facets = facing(scene, body)
-    sight, some = sight_of(scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M)
-    return replace(echoes, surface=replace(echoes.surface, facets=facets, seen=None, sight=sight).where(some))
+    sight, some = sight_of(
+        scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M
+    )
+    return replace(
+        echoes, surface=replace(echoes.surface, facets=facets, seen=None, sight=sight).where(some)
+    )
 
 
 def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
-    """The share of the surface that lies behind or beside an outline, as the corners of the array see it. What stands
-    around the target lies behind its outline, and hollow places are too small to be told."""
+    """The share of the surface that lies behind or beside an outline, as the corners of the array
+    see it. What stands around the target lies behind its outline, and hollow places are too small
+    to be told."""
     if scene.room:
         return None
     body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
-    facets, edges = every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)), kept_edges(scene, body)
+    facets, edges = (
+        every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)),
+        kept_edges(scene, body),
+    )
     ratio = 0.0
     for leg in scene.array.legs:
         views_m = leg.position_m[np.unique([line[[0, -1]] for line in lines(leg.position_m)])]
         for view_m in views_m:
             middle_m = outline(body, edges, view_m).beside_m
             outline_m = middle_m[:: 1 + len(middle_m) // OUTLINES]
-            near = beside_outlines(facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m)
-            faced_m2 = facets.area_m2 * np.maximum(((view_m - facets.position_m) * facets.normal).sum(axis=1), 0)
+            near = beside_outlines(
+                facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m
+            )
+            faced_m2 = facets.area_m2 * np.maximum(
+                ((view_m - facets.position_m) * facets.normal).sum(axis=1), 0
+            )
             ratio += float(faced_m2[near].sum() / max(faced_m2.sum(), 1e-30)) / len(views_m)
     if ratio == 0 and not convex(body):
         return None
-    return QuickEstimate.of_level(scene, ratio, f"{50 * ratio:.2g} % of the surface lies beside or behind outlines")
+    return QuickEstimate.of_level(
+        scene, ratio, f"{50 * ratio:.2g} % of the surface lies beside or behind outlines"
+    )
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Masks [p] of the facets that are seen from some and from all of the ends and middles of the antennas' lines."""
-    views = [n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])]
+    """Masks [p] of the facets that are seen from some and from all of the ends and middles of the
+    antennas' lines."""
+    views = [
+        n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])
+    ]
     visible = np.stack([visible_from(facets, antennas_m[n]) for n in views])
     return np.asarray(visible.any(axis=0)), np.asarray(visible.all(axis=0))
 
 
 def skin(echoes: Echoes) -> Echoes:
-    """A half-space of skin under a horny layer, thin everywhere but on the palm: two surfaces, whose echo is less than
-    metal's and turns with frequency.
+    """A half-space of skin under a horny layer, thin everywhere but on the palm: two surfaces,
+    whose echo is less than metal's and turns with frequency.
 
-    At normal incidence. An image forms where transmitter, receiver and surface are specular; at 0.3 m the angle of
-    incidence is then 18° at most, between opposite corners of the array. Up to there, in either polarisation, Γ of thin
-    skin and of a palm of 140 µm stays within 0.3 dB and 0.04 rad of normal incidence and the bias in depth within 0.01
-    mm. A palm of 430 µm is near a quarter wave: 2.5 dB, and 1.5 mm of its bias of 2.6 mm.
+    At normal incidence. An image forms where transmitter, receiver and surface are specular; at 0.3
+    m the angle of incidence is then 18° at most, between opposite corners of the array. Up to
+    there, in either polarisation, Γ of thin skin and of a palm of 140 µm stays within 0.3 dB and
+    0.04 rad of normal incidence and the bias in depth within 0.01 mm. A palm of 430 µm is near a
+    quarter wave: 2.5 dB, and 1.5 mm of its bias of 2.6 mm.
     """
     if echoes.surface is None:
         return echoes
     body, facets = echoes.scene.body, echoes.surface.facets
     layer = layers(body, facets.face)
-    surface = replace(echoes.surface, reflection=reflections(body, echoes.scene.frequencies_hz), layer=layer)
+    surface = replace(
+        echoes.surface, reflection=reflections(body, echoes.scene.frequencies_hz), layer=layer
+    )
     return replace(echoes, surface=surface)
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
     """Echo amplitudes over metal's [layers, f]: thin skin, then the palm's."""
     layers_m = skin_layers_m(body.material)
-    return np.stack([skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m])
+    return np.stack(
+        [skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m]
+    )
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:
@@ -159,20 +195,29 @@ def roughness(echoes: Echoes) -> Echoes:
     return replace(echoes, surface=replace(echoes.surface, facets=facets))
 
 
-def waves_of(rough: Roughness, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def waves_of(
+    rough: Roughness, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Wave vectors [n, 3] in rad/m, amplitudes [n] in m and phases [n] of the relief."""
     vectors = random.normal(0, np.sqrt(2) / rough.correlation_m, (WAVES, 3))
     along = np.array(rough.layers_along) / np.linalg.norm(rough.layers_along)
     vectors = np.concatenate([vectors, 2 * np.pi / rough.layer_pitch_m * along[None]])
-    amplitude_m = np.append(np.full(WAVES, rough.rms_m * np.sqrt(2 / WAVES)), rough.layer_depth_m / 2)
+    amplitude_m = np.append(
+        np.full(WAVES, rough.rms_m * np.sqrt(2 / WAVES)), rough.layer_depth_m / 2
+    )
     there = amplitude_m > 0
     return vectors[there], amplitude_m[there], random.uniform(0, 2 * np.pi, WAVES + 1)[there]
 
 
 def roughened(
-    facets: Facets, vectors: np.ndarray, amplitude_m: np.ndarray, phase_rad: np.ndarray, wavenumber: float
+    facets: Facets,
+    vectors: np.ndarray,
+    amplitude_m: np.ndarray,
+    phase_rad: np.ndarray,
+    wavenumber: float,
 ) -> Facets:
-    """The facets displaced along their normals, their areas times what finer relief leaves of their echo."""
+    """The facets displaced along their normals, their areas times what finer relief leaves of their
+    echo."""
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2

@@ -1,15 +1,17 @@
-"""Kernels of echoes over several places: ray tubes that a surface mirrors onto another one, which radiates by physical
-optics, as does every further one onto which they are mirrored.
+"""Kernels of echoes over several places: ray tubes that a surface mirrors onto another one, which
+radiates by physical optics, as does every further one onto which they are mirrored.
 
-A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and lands at q on a footprint of
-the area A_q in the surface. Its energy keeps, so that the field on the footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi
-the angle of incidence; with physical optics' integrand, shared evenly by both legs as in `radar.simulation.forward`,
+A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and lands at
+q on a footprint of the area A_q in the surface. Its energy keeps, so that the field on the
+footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi the angle of incidence; with physical optics'
+integrand, shared evenly by both legs as in `radar.simulation.forward`,
 
     S_f[t, r] = Σ_tubes √(A_p A_q) / R_t · √cos θ_qr / R_r · D · exp(−j2πf(R_t + |pq| + R_r)/c),
 
-which has no singularity at caustics, where A_q vanishes; beyond each, the field is a quarter turn ahead (Balanis,
-Advanced Engineering Electromagnetics, sec. 13.2). D is what the phase, which is not the same all over a footprint,
-leaves of it: see `radiate`. Shooting and bouncing rays: Ling, Chou & Lee, IEEE Trans. Antennas Propag. 37 (1989) 194.
+which has no singularity at caustics, where A_q vanishes; beyond each, the field is a quarter turn
+ahead (Balanis, Advanced Engineering Electromagnetics, sec. 13.2). D is what the phase, which is not
+the same all over a footprint, leaves of it: see `radiate`. Shooting and bouncing rays: Ling, Chou &
+Lee, IEEE Trans. Antennas Propag. 37 (1989) 194.
 """
 
 from __future__ import annotations
@@ -20,21 +22,34 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small
 from handbench.radar.simulation.physics.creeping import RADII
-from handbench.radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, mirrored, norm, vec
+from handbench.radar.simulation.physics.vectors import (
+    ahead,
+    cross,
+    direction,
+    dot,
+    minus,
+    mirrored,
+    norm,
+    vec,
+)
 from handbench.support.compiled import FAST, njit
 
 LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
-WIDEST = 100.0  # footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
-FAINT = 0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
+# footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
+WIDEST = 100.0
+FAINT = (
+    0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
+)
 BEYOND = 8.0  # faces' widths over which normals go on as they change on a face
 STEEPEST = 1.4  # rise of the path along the surface (at most 2) beyond which a tube counts nothing
 
 
 class Tubes(NamedTuple):
-    """n tubes of b + 1 bounces: transmitter and patch (mirror) [n]; faces [n, b] onto which it is mirrored one after
-    another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at q; length_m [n] from p to q; root_m2
-    [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]: from q to the footprint's corners; longer_m [n, 3]: by how
-    much their rays are longer than the middle's; caustics [n]: how many lie between p and q, 0 to 2 of each leg."""
+    """n tubes of b + 1 bounces: transmitter and patch (mirror) [n]; faces [n, b] onto which it is
+    mirrored one after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at
+    q; length_m [n] from p to q; root_m2 [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]:
+    from q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the
+    middle's; caustics [n]: how many lie between p and q, 0 to 2 of each leg."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -49,8 +64,8 @@ class Tubes(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """m mirrors: corners_m and unit normals at them [m, 3, 3]; middle_m [m, 3] and the unit normal there, normal [m,
-    3]; flat_m2 [m, 3], the face's normal times its area."""
+    """m mirrors: corners_m and unit normals at them [m, 3, 3]; middle_m [m, 3] and the unit normal
+    there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
 
     corners_m: np.ndarray
     normals: np.ndarray
@@ -61,8 +76,9 @@ class Patches(NamedTuple):
 
 @njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
-    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it mirrors an antenna
-    [3], for every chosen patch [n] that turns its front to both; which those are, bool [n]."""
+    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it
+    mirrors an antenna [3], for every chosen patch [n] that turns its front to both; which those
+    are, bool [n]."""
     front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
@@ -79,10 +95,11 @@ def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untype
 
 @njit(**FAST)
 def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as patches). What lands on a
-    back, or with a corner's ray that misses the surface's plane, gets root_m2 = 0, and so does what lands so far from
-    the direction in which it would be mirrored towards the transmitter that the neighbours' echoes cancel its own. The
-    share of waves that creep around the mirror's edge, as `radar.simulation.physics.creeping` has them down to the
+    """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as
+    patches). What lands on a back, or with a corner's ray that misses the surface's plane, gets
+    root_m2 = 0, and so does what lands so far from the direction in which it would be mirrored
+    towards the transmitter that the neighbours' echoes cancel its own. The share of waves that
+    creep around the mirror's edge, as `radar.simulation.physics.creeping` has them down to the
     argument `lit` < 0, is taken out at a wavenumber above 0."""
     corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     bounces = tubes.faces.shape[1]
@@ -132,7 +149,9 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             for axis in range(3):
                 tubes.points_m[n, b + 1, axis], tubes.normal[n, axis] = point[axis], normal[axis]
         tubes.longer_m[n] = late
-        rise = minus(ray, direction(minus(antenna, point))[0])  # of the path per metre along the surface
+        rise = minus(
+            ray, direction(minus(antenna, point))[0]
+        )  # of the path per metre along the surface
         if missed or norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST:
             continue
         patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
@@ -145,11 +164,21 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
 @njit(inline="always")
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
     """1 less the weight with which waves that creep have the ray that a convex patch mirrors."""
-    flat, normal, middle = vec(patches.flat_m2[patch]), vec(patches.normal[patch]), vec(patches.middle_m[patch])
+    flat, normal, middle = (
+        vec(patches.flat_m2[patch]),
+        vec(patches.normal[patch]),
+        vec(patches.middle_m[patch]),
+    )
     sine = -dot(incoming, normal)
     along = direction(ahead(incoming, sine, normal))[0]
     step_m = np.sqrt(norm(flat))
-    there = _interpolated(ahead(middle, step_m, along), patches.corners_m[patch], patches.normals[patch], flat, -BEYOND)
+    there = _interpolated(
+        ahead(middle, step_m, along),
+        patches.corners_m[patch],
+        patches.normals[patch],
+        flat,
+        -BEYOND,
+    )
     bend_per_m = dot(minus(there, normal), along) / step_m
     if bend_per_m <= 1e-9 or 2 * LEAST**3 * bend_per_m > wavenumber:
         return 1.0
@@ -160,12 +189,14 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
 
 @njit(inline="always")
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
-    """Mirror the rays of a footprint's corners, by normals that go on beyond the face as they change on it; whether all
-    of them meet the front."""
+    """Mirror the rays of a footprint's corners, by normals that go on beyond the face as they
+    change on it; whether all of them meet the front."""
     front = True
     for i in range(3):
         flat = vec(surface.flat_m2[face])
-        normal = _interpolated(vec(corners[i]), surface.corners_m[face], surface.normals[face], flat, -BEYOND)
+        normal = _interpolated(
+            vec(corners[i]), surface.corners_m[face], surface.normals[face], flat, -BEYOND
+        )
         front &= dot(vec(rays[i]), normal) < 0
         rays[i, 0], rays[i, 1], rays[i, 2] = mirrored(vec(rays[i]), normal)
     return front
@@ -173,16 +204,21 @@ def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
-    """Twice a footprint's area, negative where a mirror has turned it over, counter-clockwise as its patch is."""
+    """Twice a footprint's area, negative where a mirror has turned it over, counter-clockwise as
+    its patch is."""
     origin = vec(edges[0])
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
 
 @njit(inline="always")
 def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
-    """The unit normal at a point of the plane of a triangle (corners [3, 3]) between those at its corners [3, 3], or
-    beyond, to coordinates of `least`."""
-    a, b, c = minus(vec(corners[0]), point), minus(vec(corners[1]), point), minus(vec(corners[2]), point)
+    """The unit normal at a point of the plane of a triangle (corners [3, 3]) between those at its
+    corners [3, 3], or beyond, to coordinates of `least`."""
+    a, b, c = (
+        minus(vec(corners[0]), point),
+        minus(vec(corners[1]), point),
+        minus(vec(corners[2]), point),
+    )
     square = least * dot(flat, flat) * 2
     u, v, w = (
         max(dot(cross(b, c), flat), square),
@@ -196,16 +232,29 @@ def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-unty
 
 @njit(**FAST)
 def radiate(  # type: ignore[no-untyped-def]
-    tubes, factor, pair, reflection, starts, tx_m, rx_m, before_m, after_m, turns_per_m, middle, pattern, seen
+    tubes,
+    factor,
+    pair,
+    reflection,
+    starts,
+    tx_m,
+    rx_m,
+    before_m,
+    after_m,
+    turns_per_m,
+    middle,
+    pattern,
+    seen,
 ):
-    """Samples [k, 2, t, r] of tubes sorted by transmitter (t has starts[t]:starts[t + 1]), without the phase of the
-    paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's amplitude, with the row pair[n] of
-    reflection, complex64 [pairs, k]. seen [faces, r] float32: 1 where receiver r sees the face.
+    """Samples [k, 2, t, r] of tubes sorted by transmitter (t has starts[t]:starts[t + 1]), without
+    the phase of the paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's
+    amplitude, with the row pair[n] of reflection, complex64 [pairs, k]. seen [faces, r] float32: 1
+    where receiver r sees the face.
 
-    D = (1 + v/8)⁻⁴, v the variance of the phase over the footprint, taken as linear between its corners, at the middle
-    frequency (in turns per metre): the footprint's own pattern to second order (1 − v/2), which fades where it would
-    need a finer mesh. The path is the mean over the footprint, were it quadratic: a twelfth of the sum of the corners'
-    above the middle's.
+    D = (1 + v/8)⁻⁴, v the variance of the phase over the footprint, taken as linear between its
+    corners, at the middle frequency (in turns per metre): the footprint's own pattern to second
+    order (1 − v/2), which fades where it would need a finer mesh. The path is the mean over the
+    footprint, were it quadratic: a twelfth of the sum of the corners' above the middle's.
     """
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
@@ -220,10 +269,25 @@ def radiate(  # type: ignore[no-untyped-def]
             amplitude = tubes.root_m2[n] / distance
             if pattern != 0:
                 amplitude *= max(way[2] / distance, 0.0) ** pattern
-            level, base = np.float32(amplitude), np.float32(distance + tubes.length_m[n] - before_m[t])
-            edges = _single(tubes.edge_m[n, 0]), _single(tubes.edge_m[n, 1]), _single(tubes.edge_m[n, 2])
+            level, base = (
+                np.float32(amplitude),
+                np.float32(distance + tubes.length_m[n] - before_m[t]),
+            )
+            edges = (
+                _single(tubes.edge_m[n, 0]),
+                _single(tubes.edge_m[n, 1]),
+                _single(tubes.edge_m[n, 2]),
+            )
             tube = level, base, _single(tubes.points_m[n, -1]), _single(tubes.normal[n]), edges
-            if not _arrive(*tube, _single(tubes.longer_m[n]), receivers, seen[tubes.faces[n, -1]], eighth, gain, path):
+            if not _arrive(
+                *tube,
+                _single(tubes.longer_m[n]),
+                receivers,
+                seen[tubes.faces[n, -1]],
+                eighth,
+                gain,
+                path,
+            ):
                 continue
             if pattern != 0:
                 for r in range(len(gain)):
@@ -231,19 +295,31 @@ def radiate(  # type: ignore[no-untyped-def]
                     gain[r] *= max(towards[2] / norm(towards), 0.0) ** pattern
             for m in range(len(turns_per_m)):
                 weight = factor[n] * reflection[pair[n], m]
-                _add(samples[m, 0, t], samples[m, 1, t], gain, path, weight, np.float32(-turns_per_m[m]))
+                _add(
+                    samples[m, 0, t],
+                    samples[m, 1, t],
+                    gain,
+                    path,
+                    weight,
+                    np.float32(-turns_per_m[m]),
+                )
     return samples
 
 
 @njit(**FAST)
 def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
-    """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out; whether enough of it is
-    left over for any. No loop here or in `_add` has an end that depends on its values: they become vector code."""
+    """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out;
+    whether enough of it is left over for any. No loop here or in `_add` has an end that depends on
+    its values: they become vector code."""
     zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = edges
     count = zero
     for r in range(len(gain)):
-        ux, uy, uz = receivers[0, r] - place[0], receivers[1, r] - place[1], receivers[2, r] - place[2]
+        ux, uy, uz = (
+            receivers[0, r] - place[0],
+            receivers[1, r] - place[1],
+            receivers[2, r] - place[2],
+        )
         length = np.sqrt(ux * ux + uy * uy + uz * uz)
         scale = one / length
         ux, uy, uz = ux * scale, uy * scale, uz * scale
@@ -252,10 +328,17 @@ def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth,
         c = longer[2] - ux * cx - uy * cy - uz * cz
         mean = (a + b + c) * twelfth
         path[r] = base + (length - receivers[3, r]) + mean
-        fade = one / (one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean))
+        fade = one / (
+            one + eighth * ((a * a + b * b + c * c) * twelfth - np.float32(4) * mean * mean)
+        )
         fade *= fade
         fade *= fade * sight[r]
-        gain[r] = level * scale * np.sqrt(max(normal[0] * ux + normal[1] * uy + normal[2] * uz, zero)) * fade
+        gain[r] = (
+            level
+            * scale
+            * np.sqrt(max(normal[0] * ux + normal[1] * uy + normal[2] * uz, zero))
+            * fade
+        )
         count += one if fade >= clear else zero
     return count > zero
 

@@ -1,8 +1,8 @@
 """Echoes of ray tubes, bundle by bundle.
 
-What starts in one small cell of the target and lands in another tells few tones and few antennas all there is to know:
-the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only traced for those antennas. Bundles are added
-up at the tones that tell all of the target's.
+What starts in one small cell of the target and lands in another tells few tones and few antennas
+all there is to know: the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only
+traced for those antennas. Bundles are added up at the tones that tell all of the target's.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each
 
 TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
-# Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away. Those whose rays are
-# traced have tubes of their own, whose borders jump; the others share tubes.
+# Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away.
+# Those whose rays are traced have tubes of their own, whose borders jump; the others share tubes.
 NODES_M = 0.015, 0.0138
 CELL_M = 0.03  # edges of the cells
 PROBES = 300  # points of a cell to which the weights of antennas are fitted
@@ -38,13 +38,14 @@ EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
 def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the transmitters for which rays are traced, and of the receivers that stand for all; apart: so many
-    times as far from each other as usual."""
+    """Indices of the transmitters for which rays are traced, and of the receivers that stand for
+    all; apart: so many times as far from each other as usual."""
     return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
-    """n points in c cells: cell [n], the number of each one's; centre_m [c, 3]; some points_m of each."""
+    """n points in c cells: cell [n], the number of each one's; centre_m [c, 3]; some points_m of
+    each."""
 
     cell: np.ndarray
     centre_m: np.ndarray
@@ -64,23 +65,29 @@ class Cells(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """One leg of the paths: distance_m [c, a] of each cell's centre to each antenna, weights [nodes, a] by which the
-    nodes stand for all antennas in each cell."""
+    """One leg of the paths: distance_m [c, a] of each cell's centre to each antenna, weights
+    [nodes, a] by which the nodes stand for all antennas in each cell."""
 
     distance_m: np.ndarray
     weights: list[np.ndarray]
 
     @classmethod
-    def of(cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float) -> Ends:
+    def of(
+        cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float
+    ) -> Ends:
         """Those of antennas [a, 3] with nodes at the indices `at`."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
         places = zip(cells.points_m, cells.centre_m, strict=True)
-        weights = [_weights(antennas_m, at, points_m, middle, turns_per_m, ridge) for points_m, middle in places]
+        weights = [
+            _weights(antennas_m, at, points_m, middle, turns_per_m, ridge)
+            for points_m, middle in places
+        ]
         return cls(distance_m, weights)
 
 
 class FewTones(NamedTuple):
-    """Tones that stand for others: their indices [k] and the weights [k, f], none where they are all."""
+    """Tones that stand for others: their indices [k] and the weights [k, f], none where they are
+    all."""
 
     chosen: np.ndarray
     weights: np.ndarray
@@ -91,23 +98,34 @@ class FewTones(NamedTuple):
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
         wavenumber = 2 * np.pi * turns_per_m[:, None]
-        chosen, weights = skeleton(band_kernel(wavenumber, wavenumber, np.array([reach_m])), TOLERANCE)
+        chosen, weights = skeleton(
+            band_kernel(wavenumber, wavenumber, np.array([reach_m])), TOLERANCE
+        )
         return cls(chosen, np.ascontiguousarray(weights, np.float32))
 
     def at(self, chosen: np.ndarray) -> np.ndarray:
         """The weights of some of the others [k, n]."""
-        return self.weights if self.weights.size == 0 else np.ascontiguousarray(self.weights[:, chosen])
+        return (
+            self.weights
+            if self.weights.size == 0
+            else np.ascontiguousarray(self.weights[:, chosen])
+        )
 
 
 class Bundles:
-    """Traced hits in bundles: by the number of their bounces and the cells in which they start and land.
+    """Traced hits in bundles: by the number of their bounces and the cells in which they start and
+    land.
 
-    layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were traced; dipole [3]:
-    the antennas'.
+    layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were
+    traced; dipole [3]: the antennas'.
     """
 
     def __init__(
-        self, traced: Traced, layer: np.ndarray, at: tuple[np.ndarray, np.ndarray], dipole: np.ndarray
+        self,
+        traced: Traced,
+        layer: np.ndarray,
+        at: tuple[np.ndarray, np.ndarray],
+        dipole: np.ndarray,
     ) -> None:
         hits, mirrors = traced.hits, traced.mirrors
         self._traced, self._at, self._dipole = traced, at, dipole
@@ -116,14 +134,21 @@ class Bundles:
         self._layers = np.column_stack([layer.astype(np.int8)[mirrors.face[hits.patch]], met])
         start_m = mirrors.patches.middle_m
         self._cells = first, last = Cells.of(start_m), Cells.of(hits.end_m)
-        kinds, more = (len(last.centre_m), len(first.centre_m), hits.faces.shape[1]), sum(hits.faces.T[1:] >= 0)
+        kinds, more = (
+            (len(last.centre_m), len(first.centre_m), hits.faces.shape[1]),
+            sum(hits.faces.T[1:] >= 0),
+        )
         key = np.ravel_multi_index((last.cell, first.cell[hits.patch], more), kinds)
         order = _sorting(key)  # the transmitters are in order
-        self._bundles = [one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)]
+        self._bundles = [
+            one for one in np.split(order, np.flatnonzero(np.diff(key[order])) + 1) if len(one)
+        ]
         one = np.array([bundle[0] for bundle in self._bundles], int)
         self._places = np.stack([first.cell[hits.patch[one]], last.cell[one]], axis=1)
         starts, legs = np.cumsum([0, *map(len, self._bundles)]), (traced.array.tx_m, start_m)
-        self._length_m, reach_m = _reach(hits, order, starts, self._places, *legs, first.centre_m, last.centre_m)
+        self._length_m, reach_m = _reach(
+            hits, order, starts, self._places, *legs, first.centre_m, last.centre_m
+        )
         self._reach_m = REACH_M * np.ceil(reach_m / REACH_M)
 
     def __len__(self) -> int:
@@ -137,11 +162,13 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Samples complex64 [f, t, r]. Tubes stay where they are on the target when the array moves a little: paths are
-        stationary with respect to the mirror's point. reflection [layers, f]: amplitude against metal's at normal
-        incidence; ratios: `oblique_ratios`, of all layers or of the one material.
+        """Samples complex64 [f, t, r]. Tubes stay where they are on the target when the array moves
+        a little: paths are stationary with respect to the mirror's point. reflection [layers, f]:
+        amplitude against metal's at normal incidence; ratios: `oblique_ratios`, of all layers or of
+        the one material.
 
-        A metal mirror's −1 is one more for each bounce than the single echo has, to which amplitudes are referred.
+        A metal mirror's −1 is one more for each bounce than the single echo has, to which
+        amplitudes are referred.
         """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
@@ -164,18 +191,27 @@ class Bundles:
         tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
         alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
-        some_per_m, unmoved_m = turns_per_m[whole.chosen], [np.zeros(len(at)) for at in (array.tx_m, self._at[1])]
+        some_per_m, unmoved_m = (
+            turns_per_m[whole.chosen],
+            [np.zeros(len(at)) for at in (array.tx_m, self._at[1])],
+        )
 
         def work(i: int) -> None:
             for group in alike[i::SUMS]:  # that land in one cell share the step to all receivers
-                landed = np.zeros((len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32)
+                landed = np.zeros(
+                    (len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32
+                )
                 for n in group:
                     own = tones[self._reach_m[n]]
                     few = self._few(n, turns_per_m, own.chosen, array, products, pattern, ratios)
                     mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
-                    landed += ascend(few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY)
+                    landed += ascend(
+                        few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY
+                    )
                 weights = rx.weights[last[group[0]]]
-                parts[i] += ascend(landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights)
+                parts[i] += ascend(
+                    landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights
+                )
 
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
@@ -192,21 +228,27 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Samples [k, 2, t, r] of the hits of bundle n at the chosen tones and the nodes, without the phase of the
-        paths over the cells' centres."""
+        """Samples [k, 2, t, r] of the hits of bundle n at the chosen tones and the nodes, without
+        the phase of the paths over the cells' centres."""
         bundle, (first, last) = self._bundles[n], self._places[n]
         tubes = self._traced.tubes(bundle)
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
         before_m = np.linalg.norm(tx_m - self._cells[0].centre_m[first], axis=1) + self._length_m[n]
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
         layers = self._layers[bundle].astype(np.int64)
-        factor = tube_factors(tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1))
+        factor = tube_factors(
+            tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1)
+        )
         row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
         reflection = factor, row, products[:, chosen].astype(np.complex64)
         starts = np.searchsorted(tubes.transmitter, np.arange(len(tx_m) + 1))
         tones = turns_per_m[chosen], turns_per_m.mean()
         seen = self._traced.seen
-        return np.asarray(radiate(tubes, *reflection, starts, tx_m, rx_m, before_m, after_m, *tones, pattern, seen))
+        return np.asarray(
+            radiate(
+                tubes, *reflection, starts, tx_m, rx_m, before_m, after_m, *tones, pattern, seen
+            )
+        )
 
 
 def _sorting(key: np.ndarray) -> np.ndarray:
@@ -216,8 +258,9 @@ def _sorting(key: np.ndarray) -> np.ndarray:
 
 @njit(**FAST)
 def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
-    """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which their paths differ
-    from that over the centres first_m and last_m of their cells, with any antennas."""
+    """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which
+    their paths differ from that over the centres first_m and last_m of their cells, with any
+    antennas."""
     length_m, reach_m = np.zeros(len(places)), np.zeros(len(places))
     for b in range(len(places)):
         begin, end = vec(first_m[places[b, 0]]), vec(last_m[places[b, 1]])
@@ -234,12 +277,20 @@ def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type
 
 
 def _weights(
-    antennas_m: np.ndarray, at: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, turns_per_m: float, ridge: float
+    antennas_m: np.ndarray,
+    at: np.ndarray,
+    points_m: np.ndarray,
+    centre_m: np.ndarray,
+    turns_per_m: float,
+    ridge: float,
 ) -> np.ndarray:
-    """Weights [nodes, a] by which the antennas `at` stand for all in the waves of points [n, 3] about a centre."""
+    """Weights [nodes, a] by which the antennas `at` stand for all in the waves of points [n, 3]
+    about a centre."""
     if len(at) == len(antennas_m):
         return EVERY
-    waves = steered_differences(antennas_m, np.full(len(points_m), turns_per_m), points_m, centre_m).astype(np.float64)
+    waves = steered_differences(
+        antennas_m, np.full(len(points_m), turns_per_m), points_m, centre_m
+    ).astype(np.float64)
     gram = waves.T @ waves / len(points_m)
     known = gram[np.ix_(at, at)] + ridge * np.eye(len(at))
     return np.ascontiguousarray(np.linalg.solve(known, gram[at]), np.float32)

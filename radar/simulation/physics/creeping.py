@@ -1,17 +1,20 @@
 """Waves that creep around the round edges of a body, beside those of a knife edge.
 
-Behind an edge with a radius of curvature a along the ray, the field over that without the body is a knife edge's and
+Behind an edge with a radius of curvature a along the ray, the field over that without the body is a
+knife edge's and
 
     −m √(2/kL) e^{−jπ/4} p*(mθ) e^{−jkδ},   m = (ka/2)^{1/3},   L = ss'/(s + s'),
 
-with θ the angle by which the ray bends and s and s' its lengths before and behind the edge (Pathak, Radio Sci. 14
-(1979) 419); the detour of all waves is longer by the arc, aθ³/6. Along a straight edge the stationary phase,
-√(2πL/k) e^{−jπ/4}, makes that of −(m/√π) p*(mθ) dl/L e^{−jkδ} for each of its elements dl. Pekeris' function,
+with θ the angle by which the ray bends and s and s' its lengths before and behind the edge (Pathak,
+Radio Sci. 14 (1979) 419); the detour of all waves is longer by the arc, aθ³/6. Along a straight
+edge the stationary phase, √(2πL/k) e^{−jπ/4}, makes that of −(m/√π) p*(mθ) dl/L e^{−jkδ} for each
+of its elements dl. Pekeris' function,
 
     p*(ξ) = 1/√π ∫ (V' − qV)/(W₂' − qW₂) e^{−jξτ} dτ,
 
-has q = −jm/η for a field along the edge and −jmη for one across, with η the impedance of the surface over that of free
-space: 0 of metal. It is continued beyond the shadow's edge, θ < 0, to where it becomes the ray that the edge mirrors.
+has q = −jm/η for a field along the edge and −jmη for one across, with η the impedance of the
+surface over that of free space: 0 of metal. It is continued beyond the shadow's edge, θ < 0, to
+where it becomes the ray that the edge mirrors.
 """
 
 from __future__ import annotations
@@ -31,12 +34,15 @@ from handbench.support.compiled import njit
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*
 RADII = np.geomspace(0.8, 4.5, 8)  # m for which they are fitted: radii of 0.6 to 110 mm at 80 GHz
-SHARP = np.cos(np.radians(30))  # cosine of the angle between faces beyond which an edge is a knife's
+SHARP = np.cos(
+    np.radians(30)
+)  # cosine of the angle between faces beyond which an edge is a knife's
 
 
 class Roundness(NamedTuple):
-    """A body's normals [n, 3] and derivatives [n, 3, 3] of normals at its vertices, and what its surface does to the
-    field of antennas' dipoles [3] at a wavenumber: coefficients [2, m, terms] of p*, of fields along an edge first."""
+    """A body's normals [n, 3] and derivatives [n, 3, 3] of normals at its vertices, and what its
+    surface does to the field of antennas' dipoles [3] at a wavenumber: coefficients [2, m, terms]
+    of p*, of fields along an edge first."""
 
     normals: np.ndarray
     bends_per_m: np.ndarray
@@ -44,24 +50,34 @@ class Roundness(NamedTuple):
     dipole: np.ndarray
     wavenumber: float
 
-    def of_edges(self, ends: np.ndarray, along_m: np.ndarray, towards: np.ndarray, sharp: np.ndarray) -> np.ndarray:
-        """Rows [e, 5 + 2·terms] for edges between vertices [e, 2], seen in directions [e, 3]: the unit normal [3]
-        across the ray; m, 0 of a sharp edge; the largest 1/L; real, then imaginary coefficients of what an edge adds
-        over e^{−jkδ}/L, in powers of ξ."""
+    def of_edges(
+        self, ends: np.ndarray, along_m: np.ndarray, towards: np.ndarray, sharp: np.ndarray
+    ) -> np.ndarray:
+        """Rows [e, 5 + 2·terms] for edges between vertices [e, 2], seen in directions [e, 3]: the
+        unit normal [3] across the ray; m, 0 of a sharp edge; the largest 1/L; real, then imaginary
+        coefficients of what an edge adds over e^{−jkδ}/L, in powers of ξ."""
         across = self.normals[ends].sum(axis=1)
         across = unit(across - (across * towards).sum(axis=1)[:, None] * towards)
         bend_per_m = np.einsum("ei,evij,ej->e", towards, self.bends_per_m[ends], towards) / 2
         size = np.cbrt(self.wavenumber / 2 / np.maximum(bend_per_m, 1e-9)).clip(*RADII[[0, -1]])
         size[sharp | (bend_per_m <= 0) | (2 * RADII[0] ** 3 * bend_per_m > self.wavenumber)] = 0
-        edge = np.cross(across, towards)  # counter-clockwise around what hides, as the antenna sees it
+        edge = np.cross(
+            across, towards
+        )  # counter-clockwise around what hides, as the antenna sees it
         field = unit(self.dipole - (towards @ self.dipole)[:, None] * towards)
         share = (field * edge).sum(axis=1)[:, None] ** 2
         place = np.interp(size, RADII, np.arange(len(RADII)))
         below = np.minimum(place.astype(int), len(RADII) - 2)
         part = (place - below)[:, None]
         along, over = (one[below] * (1 - part) + one[below + 1] * part for one in self.coefficients)
-        added = -(size * (along_m * edge).sum(axis=1))[:, None] / np.sqrt(np.pi) * (share * along + (1 - share) * over)
-        nearest = self.wavenumber / (2 * np.maximum(size, RADII[0]) ** 2)  # kL = 2m²: nearer, points are on the surface
+        added = (
+            -(size * (along_m * edge).sum(axis=1))[:, None]
+            / np.sqrt(np.pi)
+            * (share * along + (1 - share) * over)
+        )
+        nearest = self.wavenumber / (
+            2 * np.maximum(size, RADII[0]) ** 2
+        )  # kL = 2m²: nearer, points are on the surface
         rows = across, size[:, None], nearest[:, None], added.real, added.imag
         return np.concatenate(rows, axis=1).astype(np.float32)
 
@@ -72,16 +88,23 @@ def roundness_of(scene: EchoScene, body: Body) -> Roundness:
 
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ [n, m] at ξ [n] for each c and s [m]: from infinity along the ray of
-    argument −2π/3, where V is W₁/2j but for a term that is the knife edge's, to 0, and on along the real axis."""
+    """1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ [n, m] at ξ [n] for each c and s [m]: from
+    infinity along the ray of argument −2π/3, where V is W₁/2j but for a term that is the knife
+    edge's, to 0, and on along the real axis."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
-    nodes, weights, turn = 4 * (nodes + 1), 4 * weights[:, None], np.exp(1j * np.pi / 3)  # beyond 8 nothing is left
+    nodes, weights, turn = (
+        4 * (nodes + 1),
+        4 * weights[:, None],
+        np.exp(1j * np.pi / 3),
+    )  # beyond 8 nothing is left
     found = np.zeros((len(xi), len(c)), complex)
     for ray, (ai_part, bi_part), scale in ((1.0, (1.0, 0.0), 1.0), (-turn, (1j, 1.0), turn / 2j)):
         ai, dai, bi, dbi = (one[:, None] for one in airy(ray * nodes))
         above = c * (ai_part * dai + bi_part * dbi) - s * (ai_part * ai + bi_part * bi)
         below = c * (dbi - 1j * dai) - s * (bi - 1j * ai)
-        found += np.exp(-1j * ray * np.multiply.outer(xi, nodes)) @ (scale * weights * above / below)
+        found += np.exp(-1j * ray * np.multiply.outer(xi, nodes)) @ (
+            scale * weights * above / below
+        )
     return found / np.sqrt(np.pi)
 
 
@@ -97,17 +120,25 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
     normals = vertex_normals(body)
     wavenumber = 2 * np.pi * float(frequency_hz) / SPEED_OF_LIGHT_M_S
     return Roundness(
-        normals, _bends_per_m(body.vertices_m, body.faces, normals), coefficients, scene.dipole, wavenumber
+        normals,
+        _bends_per_m(body.vertices_m, body.faces, normals),
+        coefficients,
+        scene.dipole,
+        wavenumber,
     )
 
 
 @njit(nogil=True, cache=True)
 def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
-    """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over the faces around
-    each, by their area."""
+    """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over
+    the faces around each, by their area."""
     summed_m, area_m2 = np.zeros((len(vertices_m), 3, 3)), np.full(len(vertices_m), 1e-30)
     for m in range(len(faces)):
-        a, b, c = vec(vertices_m[faces[m, 0]]), vec(vertices_m[faces[m, 1]]), vec(vertices_m[faces[m, 2]])
+        a, b, c = (
+            vec(vertices_m[faces[m, 0]]),
+            vec(vertices_m[faces[m, 1]]),
+            vec(vertices_m[faces[m, 2]]),
+        )
         across, doubled_m2 = direction(cross(minus(b, a), minus(c, a)))
         u, v, w = cross(across, minus(c, b)), cross(across, minus(a, c)), cross(across, minus(b, a))
         p, q, r = vec(normals[faces[m, 0]]), vec(normals[faces[m, 1]]), vec(normals[faces[m, 2]])

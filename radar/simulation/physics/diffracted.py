@@ -1,7 +1,8 @@
 """The share of each antenna's field that reaches a surface past outlines: `Sight`.
 
-The field beside an outline is smooth from point to point, from antenna to antenna and in frequency. It is computed at
-samples of the surface, for few antennas of each line and three tones, and interpolated; there is no ray per facet.
+The field beside an outline is smooth from point to point, from antenna to antenna and in frequency.
+It is computed at samples of the surface, for few antennas of each line and three tones, and
+interpolated; there is no ray per facet.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Si
 
 
 class Samples(NamedTuple):
-    """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about apart_m apart."""
+    """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about
+    apart_m apart."""
 
     points_m: np.ndarray
     corner: np.ndarray
@@ -45,10 +47,16 @@ class Samples(NamedTuple):
 
 
 def sight_of(
-    scene: EchoScene, hiding: Body, samples: Samples, rays: Rays, array: AntennaArray, apart_m: float
+    scene: EchoScene,
+    hiding: Body,
+    samples: Samples,
+    rays: Rays,
+    array: AntennaArray,
+    apart_m: float,
 ) -> tuple[Sight, np.ndarray]:
-    """The sight of facets behind a body, among all that rays meet, by that of antennas up to apart_m apart; and the
-    mask [p] of the facets of which some transmitter and some receiver see anything."""
+    """The sight of facets behind a body, among all that rays meet, by that of antennas up to
+    apart_m apart; and the mask [p] of the facets of which some transmitter and some receiver see
+    anything."""
     points_m, corner, share, _ = samples
     turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
@@ -79,7 +87,9 @@ def sight_of(
     corner[:, ~partial[corner].any(axis=0)] = -1
     detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns.max() * apart_m)  # waves from there turn by π/2 from node to node
-    sight = Sight(corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside)
+    sight = Sight(
+        corner, share, tables[0], spreads[0], tables[1], spreads[1], middle, half, detour_m, beside
+    )
     return sight, seen_any
 
 
@@ -90,7 +100,8 @@ def _far(table: np.ndarray) -> np.ndarray:
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by which all follow."""
+    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by
+    which all follow."""
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
@@ -102,17 +113,23 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
 
 
 def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
-    """Corners of the faces, each split in four until its edges are short; a facet's barycentric coordinates lead it to
-    its part."""
+    """Corners of the faces, each split in four until its edges are short; a facet's barycentric
+    coordinates lead it to its part."""
     around = body.faces[facets.face]
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)
-    edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(axis=1, initial=0)
+    edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(
+        axis=1, initial=0
+    )
     fine = edges_m.max(initial=0) <= samples_m
     while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
-        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)  # of `quarters`: 3 is the middle
-        corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[part, np.arange(len(coarse))]
+        part = np.where(
+            halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3
+        )  # of `quarters`: 3 is the middle
+        corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[
+            part, np.arange(len(coarse))
+        ]
         share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
         edges_m[coarse] /= 2
     if fine:  # the mesh's vertices
@@ -120,10 +137,15 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
         points_m, corner = body.vertices_m[used], (np.cumsum(used) - 1)[around]
     else:
         flat_m = corners_m.reshape(-1, 3)
-        tag = flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304  # shared ones
+        tag = (
+            flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304
+        )  # shared ones
         _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
         points_m, corner = flat_m[first], corner.reshape(-1, 3)
-    around, share = np.ascontiguousarray(corner.T, np.int32), np.ascontiguousarray(share.T, np.float32)
+    around, share = (
+        np.ascontiguousarray(corner.T, np.int32),
+        np.ascontiguousarray(share.T, np.float32),
+    )
     return Samples(points_m, around, share, samples_m)
 
 

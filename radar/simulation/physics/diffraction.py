@@ -1,16 +1,20 @@
-"""Diffraction at the outlines of a body: how much of an antenna's field reaches a point behind or beside it.
+"""Diffraction at the outlines of a body: how much of an antenna's field reaches a point behind or
+beside it.
 
-Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the screen's outline (Maggi,
-Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small angles, with δ the detour by way of the outline
-and φ its angle around the ray from antenna to point,
+Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
+screen's outline (Maggi, Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small
+angles, with δ the detour by way of the outline and φ its angle around the ray from antenna to
+point,
 
     D = V + (1/2π) Σ_edges ∫ e^{−jkδ} dφ,
 
-where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that of ∫dφ by 2π: D is
-smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow: Fresnel's knife edge.
+where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that
+of ∫dφ by 2π: D is smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow:
+Fresnel's knife edge.
 
-An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees right beside it: of
-two screens, one behind the other, only the outline of both together hides what is behind both.
+An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees
+right beside it: of two screens, one behind the other, only the outline of both together hides what
+is behind both.
 """
 
 from __future__ import annotations
@@ -36,9 +40,10 @@ T0, T1, T2, T3, T4 = map(
 
 
 class Edges(NamedTuple):
-    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces [e, 2] has them;
-    outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces are so far from parallel that the
-    mesh tells no radius; planes [m, 4]: every face's n·x > d in front of it."""
+    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces
+    [e, 2] has them; outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces
+    are so far from parallel that the mesh tells no radius; planes [m, 4]: every face's n·x > d in
+    front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
@@ -48,10 +53,11 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and one that it sees
-    from behind, counter-clockwise around what hides, as the antenna sees it; beside_m [n, 3]: points right beside them,
-    not hidden by their own faces; within_m [n]: how far from the antenna what they count for may lie; creeping [n, 17]:
-    what round edges add, as `Roundness.of_edges` has it."""
+    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and
+    one that it sees from behind, counter-clockwise around what hides, as the antenna sees it;
+    beside_m [n, 3]: points right beside them, not hidden by their own faces; within_m [n]: how far
+    from the antenna what they count for may lie; creeping [n, 17]: what round edges add, as
+    `Roundness.of_edges` has it."""
 
     start_m: np.ndarray
     along_m: np.ndarray
@@ -63,13 +69,17 @@ class Outline(NamedTuple):
         """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
         return Outline(
-            self.start_m[chosen], self.along_m[chosen], self.beside_m[chosen], limits_m, self.creeping[chosen]
+            self.start_m[chosen],
+            self.along_m[chosen],
+            self.beside_m[chosen],
+            limits_m,
+            self.creeping[chosen],
         )
 
 
 class Cells(NamedTuple):
-    """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts [cells + 1] of cells;
-    centre_m [cells, 3], radius_m [cells]."""
+    """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts
+    [cells + 1] of cells; centre_m [cells, 3], radius_m [cells]."""
 
     order: np.ndarray
     position_m: np.ndarray
@@ -83,7 +93,9 @@ def edges_of(body: Body) -> Edges:
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
     low, high = np.sort(directed[order], axis=1).T
-    paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))  # rims of an open mesh are left out
+    paired = np.flatnonzero(
+        (low[1:] == low[:-1]) & (high[1:] == high[:-1])
+    )  # rims of an open mesh are left out
     one, other = order[paired], order[paired + 1]
     faces = np.stack([one, other], axis=1) // 3
     normals = unit(face_vectors(body.vertices_m, body.faces))
@@ -98,9 +110,11 @@ def kept_edges(scene: EchoScene, body: Body) -> Edges:
     return scene.kept(("edges", id(body)), lambda: edges_of(body))
 
 
-def outline(body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None) -> Outline:
-    """The whole outline of a body towards an antenna, with what the body itself hides of it; a knife's edge unless its
-    roundness is given."""
+def outline(
+    body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None
+) -> Outline:
+    """The whole outline of a body towards an antenna, with what the body itself hides of it; a
+    knife's edge unless its roundness is given."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -113,14 +127,18 @@ def outline(body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundnes
     if roundness is not None:
         sharp = np.concatenate([edges.sharp[first & ~second], edges.sharp[second & ~first]])
         creeping = roundness.of_edges(ends, along_m, towards, sharp)
-    return Outline(start_m, along_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf), creeping)
+    return Outline(
+        start_m, along_m, middle_m + BESIDE_M * across, np.full(len(ends), np.inf), creeping
+    )
 
 
 def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
     """The part that the antenna sees, against what `rays` meet."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
-    hit, _ = rays.first_hits(np.broadcast_to(antenna_m, beside_m.shape), beside_m / distance_m[:, None])
+    hit, _ = rays.first_hits(
+        np.broadcast_to(antenna_m, beside_m.shape), beside_m / distance_m[:, None]
+    )
     return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
 
 
@@ -145,13 +163,23 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """(1/2π) Σ ∫ e^{−jkδ} dφ, and what creeps around round edges, at the points for each wavenumber [k]: complex64
-    [k, n], in the points' own order. Waves fade from half of kδ = farthest on, and from half of the tangent `widest` of
-    the angle by which they bend. Their amplitudes are those of the middle wavenumber."""
+    """(1/2π) Σ ∫ e^{−jkδ} dφ, and what creeps around round edges, at the points for each wavenumber
+    [k]: complex64 [k, n], in the points' own order. Waves fade from half of kδ = farthest on, and
+    from half of the tangent `widest` of the angle by which they bend. Their amplitudes are those of
+    the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
-        start_m, middle = edges.start_m - antenna_m, float(wavenumbers.min() + wavenumbers.max()) / 2
-        places = start_m, edges.along_m, np.cross(edges.along_m, start_m), edges.within_m, edges.creeping
+        start_m, middle = (
+            edges.start_m - antenna_m,
+            float(wavenumbers.min() + wavenumbers.max()) / 2,
+        )
+        places = (
+            start_m,
+            edges.along_m,
+            np.cross(edges.along_m, start_m),
+            edges.within_m,
+            edges.creeping,
+        )
         limits = farthest, widest, LIT, DEEP
         _waves(antenna_m, *cells[1:], places, wavenumbers / (2 * np.pi), middle, limits, waves)
     found = np.empty(waves.shape[1:], np.complex64)
@@ -160,14 +188,23 @@ def edge_waves(
 
 
 @njit(**FAST)
-def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves):  # type: ignore[no-untyped-def]
-    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges: their places from the
-    antenna, normal_m2 [e, 3] = along × start."""
+def _waves(
+    antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves
+):  # type: ignore[no-untyped-def]
+    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges:
+    their places from the antenna, normal_m2 [e, 3] = along × start."""
     start_m, along_m, normal_m2, within_m, creeping = edges
     farthest, widest, lit, deep = limits
-    middle_m, latest_m, near = start_m + along_m / 2, farthest / wavenumber, np.empty(len(start_m), np.bool_)
+    middle_m, latest_m, near = (
+        start_m + along_m / 2,
+        farthest / wavenumber,
+        np.empty(len(start_m), np.bool_),
+    )
     middles = np.ascontiguousarray(middle_m.T.astype(np.float32)), within_m.astype(np.float32)
-    scratch, points = np.empty((5, np.diff(starts).max()), np.float32), position_m.astype(np.float32)
+    scratch, points = (
+        np.empty((5, np.diff(starts).max()), np.float32),
+        position_m.astype(np.float32),
+    )
     for cell in range(len(starts) - 1):
         here, centre = slice(starts[cell], starts[cell + 1]), centre_m[cell] - antenna_m
         x, y, z = points[0, here], points[1, here], points[2, here]
@@ -184,33 +221,54 @@ def _waves(antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m
 
 @njit(**FAST)
 def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
-    """Fill in the mask of the edges that some points of a cell need: they bend rays less than `widest` and delay them
-    by less than latest_m."""
+    """Fill in the mask of the edges that some points of a cell need: they bend rays less than
+    `widest` and delay them by less than latest_m."""
     (mx, my, mz), within_m = middles[0], middles[1]
     way = np.float32(np.sqrt((centre * centre).sum()))
-    cx, cy, cz = np.float32(centre[0]) / way, np.float32(centre[1]) / way, np.float32(centre[2]) / way
-    radius, wide, latest, zero = np.float32(radius_m), np.float32(widest), np.float32(latest_m), np.float32(0)
+    cx, cy, cz = (
+        np.float32(centre[0]) / way,
+        np.float32(centre[1]) / way,
+        np.float32(centre[2]) / way,
+    )
+    radius, wide, latest, zero = (
+        np.float32(radius_m),
+        np.float32(widest),
+        np.float32(latest_m),
+        np.float32(0),
+    )
     for e in range(len(near)):
         before = mx[e] * cx + my[e] * cy + mz[e] * cz
         behind = way + radius - before
         off = np.sqrt(max(mx[e] * mx[e] + my[e] * my[e] + mz[e] * mz[e] - before * before, zero))
         past = max(off - radius, zero)
         bent = (past > wide * behind) | (past * past > latest * (latest + np.float32(2) * behind))
-        near[e] = (behind > zero) & (before > zero) & ~bent & (way - radius < within_m[e] + off + radius)
+        near[e] = (
+            (behind > zero) & (before > zero) & ~bent & (way - radius < within_m[e] + off + radius)
+        )
 
 
 @njit(**FAST)
 def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # type: ignore[no-untyped-def]
-    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around the ray over 2π; 0;
-    its detour; the weight of its waves, faded by the turn of the phase from one end to the other by its sinc, and 0
-    where it does not count; and 1/L."""
+    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around
+    the ray over 2π; 0; its detour; the weight of its waves, faded by the turn of the phase from one
+    end to the other by its sinc, and 0 where it does not count; and 1/L."""
     start, along, normal, within = edge
     cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
-    ax, ay, az = np.float32(start[0] - centre[0]), np.float32(start[1] - centre[1]), np.float32(start[2] - centre[2])
+    ax, ay, az = (
+        np.float32(start[0] - centre[0]),
+        np.float32(start[1] - centre[1]),
+        np.float32(start[2] - centre[2]),
+    )
     tx, ty, tz = np.float32(along[0]), np.float32(along[1]), np.float32(along[2])
     nx, ny, nz = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
     limit, length, wide = np.float32(within), tx * tx + ty * ty + tz * tz, np.float32(widest)
-    zero, one, two, half, tiny = np.float32(0), np.float32(1), np.float32(2), np.float32(0.5), np.float32(1e-20)
+    zero, one, two, half, tiny = (
+        np.float32(0),
+        np.float32(1),
+        np.float32(2),
+        np.float32(0.5),
+        np.float32(1e-20),
+    )
     late, turned = np.float32(2 * wavenumber / farthest), np.float32(wavenumber * wavenumber / 6)
     for p in range(len(x)):
         dx, dy, dz = cx + x[p], cy + y[p], cz + z[p]
@@ -219,7 +277,11 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
         inverse = one / way
         dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
         pd, td = px * dx + py * dy + pz * dz, tx * dx + ty * dy + tz * dz
-        pp, pt, tt = px * px + py * py + pz * pz - pd * pd, px * tx + py * ty + pz * tz - pd * td, length - td * td
+        pp, pt, tt = (
+            px * px + py * py + pz * pz - pd * pd,
+            px * tx + py * ty + pz * tz - pd * td,
+            length - td * td,
+        )
         behind = max(-pd - half * td, np.float32(1e-6))
         before = max(way - behind, np.float32(1e-6))
         square = max(pp + pt + half * half * tt, zero)
@@ -231,7 +293,9 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
         wide_fade = max(two * min(off / behind / wide, one) - one, zero)
         late_fade = min(max(detour * late - one, zero), one)
         weight = one - wide_fade * wide_fade * (one + two * (one - wide_fade))
-        weight *= (one - late_fade * late_fade * (one + two * (one - late_fade))) / (one + turned * rise * rise)
+        weight *= (one - late_fade * late_fade * (one + two * (one - late_fade))) / (
+            one + turned * rise * rise
+        )
         sine, cosine = dx * nx + dy * ny + dz * nz, pp + pt
         s = min(abs(cosine), abs(sine)) / max(max(abs(cosine), abs(sine)), tiny)
         q = s * s
@@ -248,11 +312,26 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
 
 @njit(**FAST)
 def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
-    """Add what creeps around an edge whose middle is there from the cell's centre, a row of `Roundness.of_edges`."""
+    """Add what creeps around an edge whose middle is there from the cell's centre, a row of
+    `Roundness.of_edges`."""
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
     nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
-    r0, r1, r2, r3, r4, r5 = creeping[5], creeping[6], creeping[7], creeping[8], creeping[9], creeping[10]
-    i0, i1, i2, i3, i4, i5 = creeping[11], creeping[12], creeping[13], creeping[14], creeping[15], creeping[16]
+    r0, r1, r2, r3, r4, r5 = (
+        creeping[5],
+        creeping[6],
+        creeping[7],
+        creeping[8],
+        creeping[9],
+        creeping[10],
+    )
+    i0, i1, i2, i3, i4, i5 = (
+        creeping[11],
+        creeping[12],
+        creeping[13],
+        creeping[14],
+        creeping[15],
+        creeping[16],
+    )
     low, high, arc = np.float32(least), np.float32(most), np.float32(1 / (3 * wavenumber))
     one, two, six = np.float32(1), np.float32(2), np.float32(1 / 6)
     for p in range(len(x)):

@@ -19,8 +19,8 @@ FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 @dataclass(frozen=True)
 class Facets:
-    """position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated between the vertices), face [p]: the face
-    of the body's mesh that each is a part of."""
+    """position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated between the vertices),
+    face [p]: the face of the body's mesh that each is a part of."""
 
     position_m: np.ndarray
     area_m2: np.ndarray
@@ -37,20 +37,24 @@ class Facets:
 
     def where(self, chosen: np.ndarray) -> Facets:
         """Some of them, by mask or index."""
-        return Facets(self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen])
+        return Facets(
+            self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen]
+        )
 
 
 def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
-    """The body's faces (those at the indices `faces`, or all), each split into 4ⁿ until none of its edges is longer
-    than `longest_m`."""
+    """The body's faces (those at the indices `faces`, or all), each split into 4ⁿ until none of its
+    edges is longer than `longest_m`."""
     chosen = np.arange(len(body.faces)) if faces is None else faces
     corners = body.vertices_m[body.faces[chosen]]
     edges_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0)
     splits = np.ceil(np.log2(np.maximum(edges_m / longest_m, 1))).astype(int)
     if (4.0**splits).sum() > MOST_FACETS:
         raise HandbenchError(
-            f"target: its longest edge, {1e3 * edges_m.max():.1f} mm, would have to be split {splits.max()} times to "
-            f"sample the wavelength (edges of {1e3 * longest_m:.2g} mm), which makes more than {MOST_FACETS} "
+            f"target: its longest edge, {1e3 * edges_m.max():.1f} mm, would have to be split "
+            f"{splits.max()} times to "
+            f"sample the wavelength (edges of {1e3 * longest_m:.2g} mm), which makes more than "
+            f"{MOST_FACETS} "
             "facets; remesh it evenly"
         )
     normals = vertex_normals(body)[body.faces[chosen]]
@@ -77,9 +81,13 @@ def volume_m3(body: Body) -> float:
 
 
 def convex(body: Body) -> bool:
-    """True of one body without hollow places: it fills its hull, and that of few of its vertices, or is flat."""
+    """True of one body without hollow places: it fills its hull, and that of few of its vertices,
+    or is flat."""
     volume, vertices_m = volume_m3(body), body.vertices_m
-    return all(volume >= FILLED * _hull_m3(some) for some in (vertices_m[:: 1 + len(vertices_m) // HULL], vertices_m))
+    return all(
+        volume >= FILLED * _hull_m3(some)
+        for some in (vertices_m[:: 1 + len(vertices_m) // HULL], vertices_m)
+    )
 
 
 def _hull_m3(points_m: np.ndarray) -> float:
@@ -101,7 +109,12 @@ def vertex_normals(body: Body) -> np.ndarray:
 
 
 def _split(
-    corners: np.ndarray, normals: np.ndarray, area_m2: np.ndarray, face: np.ndarray, chosen: np.ndarray, splits: int
+    corners: np.ndarray,
+    normals: np.ndarray,
+    area_m2: np.ndarray,
+    face: np.ndarray,
+    chosen: np.ndarray,
+    splits: int,
 ) -> Facets:
     centres = _centres(splits)
     position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
@@ -111,7 +124,8 @@ def _split(
 
 
 def _centres(splits: int) -> np.ndarray:
-    """Barycentric coordinates [4ⁿ, 3] of the centres of a triangle split n times at its edges' midpoints."""
+    """Barycentric coordinates [4ⁿ, 3] of the centres of a triangle split n times at its edges'
+    midpoints."""
     triangles = np.eye(3)[None]
     for _ in range(splits):
         triangles = quarters(triangles)
@@ -122,7 +136,9 @@ def quarters(corners: np.ndarray) -> np.ndarray:
     """Triangles [m, 3, 3], each split into four at its edges' midpoints: [4·m, 3, 3]."""
     a, b, c = (corners[:, i] for i in range(3))
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return np.concatenate(
+        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Line of sight between antennas and the facets of a body.
 
-Rays go to the vertices of the mesh, from few antennas first: where two antennas of a line agree, those between them do
-too. Then every face whose corners disagree, and every coarse face, is asked facet by facet. What is missed is narrower
-than a fine face, or so thin that its shadow on the array is narrower than the first antennas' distance.
+Rays go to the vertices of the mesh, from few antennas first: where two antennas of a line agree,
+those between them do too. Then every face whose corners disagree, and every coarse face, is asked
+facet by facet. What is missed is narrower than a fine face, or so thin that its shadow on the array
+is narrower than the first antennas' distance.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.compiled import njit
 from handbench.support.rays import Rays
 
-STRIDE_M = 0.02  # between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the skin
+# between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the
+# skin
+STRIDE_M = 0.02
 COARSE = 16  # facets of a face above which its corners say too little
 
 
@@ -26,8 +29,8 @@ def rays_of(scene: EchoScene, body: Body) -> Rays:
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """Mask [a, p] of the facets p that antenna a sees: the face turns its front to the antenna, and nothing stands
-    between them."""
+    """Mask [a, p] of the facets p that antenna a sees: the face turns its front to the antenna, and
+    nothing stands between them."""
     faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
     used, corners = np.unique(body.faces[faces], return_inverse=True)
     clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
@@ -46,8 +49,11 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
     return seen
 
 
-def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M) -> np.ndarray:
-    """Mask [a, n] of the antennas and points between which nothing stands; stride_m: between the first antennas."""
+def points_in_sight(
+    rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M
+) -> np.ndarray:
+    """Mask [a, n] of the antennas and points between which nothing stands; stride_m: between the
+    first antennas."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
         step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
@@ -65,17 +71,19 @@ def points_in_sight(rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, st
 
 
 def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
-    """Antennas [a, 3] as runs of neighbours in the order of their numbers: a new one begins where the distance to the
-    one before is more than twice the median."""
+    """Antennas [a, 3] as runs of neighbours in the order of their numbers: a new one begins where
+    the distance to the one before is more than twice the median."""
     if len(antennas_m) < 2:
         return [np.arange(len(antennas_m))]
     steps_m = np.linalg.norm(np.diff(antennas_m, axis=0), axis=1)
-    return np.split(np.arange(len(antennas_m)), 1 + np.flatnonzero(steps_m > 2 * np.median(steps_m)))
+    return np.split(
+        np.arange(len(antennas_m)), 1 + np.flatnonzero(steps_m > 2 * np.median(steps_m))
+    )
 
 
 def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends included, and how far
-    along the line each antenna is [a]."""
+    """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends
+    included, and how far along the line each antenna is [a]."""
     along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
     count = min(len(line_m), 1 + int(np.ceil(along_m[-1] / apart_m)))
     return np.linspace(0, len(line_m) - 1, count).round().astype(int), along_m
@@ -83,7 +91,9 @@ def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
 
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
-    return np.concatenate([line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)])
+    return np.concatenate(
+        [line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
+    )
 
 
 @njit(nogil=True, cache=True)

@@ -1,9 +1,11 @@
-"""Polarisation of echoes over several places: the field of short dipoles, reflected by each mirror at its own angle.
+"""Polarisation of echoes over several places: the field of short dipoles, reflected by each mirror
+at its own angle.
 
-A mirror whose normal is that between a ray and where it goes on, h = (k' − k)/|k' − k|, keeps the field across the
-plane of incidence, s = k × h, and turns the one along it, each times Γ of its polarisation; Γ of the latter is here
-that of the component along the surface, so that both agree at normal incidence. At 45°, where fingers mirror onto each
-other, Γ² of skin is 2.8 dB above that of normal incidence for the one and 4.0 dB below for the other.
+A mirror whose normal is that between a ray and where it goes on, h = (k' − k)/|k' − k|, keeps the
+field across the plane of incidence, s = k × h, and turns the one along it, each times Γ of its
+polarisation; Γ of the latter is here that of the component along the surface, so that both agree at
+normal incidence. At 45°, where fingers mirror onto each other, Γ² of skin is 2.8 dB above that of
+normal incidence for the one and 4.0 dB below for the other.
 """
 
 from __future__ import annotations
@@ -20,12 +22,13 @@ LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one o
 def tube_factors(
     tubes: Tubes, tx_m: np.ndarray, dipole: np.ndarray, ratios: np.ndarray, layers: np.ndarray
 ) -> np.ndarray:
-    """The factors by which polarisation, angles and caustics change tubes' amplitudes, as in the direction in which the
-    last place mirrors them: complex64 [n]; 1 where metal is met across the plane of incidence.
+    """The factors by which polarisation, angles and caustics change tubes' amplitudes, as in the
+    direction in which the last place mirrors them: complex64 [n]; 1 where metal is met across the
+    plane of incidence.
 
-    dipole [3]: both antennas'; ratios [layers, 2, cosines]: Γ of each layer at even steps of the cosine of incidence
-    from 0 to 1, over that at normal incidence, across the plane of incidence first; layers [n, b]: of each tube's
-    places."""
+    dipole [3]: both antennas'; ratios [layers, 2, cosines]: Γ of each layer at even steps of the
+    cosine of incidence from 0 to 1, over that at normal incidence, across the plane of incidence
+    first; layers [n, b]: of each tube's places."""
     factors = np.zeros(len(tubes.patch), np.complex64)
     _fill(tubes, tx_m, np.asarray(dipole, float), ratios, layers, factors)
     return factors
@@ -60,8 +63,8 @@ def _across(dipole, ray):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _reflected(field, before, after, ratio):  # type: ignore[no-untyped-def]
-    """The field of a ray along `before` once it goes on along `after`, Γ times the part across the plane of incidence,
-    and the part along it, turned."""
+    """The field of a ray along `before` once it goes on along `after`, Γ times the part across the
+    plane of incidence, and the part along it, turned."""
     normal = direction(minus(after, before))[0]
     across, sine = direction(cross(before, normal))
     if sine < LEAST_SINE:

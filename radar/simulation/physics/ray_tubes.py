@@ -15,8 +15,11 @@ from handbench.radar.simulation.physics.line_of_sight import nodes, points_in_si
 from handbench.radar.simulation.scene import Body
 from handbench.support.rays import OWN_SURFACE_M, Rays
 
-CREASE = 0.85  # cosine between a face and its corner's normal below which the corner lies on an edge of the body
-LEAST = 0.05  # of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a hand
+# cosine between a face and its corner's normal below which the corner lies on an edge of the body
+CREASE = 0.85
+# of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a
+# hand
+LEAST = 0.05
 COARSE = 2  # times as long are the patches that are tried first,
 TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
 BESIDE_M = 0.01  # width of the cells of which each has one
@@ -24,9 +27,9 @@ STRIDE_M = 0.08  # between the antennas whose sight is asked first
 
 
 class Hits(NamedTuple):
-    """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the mirror) [n], faces
-    [n, b] that it meets one after another (−1 once it meets none), end_m [n, 3] at the last and length_m [n] from the
-    patch to there."""
+    """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the
+    mirror) [n], faces [n, b] that it meets one after another (−1 once it meets none), end_m [n, 3]
+    at the last and length_m [n] from the patch to there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -40,8 +43,9 @@ class Hits(NamedTuple):
 
 
 class Mirrors(NamedTuple):
-    """m mirrors as patches; part [m]: the coarse patch that each is a part of; bounces [coarse]: how many of its tubes
-    count after the first; face [m]: the body's face; all of the body's faces as patches."""
+    """m mirrors as patches; part [m]: the coarse patch that each is a part of; bounces [coarse]:
+    how many of its tubes count after the first; face [m]: the body's face; all of the body's faces
+    as patches."""
 
     patches: Patches
     coarse: Patches
@@ -53,8 +57,9 @@ class Mirrors(NamedTuple):
 
 @dataclass(frozen=True)
 class Traced:
-    """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen float32 [faces, r]: 1
-    where a receiver sees the face; wavenumber: above 0 where waves creep around edges."""
+    """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen
+    float32 [faces, r]: 1 where a receiver sees the face; wavenumber: above 0 where waves creep
+    around edges."""
 
     hits: Hits
     mirrors: Mirrors
@@ -65,22 +70,36 @@ class Traced:
     def tubes(self, chosen: np.ndarray) -> Tubes:
         """The tubes around some of the hits of as many bounces, by index [n]."""
         transmitter, patch, faces = (column[chosen] for column in self.hits[:3])
-        hits = self.hits._replace(transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()])
-        return landed(hits, self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber)
+        hits = self.hits._replace(
+            transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()]
+        )
+        return landed(
+            hits, self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
+        )
 
 
-def landed(hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0) -> Tubes:
+def landed(
+    hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
+) -> Tubes:
     """Tubes around hits [n], without what creeps at a wavenumber above 0."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
-    length_m, root_m2, edge_m, caustics = np.empty(n), np.empty(n), np.empty((n, 3, 3)), np.zeros(n, np.int8)
+    length_m, root_m2, edge_m, caustics = (
+        np.empty(n),
+        np.empty(n),
+        np.empty((n, 3, 3)),
+        np.zeros(n, np.int8),
+    )
     tubes = Tubes(*hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
     land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
 
 
-def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Those of the hits whose tubes meet the body once more where they are mirrored at their end."""
+def mirrored_on(
+    rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray
+) -> Hits:
+    """Those of the hits whose tubes meet the body once more where they are mirrored at their
+    end."""
     tubes = landed(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
@@ -91,12 +110,17 @@ def mirrored_on(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m
     met = np.flatnonzero(np.isfinite(distance))
     faces = np.column_stack([hits.faces, face])[met].astype(np.int32)
     end_m = start_m[met] + distance[met, None] * onward[met]
-    return Hits(hits.transmitter[met], hits.patch[met], faces, end_m, (hits.length_m + distance)[met])
+    return Hits(
+        hits.transmitter[met], hits.patch[met], faces, end_m, (hits.length_m + distance)[met]
+    )
 
 
-def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1) -> Mirrors:
-    """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer than longest_m; coarser
-    ones that make no tube with a few of the antennas are left out. bounces: at most, after the first."""
+def mirrors_of(
+    rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1
+) -> Mirrors:
+    """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer
+    than longest_m; coarser ones that make no tube with a few of the antennas are left out. bounces:
+    at most, after the first."""
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, face = split(surface, COARSE * longest_m)
     count = _lit(rays, whole, surface, antennas_m, bounces)
@@ -106,9 +130,11 @@ def mirrors_of(rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float,
     return Mirrors(patches, coarse, part, count[chosen], face[chosen[part]], surface)
 
 
-def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float) -> Traced:
-    """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the middles of coarse
-    patches and of faces."""
+def trace(
+    rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
+) -> Traced:
+    """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the
+    middles of coarse patches and of faces."""
     surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
     found: list[list[Hits]] = [[] for _ in range(bounces)]
@@ -116,7 +142,9 @@ def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, waven
         hits = first_hits(rays, mirrors.patches, array.tx_m, n, np.flatnonzero(seen[mirrors.part]))
         found[0].append(hits)
         for b in range(1, bounces):
-            hits = mirrored_on(rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m)
+            hits = mirrored_on(
+                rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m
+            )
             found[b].append(hits)
     faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
@@ -125,7 +153,8 @@ def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, waven
 
 
 def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
-    """All hits of lists by their number of bounces whose last face is heard, with as many columns of faces."""
+    """All hits of lists by their number of bounces whose last face is heard, with as many columns
+    of faces."""
     padded = []
     for b, some in enumerate(found):
         for hits in (hits.where(heard[hits.faces[:, -1]]) for hits in some):
@@ -136,13 +165,20 @@ def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
-    """Patches split into four until no edge is longer than longest_m, and the face that each is a part of."""
+    """Patches split into four until no edge is longer than longest_m, and the face that each is a
+    part of."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
-    if np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0) <= longest_m:
+    if (
+        np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0)
+        <= longest_m
+    ):
         return surface, face
     done: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     while not done or len(face):
-        long = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1) > longest_m
+        long = (
+            np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1)
+            > longest_m
+        )
         done.append((corners_m[~long], normals[~long], face[~long]))
         face = np.tile(face[long], 4)
         corners_m, normals = quarters(corners_m[long]), quarters(normals[long])
@@ -154,24 +190,35 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
 def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
     """Patches by their corners and the unit normals there, both [m, 3, 3]."""
     a, b, c = (corners_m[:, i] for i in range(3))
-    return Patches(corners_m, normals, corners_m.mean(axis=1), unit(normals.sum(axis=1)), np.cross(b - a, c - a) / 2)
+    return Patches(
+        corners_m,
+        normals,
+        corners_m.mean(axis=1),
+        unit(normals.sum(axis=1)),
+        np.cross(b - a, c - a) / 2,
+    )
 
 
 def corner_normals(body: Body) -> np.ndarray:
-    """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the edges of a body."""
+    """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the
+    edges of a body."""
     flat = unit(face_vectors(body.vertices_m, body.faces))
     smooth = vertex_normals(body)[body.faces]
     crease = np.einsum("mci,mi->mc", smooth, flat) < CREASE
     return np.where(crease[:, :, None], flat[:, None], smooth)
 
 
-def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int) -> np.ndarray:
-    """The most bounces [m] after the first at which patches make tubes with some of a few antennas, as far as all of
-    them together count."""
+def _lit(
+    rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int
+) -> np.ndarray:
+    """The most bounces [m] after the first at which patches make tubes with some of a few antennas,
+    as far as all of them together count."""
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
     everything = np.arange(len(count))
     few = nodes(antennas_m, TRIAL_M)
-    for antenna in few[np.unique((antennas_m[few] / BESIDE_M).round(), axis=0, return_index=True)[1]]:
+    for antenna in few[
+        np.unique((antennas_m[few] / BESIDE_M).round(), axis=0, return_index=True)[1]
+    ]:
         hits = first_hits(rays, patches, antennas_m, antenna, everything)
         for b in range(1, bounces + 1):
             root_m2 = landed(hits, patches, surface, antennas_m).root_m2
@@ -183,8 +230,11 @@ def _lit(rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray,
     return np.minimum(count, bounces if heard.all() else heard.argmin())
 
 
-def first_hits(rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray) -> Hits:
-    """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the body."""
+def first_hits(
+    rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray
+) -> Hits:
+    """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the
+    body."""
     ways = np.empty((len(chosen), 6), np.float32)
     chosen = chosen[mirror(patches, antennas_m[antenna], chosen, OWN_SURFACE_M, ways)]
     ways = ways[: len(chosen)]
@@ -192,4 +242,6 @@ def first_hits(rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: in
     hit = np.flatnonzero(np.isfinite(distance))
     distance, ways, face = distance[hit], ways[hit], face[hit, None].astype(np.int32)
     end_m = ways[:, :3] + distance[:, None] * ways[:, 3:]
-    return Hits(np.full(len(hit), antenna), chosen[hit], face, end_m, distance + np.float32(OWN_SURFACE_M))
+    return Hits(
+        np.full(len(hit), antenna), chosen[hit], face, end_m, distance + np.float32(OWN_SURFACE_M)
+    )

@@ -28,21 +28,40 @@ class ColeCole:
     def permittivity(self, frequencies_hz: np.ndarray) -> np.ndarray:
         """Complex relative permittivity [f]."""
         omega = 2 * np.pi * np.asarray(frequencies_hz, float)[:, None]
-        step, relaxation_s, broadening = map(np.array, (self.step, self.relaxation_s, self.broadening))
+        step, relaxation_s, broadening = map(
+            np.array, (self.step, self.relaxation_s, self.broadening)
+        )
         dispersions = step / (1 + (1j * omega * relaxation_s) ** (1 - broadening))
-        return self.infinity + dispersions.sum(axis=1) + self.conductivity_s_m / (1j * omega[:, 0] * VACUUM_F_M)
+        return (
+            self.infinity
+            + dispersions.sum(axis=1)
+            + self.conductivity_s_m / (1j * omega[:, 0] * VACUUM_F_M)
+        )
 
 
-# Skin as a whole: S. Gabriel, R. W. Lau, C. Gabriel, Phys. Med. Biol. 41 (1996) 2271, table 1; measured up to 20 GHz,
-# extrapolated here. Skin at 40–110 GHz: Christ et al., Bioelectromagnetics 42 (2021), doi 10.1002/bem.22362.
+# Skin as a whole: S. Gabriel, R. W. Lau, C. Gabriel, Phys. Med. Biol. 41 (1996) 2271, table 1;
+# measured up to 20 GHz, extrapolated here. Skin at 40–110 GHz: Christ et al., Bioelectromagnetics
+# 42 (2021), doi 10.1002/bem.22362.
 DRY = ColeCole(
-    4.0, (32.0, 1100.0, 0.0, 0.0), (7.234e-12, 32.481e-9, 159.155e-6, 15.915e-3), (0.0, 0.2, 0.2, 0.2), 0.0002
+    4.0,
+    (32.0, 1100.0, 0.0, 0.0),
+    (7.234e-12, 32.481e-9, 159.155e-6, 15.915e-3),
+    (0.0, 0.2, 0.2, 0.2),
+    0.0002,
 )
-WET = ColeCole(4.0, (39.0, 280.0, 3e4, 3e4), (7.958e-12, 79.577e-9, 1.592e-6, 1.592e-3), (0.1, 0.0, 0.16, 0.2), 0.0004)
-# Horny layer (stratum corneum): the Debye term of free water of Alekseev & Ziskin, Bioelectromagnetics 28 (2007) 331.
+WET = ColeCole(
+    4.0,
+    (39.0, 280.0, 3e4, 3e4),
+    (7.958e-12, 79.577e-9, 1.592e-6, 1.592e-3),
+    (0.1, 0.0, 0.16, 0.2),
+    0.0004,
+)
+# Horny layer (stratum corneum): the Debye term of free water of Alekseev & Ziskin,
+# Bioelectromagnetics 28 (2007) 331.
 HORNY = ColeCole(2.96, (1.5,), (6.9e-12,), (0.0,))
 
-# What represents arm and face in the measurements of Christ et al., and 140 µm the palm; manual work thickens that.
+# What represents arm and face in the measurements of Christ et al., and 140 µm the palm; manual
+# work thickens that.
 THIN_M = 15e-6
 
 
@@ -52,8 +71,8 @@ def skin_permittivity(frequencies_hz: np.ndarray, wet: bool = False) -> np.ndarr
 
 
 def echo_reflection(material: Material, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Echo amplitude of a body's surface over that of metal: complex [f]; of skin, where it is thin. It is −Γ: the
-    forward model's amplitudes are metal's, whose Γ is −1."""
+    """Echo amplitude of a body's surface over that of metal: complex [f]; of skin, where it is
+    thin. It is −Γ: the forward model's amplitudes are metal's, whose Γ is −1."""
     if material.kind == "metal":
         return np.ones(len(frequencies_hz), complex)
     if material.kind == "skin":
@@ -89,36 +108,48 @@ def fresnel(permittivity: np.ndarray) -> np.ndarray:
     return interface(1.0, permittivity, 1.0)[0]
 
 
-def interface(above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float) -> np.ndarray:
-    """Γ [2, ...] of the surface between two media by their permittivities, at a cosine of incidence in air: of the
-    field across the plane of incidence, then along it. Γ is of the component along the surface, so that both agree at
-    normal incidence; the admittances are √(ε_r − sin²θ) and ε_r/√(ε_r − sin²θ)."""
+def interface(
+    above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float
+) -> np.ndarray:
+    """Γ [2, ...] of the surface between two media by their permittivities, at a cosine of incidence
+    in air: of the field across the plane of incidence, then along it. Γ is of the component along
+    the surface, so that both agree at normal incidence; the admittances are √(ε_r − sin²θ) and
+    ε_r/√(ε_r − sin²θ)."""
     upper, lower = (np.asarray(medium, complex) for medium in (above, below))
     normal_u, normal_l = (np.sqrt(medium - 1 + np.square(cosine)) for medium in (upper, lower))
     pairs = (normal_u, normal_l), (upper / normal_u, lower / normal_l)
     return np.stack([(u - v) / (u + v) for u, v in pairs])
 
 
-def layered(layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Γ [f] from air at normal incidence of a layer on a half-space, permittivities [f], its phase that of the layer's
-    surface."""
+def layered(
+    layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray
+) -> np.ndarray:
+    """Γ [f] from air at normal incidence of a layer on a half-space, permittivities [f], its phase
+    that of the layer's surface."""
     return oblique_layered(layer, below, thickness_m, frequencies_hz, 1.0)[0]
 
 
 def oblique_layered(
-    layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray, cosine: np.ndarray | float
+    layer: np.ndarray,
+    below: np.ndarray,
+    thickness_m: float,
+    frequencies_hz: np.ndarray,
+    cosine: np.ndarray | float,
 ) -> np.ndarray:
-    """The same for both polarisations, [2, ...]: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jk√(ε₁ − sin²θ)d) (Born & Wolf,
-    Principles of Optics, sec. 1.6.4)."""
+    """The same for both polarisations, [2, ...]: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jk√(ε₁ −
+    sin²θ)d) (Born & Wolf, Principles of Optics, sec. 1.6.4)."""
     there_and_back = 4 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S * thickness_m
-    turned = np.exp(-1j * there_and_back * np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine)))
+    turned = np.exp(
+        -1j * there_and_back * np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine))
+    )
     first, within = interface(1.0, layer, cosine), interface(layer, below, cosine) * turned
     return (first + within) / (1 + first * within)
 
 
 def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence: complex64
-    [layers, 2, count], the field across the plane of incidence first; layers of skin: `skin_layers_m`. Of metal 1."""
+    """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence:
+    complex64 [layers, 2, count], the field across the plane of incidence first; layers of skin:
+    `skin_layers_m`. Of metal 1."""
     if material.kind == "metal":
         return np.ones((1, 2, count), np.complex64)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
@@ -126,7 +157,9 @@ def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> 
         f = np.array([frequency_hz])
         media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
         layers_m = skin_layers_m(material)
-        gamma = np.stack([oblique_layered(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m])
+        gamma = np.stack(
+            [oblique_layered(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m]
+        )
     else:
         gamma = interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]
     return np.ascontiguousarray(gamma / gamma[..., -1:], np.complex64)

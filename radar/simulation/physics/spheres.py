@@ -1,4 +1,5 @@
-"""Echoes of spheres: of steel by Mie's exact series, and of the foam around the calibration target's steel balls."""
+"""Echoes of spheres: of steel by Mie's exact series, and of the foam around the calibration
+target's steel balls."""
 
 from __future__ import annotations
 
@@ -14,20 +15,25 @@ from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.physics.reflection import fresnel
 from handbench.radar.simulation.scene import Ball, EchoScene
 
-NODES = 16  # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β ≤ 60°
+# angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β
+# ≤ 60°
+NODES = 16
 
 
 def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scattering amplitudes of a perfectly conducting sphere over that of geometrical optics for bistatic angles 2β:
-    complex [n, m] each for ka [n] and cos β [m], with the field across the plane of scattering (2j/ka·S₁ of the series)
-    and in it (−2j/ka·S₂). For β = 0, |F|² = σ/(πa²).
+    """Scattering amplitudes of a perfectly conducting sphere over that of geometrical optics for
+    bistatic angles 2β: complex [n, m] each for ka [n] and cos β [m], with the field across the
+    plane of scattering (2j/ka·S₁ of the series) and in it (−2j/ka·S₂). For β = 0, |F|² = σ/(πa²).
 
-    The phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the near surface).
-    Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with
-    πₙ and τₙ exchanged; the scattering angle is π − 2β.
+    The phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the
+    near surface). Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ
+    (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with πₙ and τₙ exchanged; the scattering angle is π −
+    2β.
     """
     x = np.atleast_1d(np.asarray(ka, np.float64))[:, None]
-    n = np.arange(1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10)))  # Wiscombe's rule, with some to spare
+    n = np.arange(
+        1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10))
+    )  # Wiscombe's rule, with some to spare
     j, y = spherical_jn(n, x), spherical_yn(n, x)
     h = j - 1j * y
     j_before, y_before = spherical_jn(n - 1, x), spherical_yn(n - 1, x)
@@ -56,30 +62,42 @@ def sphere_echo(
     array: AntennaArray,
     polarisation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic angle.
+    """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic
+    angle.
 
-    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike; None: not known, the
-    mean over its directions in the array's plane. Scale and phase are those of `radar.simulation.forward`, whose
-    surface integral tends to πa/(jk)·e^{2jka} here.
+    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike;
+    None: not known, the mean over its directions in the array's plane. Scale and phase are those of
+    `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
     """
-    directions = tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
+    directions = (
+        tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
+    )
     across, along = np.mean([_shares(centre_m, array, field) for field in directions], axis=0)
     cos_beta = half_angle_cosine(centre_m, array)
     spreading = np.multiply.outer(*(leg.lengths_m(centre_m) for leg in array.legs))
     path_m = path_lengths(array, centre_m) + 2 * delay_m - 2 * radius_m * cos_beta
     k = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     nodes, blend = _nodes(cos_beta)
-    specular = np.exp(-2j * np.multiply.outer(k * radius_m, nodes))  # taken out: what is left is smooth
-    s1, s2 = ((s * specular).astype(np.complex64) @ blend for s in mie_amplitudes(k * radius_m, nodes))
-    turned = (across / spreading).ravel().astype(np.float32) * s1 + (along / spreading).ravel().astype(np.float32) * s2
+    specular = np.exp(
+        -2j * np.multiply.outer(k * radius_m, nodes)
+    )  # taken out: what is left is smooth
+    s1, s2 = (
+        (s * specular).astype(np.complex64) @ blend for s in mie_amplitudes(k * radius_m, nodes)
+    )
+    turned = (across / spreading).ravel().astype(np.float32) * s1 + (
+        along / spreading
+    ).ravel().astype(np.float32) * s2
     samples = turned.reshape(len(k), *array.channels)
     for sample, f in zip(samples, frequencies_hz, strict=True):
-        sample *= phasor(path_m, f, -1) * np.complex64(SPEED_OF_LIGHT_M_S * radius_m / (2j * f))  # πa/jk
+        sample *= phasor(path_m, f, -1) * np.complex64(
+            SPEED_OF_LIGHT_M_S * radius_m / (2j * f)
+        )  # πa/jk
     return samples
 
 
 def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3] sees them."""
+    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3]
+    sees them."""
     return np.linalg.norm(path_gradients(point_m, array), axis=2) / 2
 
 
@@ -90,8 +108,8 @@ def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
-    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part along the ray, have
-    across the plane of scattering and in it."""
+    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part
+    along the ray, have across the plane of scattering and in it."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
@@ -107,8 +125,8 @@ def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.n
 
 
 def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles' cosines [NODES] over the range of cos_beta [t, r], and the matrix complex64 [NODES, t·r] that carries
-    values there to every channel."""
+    """Angles' cosines [NODES] over the range of cos_beta [t, r], and the matrix complex64 [NODES,
+    t·r] that carries values there to every channel."""
     low, high = float(cos_beta.min()) - 1e-6, float(cos_beta.max()) + 1e-6
     points = chebpts1(NODES)
     place = (2 * cos_beta.ravel() - low - high) / (high - low)
@@ -117,10 +135,14 @@ def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ball_echoes(
-    scene: EchoScene, tones_hz: np.ndarray, array: AntennaArray, delay_m: np.ndarray | None = None, pattern: float = 0.0
+    scene: EchoScene,
+    tones_hz: np.ndarray,
+    array: AntennaArray,
+    delay_m: np.ndarray | None = None,
+    pattern: float = 0.0,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]: extra one-way path of
-    each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
+    """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]:
+    extra one-way path of each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
     samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
@@ -130,19 +152,24 @@ def ball_echoes(
 
 
 def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
-    """Extra one-way path [n] of each ball's echo, (n − 1)·(R_foam − r_ball): the foam is centred on the ball, so that
-    every ray to the ball's specular point runs along a radius and is not bent."""
-    return np.array([(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls])
+    """Extra one-way path [n] of each ball's echo, (n − 1)·(R_foam − r_ball): the foam is centred on
+    the ball, so that every ray to the ball's specular point runs along a radius and is not bent."""
+    return np.array(
+        [(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls]
+    )
 
 
 def foam_echoes(
     balls: Sequence[Ball], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float = 0.0
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of the foam's front and back surfaces, without the balls inside."""
+    """Samples complex64 [f, t, r] of the foam's front and back surfaces, without the balls
+    inside."""
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for ball in balls:
         if has_foam(ball):
-            samples += _foam_echo(ball, frequencies_hz, array) * pattern_gain(ball.centre_m, array, pattern)
+            samples += _foam_echo(ball, frequencies_hz, array) * pattern_gain(
+                ball.centre_m, array, pattern
+            )
     return samples
 
 
@@ -156,7 +183,9 @@ def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np
     if pattern == 0:
         return 1.0
     cosines = ((point_m - leg.position_m)[:, 2] / leg.lengths_m(point_m) for leg in array.legs)
-    return np.multiply.outer(*(np.maximum(cosine, 0) ** pattern for cosine in cosines)).astype(np.float32)
+    return np.multiply.outer(*(np.maximum(cosine, 0) ** pattern for cosine in cosines)).astype(
+        np.float32
+    )
 
 
 def _index(ball: Ball) -> float:
@@ -164,13 +193,15 @@ def _index(ball: Ball) -> float:
 
 
 def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Front and back of a sphere of foam by geometrical optics, (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale:
-    ρ the reflection against metal's, B the ray matrix's element that says how the echo spreads (negative behind a
-    focus). Paraxial about each channel's specular points, which lie on its bisector before and behind the centre.
+    """Front and back of a sphere of foam by geometrical optics, (2π/jk)·ρ/B·exp(−jk·path) in the
+    forward model's scale: ρ the reflection against metal's, B the ray matrix's element that says
+    how the echo spreads (negative behind a focus). Paraxial about each channel's specular points,
+    which lie on its bisector before and behind the centre.
 
-    The steel ball hides the back from rays that pass through the foam's middle: channels whose chords to the back's
-    specular point, a·sin β from the centre, run into the ball have no back echo. (Diffraction would blur this edge over
-    √(λa) ≈ 1 cm; what is lost is below the foam's own −40 dB.)
+    The steel ball hides the back from rays that pass through the foam's middle: channels whose
+    chords to the back's specular point, a·sin β from the centre, run into the ball have no back
+    echo. (Diffraction would blur this edge over √(λa) ≈ 1 cm; what is lost is below the foam's own
+    −40 dB.)
     """
     radius_m, n = ball.foam_radius_m, _index(ball)
     cos_beta = half_angle_cosine(ball.centre_m, array)
@@ -190,14 +221,18 @@ def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> n
 
 
 def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Straight path [t, r] over the point that lies `towards_m` from the centre along each channel's bisector."""
+    """Straight path [t, r] over the point that lies `towards_m` from the centre along each
+    channel's bisector."""
     to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
-    return sum(np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta) for leg_m in (to_m, from_m))
+    return sum(
+        np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)
+        for leg_m in (to_m, from_m)
+    )
 
 
 def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool) -> np.ndarray:
-    """B [t, r] of the rays from transmitter to receiver over the sphere's front, or through it over its back; a ray is
-    (h, θ), θ its true angle also inside (Siegman, Lasers, 1986, ch. 15)."""
+    """B [t, r] of the rays from transmitter to receiver over the sphere's front, or through it over
+    its back; a ray is (h, θ), θ its true angle also inside (Siegman, Lasers, 1986, ch. 15)."""
     mirror = np.array([[1.0, 0.0], [2 / radius_m, 1.0]])  # the front is convex
     if back:
         enter = np.array([[1.0, 0.0], [-(n - 1) / (n * radius_m), 1 / n]])
@@ -205,4 +240,6 @@ def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool
         across = np.array([[1.0, 2 * radius_m], [0.0, 1.0]])
         mirror = leave @ across @ np.linalg.inv(mirror) @ across @ enter
     to_m, from_m = (leg_m - radius_m for leg_m in legs_m)
-    return (mirror[0, 0] * to_m + mirror[0, 1])[:, None] + np.multiply.outer(mirror[1, 0] * to_m + mirror[1, 1], from_m)
+    return (mirror[0, 0] * to_m + mirror[0, 1])[:, None] + np.multiply.outer(
+        mirror[1, 0] * to_m + mirror[1, 1], from_m
+    )

@@ -1,4 +1,5 @@
-"""A small capture that the tests of the adapters write in every form: a patch of points before the radar."""
+"""A small capture that the tests of the adapters write in every form: a patch of points before the
+radar."""
 
 from pathlib import Path
 
@@ -38,14 +39,18 @@ def echoes(frames: int = 2) -> RadarCapture:
     samples = simulate(Scatterers(patch_m(), np.ones(25)), TONES_HZ, qar50())
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((2, frames, *samples.shape)) * 0.1 * np.abs(samples).mean()
-    return RadarCapture((samples + noise[0] + 1j * noise[1]).astype(np.complex64), TONES_HZ, qar50())
+    return RadarCapture(
+        (samples + noise[0] + 1j * noise[1]).astype(np.complex64), TONES_HZ, qar50()
+    )
 
 
 def write_native(folder: Path, capture: RadarCapture) -> Path:
     """The capture as a capture folder, with the settings that its few tones ask for."""
     folder.mkdir(parents=True)
     save_capture(folder / ECHOES, capture)
-    corners_m = PLACE_M + 0.01 * np.array([[-1, -1, -0.2], [1, -1, 0.2], [1, 1, 0.2], [-1, 1, -0.2]])
+    corners_m = PLACE_M + 0.01 * np.array(
+        [[-1, -1, -0.2], [1, -1, 0.2], [1, 1, 0.2], [-1, 1, -0.2]]
+    )
     write_mesh(folder / TRUTH, mesh(corners_m, np.array([[0, 2, 1], [0, 3, 2]])))
     box = {"broadband": AXES}
     save_capture_file(folder, CaptureFile(name="patch", kind="other", distance_m=0.3, methods=box))

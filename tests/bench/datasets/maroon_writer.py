@@ -1,4 +1,5 @@
-"""A capture written as one object at one distance of MAROON, in the layout that their loaders open."""
+"""A capture written as one object at one distance of MAROON, in the layout that their loaders
+open."""
 
 import json
 import shutil
@@ -9,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon import EMPTY_FILTERED, FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
+from handbench.bench.datasets.maroon import (
+    EMPTY_FILTERED,
+    FRAMES,
+    MESHES,
+    METADATA,
+    PHOTOGRAMMETRY,
+    VOLUMES,
+)
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, MIRROR_X, kinect_camera
 from handbench.bench.datasets.maroon_frame import ANTENNAS, USED, Frame
 from handbench.bench.datasets.native import ARRAY, EMPTY, TRUE_TRANSFORM, NativeCapture
@@ -25,19 +33,28 @@ from handbench.support.files import write_json, write_text
 from handbench.support.rays import Rays
 
 FRAME_S = 0.1  # between frames
-CAMS, KINECT = (Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json"))
-PHOTO_M, KINECT_M = np.array([0.0, -0.05, 0.0]), np.array([0.0, 0.05, 0.0])  # beside the radar's origin
+CAMS, KINECT = (
+    Path(__file__).with_name(name) for name in ("maroon_cams.xml", "maroon_kinect.json")
+)
+PHOTO_M, KINECT_M = (
+    np.array([0.0, -0.05, 0.0]),
+    np.array([0.0, 0.05, 0.0]),
+)  # beside the radar's origin
 FACING = np.diag([-1.0, -1.0, 1.0])  # camera from radar: x right, y down
 BRIGHTEST = 2**16 - 1  # of a maximum projection, which their code keeps as uint16
 
 
-def write_maroon(path: Path, root: Path, exact: bool = False, mirrored: bool = True, kinect: bool = False) -> Path:
-    """Write the capture at `path`, of the 94 + 94 antennas, as ROOT/NAME/CENTIMETRES, and return that folder.
+def write_maroon(
+    path: Path, root: Path, exact: bool = False, mirrored: bool = True, kinect: bool = False
+) -> Path:
+    """Write the capture at `path`, of the 94 + 94 antennas, as ROOT/NAME/CENTIMETRES, and return
+    that folder.
 
-    Echoes are multiplied by a power of two that metadata.json has, as large as MAROON's kernels take it; exact: by 1.
-    mirrored: x of the radar frame to the right, as their code draws it. kinect: with one that sees the true surface.
-    Where the echoes of the empty room are known, NNNNNN_emptyfiltered.npy are without them. A simulated capture
-    without a transform gets the true one.
+    Echoes are multiplied by a power of two that metadata.json has, as large as MAROON's kernels
+    take it; exact: by 1. mirrored: x of the radar frame to the right, as their code draws it.
+    kinect: with one that sees the true surface. Where the echoes of the empty room are known,
+    NNNNNN_emptyfiltered.npy are without them. A simulated capture without a transform gets the true
+    one.
     """
     capture = open_capture(path)
     about, echoes = capture.about, capture.echoes()
@@ -54,7 +71,12 @@ def write_maroon(path: Path, root: Path, exact: bool = False, mirrored: bool = T
         _write_frames(radar / FRAMES, filtered, f"_{EMPTY_FILTERED}")
     write_json(radar / VOLUMES, {f"{0:06d}": {"volume": _volume(capture, mirrored)}})
     box = {"zmin": 0.0, "zmax": 2 * about.distance_m}
-    facts = {"distance_meters": about.distance_m, "mask_erosion": 0, "labels": [about.name], "mask_bb": box}
+    facts = {
+        "distance_meters": about.distance_m,
+        "mask_erosion": 0,
+        "labels": [about.name],
+        "mask_bb": box,
+    }
     write_json(folder / METADATA, facts | {"handbench_echo_scale": scale})
     _write_surfaces(capture, folder, mirrored, len(echoes.samples) if kinect else 0)
     return folder
@@ -65,15 +87,23 @@ def write_frame(file: Path, number: int, frame: Frame) -> None:
     xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
     xr[USED, USED] = frame.samples.transpose(2, 1, 0)
     timestamp_us = np.array([round(1e6 * number * FRAME_S)])
-    content = {"fvec": frame.frequencies_hz.astype(np.float64), "xr": xr, "number_of_measurements": frame.count}
+    content = {
+        "fvec": frame.frequencies_hz.astype(np.float64),
+        "xr": xr,
+        "number_of_measurements": frame.count,
+    }
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("wb") as stream:
-        np.save(stream, np.array({**content, "timestamp_us": timestamp_us}, dtype=object), allow_pickle=True)
+        np.save(
+            stream,
+            np.array({**content, "timestamp_us": timestamp_us}, dtype=object),
+            allow_pickle=True,
+        )
 
 
 def _scale(samples: np.ndarray) -> float:
-    """The power of two up to which no image, a mean over the channels, is brighter than BRIGHTEST: far above the
-    1e-3 (1 + j) at which each of their 32 threads starts its sum."""
+    """The power of two up to which no image, a mean over the channels, is brighter than BRIGHTEST:
+    far above the 1e-3 (1 + j) at which each of their 32 threads starts its sum."""
     most = float(np.abs(samples).mean(axis=(2, 3), dtype=np.float64).sum(axis=1).max())
     return float(2.0 ** np.clip(np.floor(np.log2(BRIGHTEST / most)), -99, 99)) if most > 0 else 1.0
 
@@ -89,20 +119,26 @@ def _volume(capture: NativeCapture, mirrored: bool) -> dict[str, list[float]]:
     chosen = method("broadband")
     grid = chosen.configure(capture.about.methods.get(chosen.id, {}), str(capture.folder)).grid()
     x_m, y_m, z_m = -grid.x_m[::-1] if mirrored else grid.x_m, grid.y_m, grid.z_m
-    ends = {key: [axis[end] for axis in (x_m, y_m, z_m)] for key, end in (("bb_min", 0), ("bb_max", -1))}
+    ends = {
+        key: [axis[end] for axis in (x_m, y_m, z_m)] for key, end in (("bb_min", 0), ("bb_max", -1))
+    }
     return {**ends, "grid_size": [len(axis) for axis in (x_m, y_m, z_m)]}
 
 
-def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect_frames: int) -> None:
-    """alignment.json; the measured surface, or else the true one, as the meshes that are scored and seen by a camera.
-    Where nothing was photographed, the photo frame is the radar's own."""
+def _write_surfaces(
+    capture: NativeCapture, folder: Path, mirrored: bool, kinect_frames: int
+) -> None:
+    """alignment.json; the measured surface, or else the true one, as the meshes that are scored and
+    seen by a camera. Where nothing was photographed, the photo frame is the radar's own."""
     measured, true, transform = capture.mesh(), capture.truth, capture.transform()
     file = capture.folder / TRUE_TRANSFORM
     if transform is None and file.exists():
         transform = load_transform(file)
     elif transform is None and measured is None and capture.photos is None:
         transform = Transform("photo", "radar", np.eye(4))
-    surfaces = {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
+    surfaces = (
+        {} if measured is None else dict.fromkeys(("whole", "masked"), read_triangles(measured)[:2])
+    )
     if transform is not None:
         others = {}
         if true is not None:
@@ -110,7 +146,9 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
             carried = transform.inverse().points(vertices_m), faces
             surfaces = surfaces or dict.fromkeys(("whole", "masked"), carried)
             if kinect_frames:
-                others["kinect"] = _write_kinect(folder / "kinect", vertices_m, faces, kinect_frames)
+                others["kinect"] = _write_kinect(
+                    folder / "kinect", vertices_m, faces, kinect_frames
+                )
         write_alignment(folder / ALIGNMENT, transform, mirrored, others)
         if "masked" in surfaces:
             _write_photograph(folder / PHOTOGRAMMETRY, *surfaces["masked"], transform)
@@ -123,10 +161,13 @@ def _write_surfaces(capture: NativeCapture, folder: Path, mirrored: bool, kinect
 
 
 def write_alignment(
-    file: Path, transform: Transform, mirrored: bool = True, others: dict[str, Transform] | None = None
+    file: Path,
+    transform: Transform,
+    mirrored: bool = True,
+    others: dict[str, Transform] | None = None,
 ) -> None:
-    """alignment.json with every way between the photographs' frame, those of the other sensors, the radar's and the
-    world, which is the radar's."""
+    """alignment.json with every way between the photographs' frame, those of the other sensors, the
+    radar's and the world, which is the radar's."""
     flip = MIRROR_X if mirrored else np.eye(4)
     sensors = {"photogrammetry": transform, **(others or {})}
     to_radar = {name: flip @ of.matrix for name, of in sensors.items()} | {"radar": np.eye(4)}
@@ -136,25 +177,39 @@ def write_alignment(
     write_json(file, {"kinect_calib": {"space": "depth"}} | between | world)
 
 
-def _write_photograph(folder: Path, vertices: np.ndarray, faces: np.ndarray, radar_from_photo: Transform) -> None:
-    """Write a photograph's camera and depth, in the photo frame and its unit as the mesh [n, 3], [m, 3]."""
+def _write_photograph(
+    folder: Path, vertices: np.ndarray, faces: np.ndarray, radar_from_photo: Transform
+) -> None:
+    """Write a photograph's camera and depth, in the photo frame and its unit as the mesh [n, 3],
+    [m, 3]."""
     R, centre = FACING @ radar_from_photo.rotation, radar_from_photo.inverse().points(PHOTO_M)
     pose = " ".join(f"{number:.12g}" for number in [*np.c_[R.T, centre].ravel(), 0, 0, 0, 1])
     write_text(folder / "cams.xml", CAMS.read_text("utf-8").format(pose=pose))
     [camera] = read_metashape(folder / "cams.xml")
     depth = _seen(camera, Rays(vertices, faces))
-    pictures = {"rgb/{}.jpg": _shown(depth, 3), "mask/{}.png": _shown(depth), "depth/{}.tif": depth.astype(np.float32)}
+    pictures = {
+        "rgb/{}.jpg": _shown(depth, 3),
+        "mask/{}.png": _shown(depth),
+        "depth/{}.tif": depth.astype(np.float32),
+    }
     _write(folder, {name.format(camera.name): picture for name, picture in pictures.items()})
 
 
-def _write_kinect(folder: Path, vertices_m: np.ndarray, faces: np.ndarray, frames: int) -> Transform:
-    """Write a Kinect's folder with equal frames of a surface in the radar frame; the transform from its depth camera,
-    whose points are millimetres."""
+def _write_kinect(
+    folder: Path, vertices_m: np.ndarray, faces: np.ndarray, frames: int
+) -> Transform:
+    """Write a Kinect's folder with equal frames of a surface in the radar frame; the transform from
+    its depth camera, whose points are millimetres."""
     lines, surface = ["filename device[us] system[ns] absolute[ns]\n"], Rays(vertices_m, faces)
     known = json.loads(KINECT.read_text("utf-8"))["CalibrationInformation"]["Cameras"]
     pose = {"R": FACING, "t": -FACING @ KINECT_M}
-    depth_m, colour_m = (_seen(kinect_camera(each).model_copy(update=pose), surface) for each in known)
-    pictures = {"depth": np.round(1e3 * depth_m).astype(np.uint16), "ir": _shown(depth_m).astype(np.uint16)}
+    depth_m, colour_m = (
+        _seen(kinect_camera(each).model_copy(update=pose), surface) for each in known
+    )
+    pictures = {
+        "depth": np.round(1e3 * depth_m).astype(np.uint16),
+        "ir": _shown(depth_m).astype(np.uint16),
+    }
     pictures |= {"rgb": _shown(colour_m, 3), "mask": _shown(colour_m)}
     for number in range(frames):
         _write(folder, {f"{kind}/{number:06d}.png": picture for kind, picture in pictures.items()})
@@ -169,7 +224,9 @@ def _seen(camera: Camera, surface: Rays) -> np.ndarray:
     """Depth along the camera's z [height, width] of what each pixel's centre sees; 0: nothing."""
     rays = camera.ray_directions().reshape(-1, 3)
     distance, _ = surface.first_hits(np.broadcast_to(camera.centre_m, rays.shape), rays)
-    return np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0).reshape(-1, camera.width)
+    return np.where(np.isfinite(distance), distance * (rays @ camera.rotation[2]), 0.0).reshape(
+        -1, camera.width
+    )
 
 
 def _shown(depth: np.ndarray, channels: int = 1) -> np.ndarray:

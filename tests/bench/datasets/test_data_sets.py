@@ -72,7 +72,13 @@ def test_captures_of_their_own_come_first(data_set):
     with pytest.raises(ValueError, match="nothing to run"):
         BenchFile(**content)
     capture = found(data_set, '[[capture]]\npath = "native"')
-    assert capture == ["native", "maroon/cup/30", "maroon/cup/40", "maroon/patch/30", "maroon/patch/40"]
+    assert capture == [
+        "native",
+        "maroon/cup/30",
+        "maroon/cup/40",
+        "maroon/patch/30",
+        "maroon/patch/40",
+    ]
     assert BenchFile(**content, capture=[Source(path="native")]).dataset is None
 
 
@@ -92,28 +98,42 @@ def test_what_is_not_there_is_told(data_set, selection, reason):
 
 def test_a_data_set_lies_inside_the_benchmark_s_folder(data_set):
     (data_set / "inner").mkdir(exist_ok=True)
-    (data_set / "inner" / "b.toml").write_text(BENCH.replace("SELECTION", "").replace('"maroon"', '"../maroon"'))
+    (data_set / "inner" / "b.toml").write_text(
+        BENCH.replace("SELECTION", "").replace('"maroon"', '"../maroon"')
+    )
     with pytest.raises(HandbenchError, match="leaves the folder"):
         load_benchmark(str(data_set / "inner" / "b.toml"))
 
 
 def test_the_files_of_the_page_are_read():
     page = (Path(__file__).parents[3] / "docs" / "maroon.md").read_text("utf-8")
-    bench, mapping, more = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
+    bench, mapping, more = (
+        tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    )
     assert BenchFile.model_validate(bench).dataset[0].distances == (30,)
-    assert Pairs.model_validate(more.pop("pairs")).first == 1  # of samples by pair, which these are not
+    assert (
+        Pairs.model_validate(more.pop("pairs")).first == 1
+    )  # of samples by pair, which these are not
     told = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
-    assert told.samples.reversed and told.array[0].datasets == ["tx2", "rx2", "xr2"] and told.wave_speed_m_s == 1e8
+    assert (
+        told.samples.reversed
+        and told.array[0].datasets == ["tx2", "rx2", "xr2"]
+        and told.wave_speed_m_s == 1e8
+    )
 
 
 def test_what_opens_a_folder(data_set, tmp_path):
     native = open_capture(data_set / "native")
-    assert native.about == load(CaptureFile, data_set / "native" / "capture.toml", "a capture description")
+    assert native.about == load(
+        CaptureFile, data_set / "native" / "capture.toml", "a capture description"
+    )
     assert native.truth == data_set / "native" / "truth.ply"
     assert (native.mesh(), native.photos, native.transform()) == (None, None, None)
     with pytest.raises(HandbenchError, match="only captures of MAROON have frames @emptyfiltered"):
         open_capture(data_set / "native@emptyfiltered")
-    with pytest.raises(HandbenchError, match=r"expected capture\.toml \(handbench\), mapping\.toml"):
+    with pytest.raises(
+        HandbenchError, match=r"expected capture\.toml \(handbench\), mapping\.toml"
+    ):
         open_capture(tmp_path)
     with pytest.raises(HandbenchError, match="expected a folder with a capture, found nothing"):
         open_capture(tmp_path / "nowhere")

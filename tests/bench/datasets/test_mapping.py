@@ -1,4 +1,5 @@
-"""Echoes in somebody else's HDF5 file: every way of writing them down gives the same capture, all else is refused."""
+"""Echoes in somebody else's HDF5 file: every way of writing them down gives the same capture, all
+else is refused."""
 
 import h5py
 import numpy as np
@@ -14,14 +15,21 @@ from handbench.support.errors import HandbenchError
 RNG = np.random.default_rng(4)
 TX_M, RX_M = RNG.uniform(-0.1, 0.1, (3, 3)), RNG.uniform(-0.1, 0.1, (4, 3))
 TONES_HZ = np.linspace(72e9, 82e9, 5)
-SAMPLES = (RNG.standard_normal((2, 5, 3, 4)) + 1j * RNG.standard_normal((2, 5, 3, 4))).astype(np.complex64)
+SAMPLES = (RNG.standard_normal((2, 5, 3, 4)) + 1j * RNG.standard_normal((2, 5, 3, 4))).astype(
+    np.complex64
+)
 ORDER = ("frame", "frequency", "tx", "rx")
 
 
 def mapping(**samples) -> dict:
     """A mapping of the file that `matlab` writes, with what differs of its samples."""
     positions = {"unit": "mm", "reversed": True, "x": "right"}
-    echoes = {"dataset": "xr", "axes": ["rx", "tx", "frequency", "frame"], "reversed": True, "sign": "+"}
+    echoes = {
+        "dataset": "xr",
+        "axes": ["rx", "tx", "frequency", "frame"],
+        "reversed": True,
+        "sign": "+",
+    }
     return {
         "version": 1,
         "file": "hand.mat",
@@ -34,7 +42,8 @@ def mapping(**samples) -> dict:
 
 
 def matlab(path, samples=SAMPLES):
-    """As `save -v7.3` writes xr(rx, tx, f, frame) with e^{+j…}, f(1, f) in GHz, tx(n, 3) in mm with x to the right."""
+    """As `save -v7.3` writes xr(rx, tx, f, frame) with e^{+j…}, f(1, f) in GHz, tx(n, 3) in mm with
+    x to the right."""
     pair = np.dtype([("real", "<f4"), ("imag", "<f4")])
     with h5py.File(path, "w") as file:
         stored = np.ascontiguousarray(samples.conj())  # reversed: [frame, frequency, tx, rx]
@@ -68,7 +77,12 @@ def same(capture, samples=SAMPLES):
 
 def test_a_file_of_matlab(folder):
     capture = open_capture(folder)
-    assert (capture.about.name, capture.about.distance_m, capture.mesh(), capture.photos) == ("hand", 0.3, None, None)
+    assert (capture.about.name, capture.about.distance_m, capture.mesh(), capture.photos) == (
+        "hand",
+        0.3,
+        None,
+        None,
+    )
     assert same(capture.echoes())
     assert capture.echoes(1).samples.shape == (1, 5, 3, 4)
 
@@ -79,11 +93,14 @@ def test_both_parts_apart(folder):
     assert same(described(folder, told))
 
 
-@pytest.mark.parametrize("order", [ORDER, ("rx", "frame", "tx", "frequency"), ("frequency", "tx", "rx")])
+@pytest.mark.parametrize(
+    "order", [ORDER, ("rx", "frame", "tx", "frequency"), ("frequency", "tx", "rx")]
+)
 @pytest.mark.parametrize("parts", ["complex", "re_im first", "re_im last"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_any_order_of_axes(folder, order, parts, turned):
-    """The file is written in the order that the mapping tells, and reversed as a whole where it says so."""
+    """The file is written in the order that the mapping tells, and reversed as a whole where it
+    says so."""
     samples = SAMPLES if "frame" in order else SAMPLES[:1]
     stored = samples if "frame" in order else samples[0]
     stored = stored.transpose([[a for a in ORDER if a in order].index(axis) for axis in order])
@@ -126,7 +143,10 @@ def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
         savemat(folder / "hand.mat", stored, do_compression=packed)
         assert same(described(folder, told))
     told["samples"]["dataset"], told["rx"]["dataset"] = "text", "deep"
-    with pytest.raises(HandbenchError, match=r"hand\.mat: has no 'deep', 'text' of its own; it has xr, f, n, tx, rx"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"hand\.mat: has no 'deep', 'text' of its own; it has xr, f, n, tx, rx",
+    ):
         described(folder, told)
     whole = (folder / "hand.mat").read_bytes()
     for length in (130, 200, len(whole) // 2):
@@ -145,14 +165,20 @@ def test_what_unpacks_to_more_than_is_read_is_refused(folder, monkeypatch):
 
 
 def test_pairs_gains_sweeps_and_a_slower_wave(folder):
-    """xr(pair, sweep, f, frame), counted from 1 as MATLAB does; a pair was not measured, one gain is 0."""
+    """xr(pair, sweep, f, frame), counted from 1 as MATLAB does; a pair was not measured, one gain
+    is 0."""
     pairs = RNG.permutation(np.argwhere(np.ones((3, 4), bool)))[:9]
     gains = RNG.standard_normal(9) + 2j
     gains[2] = 0
     of_pairs = SAMPLES[:, :, pairs[:, 0], pairs[:, 1]]
     swept = np.stack([of_pairs + 1j, of_pairs - 1j], axis=2) * gains  # [frame, f, sweep, pair]
     swept[..., 5] = np.nan
-    parts = {"real": "re2", "imag": "im2", "axes": ["pair", "sweep", "frequency", "frame"], "sweeps": "mean"}
+    parts = {
+        "real": "re2",
+        "imag": "im2",
+        "axes": ["pair", "sweep", "frequency", "frame"],
+        "sweeps": "mean",
+    }
     told = mapping(**parts) | {"wave_speed_m_s": 2e8, "licence": "CC0"}
     del told["samples"]["dataset"]
     told["pairs"] = {"dataset": "pairs", "reversed": True, "first": 1}
@@ -165,7 +191,9 @@ def test_pairs_gains_sweeps_and_a_slower_wave(folder):
     for k in set(range(9)) - {2, 5}:
         there[tuple(pairs[k])] = True
     np.testing.assert_array_equal(capture.aperture.measured, there)
-    np.testing.assert_allclose(capture.samples, np.where(there, SAMPLES, 0), atol=1e-6)  # single precision
+    np.testing.assert_allclose(
+        capture.samples, np.where(there, SAMPLES, 0), atol=1e-6
+    )  # single precision
     assert (capture.wave_speed_m_s, capture.licence) == (2e8, "CC0")
     told["samples"]["sweeps"] = "frames"
     assert described(folder, told).samples.shape == (4, 5, 3, 4)
@@ -177,7 +205,10 @@ def test_several_arrays_in_one_file(folder):
     second["samples"]["dataset"], second["tx"]["dataset"] = "xr2", "set/tx2"
     told["array"] = [second]
     with h5py.File(folder / "hand.mat", "a") as file:
-        file["xr2"], file["set/tx2"] = 2 * file["xr"][:].view("c8").conj(), file["set/tx"][:] + 100.0
+        file["xr2"], file["set/tx2"] = (
+            2 * file["xr"][:].view("c8").conj(),
+            file["set/tx"][:] + 100.0,
+        )
     capture = described(folder, told)
     assert capture.samples.shape == (2, 5, 6, 8)
     np.testing.assert_allclose(capture.samples[:, :, :3, :4], SAMPLES, rtol=1e-6)
@@ -187,7 +218,10 @@ def test_several_arrays_in_one_file(folder):
 
 def test_all_that_is_missing_is_named_at_once(folder):
     told = mapping(dataset="xs")
-    told["tx"]["dataset"], told["gains"] = "set/t", {"dataset": "g", "axes": ["rx", "tx"], "reversed": True}
+    told["tx"]["dataset"], told["gains"] = (
+        "set/t",
+        {"dataset": "g", "axes": ["rx", "tx"], "reversed": True},
+    )
     with pytest.raises(HandbenchError, match=r"has no 'g', 'set/t', 'xs' of its own; it has"):
         described(folder, told)
     del told["samples"]["reversed"], told["rx"]["unit"], told["file"]
@@ -226,18 +260,33 @@ def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
         ({"samples": {"dataset": "set"}}, "'set' is no data set of this file"),
         ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\] of rx"),
         ({"rx": {"dataset": "xr"}}, "'xr' holds .*; expected real numbers"),
-        ({"frequencies": {"dataset": "re"}}, r"'re' has shape \(2, 5, 3, 4\); expected \[frequency\]"),
+        (
+            {"frequencies": {"dataset": "re"}},
+            r"'re' has shape \(2, 5, 3, 4\); expected \[frequency\]",
+        ),
         ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
         ({"samples": {"order": "C"}}, r"unknown key 'samples\.order'"),
         ({"samples": {"axes": ["rx", "frequency"]}}, "axes hold"),
         ({"samples": {"real": "re"}}, "give either dataset"),
         ({"samples": {"axes": ["pair", "frequency"]}}, r"the table \[pairs\]"),
-        ({"samples": {"axes": ["rx", "tx", "sweep", "frequency"]}}, r"sweeps = \"mean\" or \"frames\" is there if"),
-        ({"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}}, "gains.axes name the antennas as"),
+        (
+            {"samples": {"axes": ["rx", "tx", "sweep", "frequency"]}},
+            r"sweeps = \"mean\" or \"frames\" is there if",
+        ),
+        (
+            {"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}},
+            "gains.axes name the antennas as",
+        ),
         ({"wave_speed_m_s": 1.0}, "wave_speed_m_s: is 1; expected 1/100 to 1 of vacuum's"),
-        ({"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}}, r"the table \[position\]"),
+        (
+            {"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}},
+            r"the table \[position\]",
+        ),
         ({"file": "../hand.mat"}, "leaves the folder"),
-        ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 or MATLAB file that mapping\.toml names, found nothing"),
+        (
+            {"file": "foot.mat"},
+            r"foot\.mat: expected the HDF5 or MATLAB file that mapping\.toml names, found nothing",
+        ),
     ],
 )
 def test_what_does_not_fit_is_told(folder, change, reason):
@@ -266,7 +315,9 @@ def test_files_that_lead_elsewhere_are_refused(folder, tmp_path_factory):
         open_capture(folder).echoes()
     with h5py.File(folder / "hand.mat", "a") as file:
         del file["xr"]
-        file.create_dataset("xr", SAMPLES.shape, "<f4", external=[(str(secret), 0, 4 * SAMPLES.size)])
+        file.create_dataset(
+            "xr", SAMPLES.shape, "<f4", external=[(str(secret), 0, 4 * SAMPLES.size)]
+        )
     with pytest.raises(HandbenchError, match="is no data set of this file"):
         open_capture(folder).echoes()
 
@@ -274,7 +325,9 @@ def test_files_that_lead_elsewhere_are_refused(folder, tmp_path_factory):
 def test_data_sets_too_large_and_objects_are_refused(folder):
     with h5py.File(folder / "hand.mat", "a") as file:
         del file["xr"]
-        file.create_dataset("xr", (10**6, 5, 3, 10**4), "<c8", chunks=(1, 5, 3, 10**4))  # holds nothing yet
+        file.create_dataset(
+            "xr", (10**6, 5, 3, 10**4), "<c8", chunks=(1, 5, 3, 10**4)
+        )  # holds nothing yet
     with pytest.raises(HandbenchError, match="of which the file holds 0"):
         open_capture(folder).echoes()
     with h5py.File(folder / "hand.mat", "a") as file:
@@ -288,6 +341,8 @@ def test_a_truncated_file_is_one_line(folder):
     whole = (folder / "hand.mat").read_bytes()
     for length in (0, 100, len(whole) // 2, len(whole) - 1):
         (folder / "hand.mat").write_bytes(whole[:length])
-        with pytest.raises(HandbenchError, match=r"hand\.mat: is not a readable HDF5 or MATLAB file") as caught:
+        with pytest.raises(
+            HandbenchError, match=r"hand\.mat: is not a readable HDF5 or MATLAB file"
+        ) as caught:
             open_capture(folder).echoes()
         assert "\n" not in str(caught.value)

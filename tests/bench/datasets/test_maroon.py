@@ -1,4 +1,5 @@
-"""MAROON as it lies on disk: what was written comes back, and their frame, order and sign become ours."""
+"""MAROON as it lies on disk: what was written comes back, and their frame, order and sign become
+ours."""
 
 import json
 import shutil
@@ -21,7 +22,14 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
-from tests.bench.datasets.foreign_captures import AXES, METHODS, PLACE_M, TONES_HZ, echoes, write_native
+from tests.bench.datasets.foreign_captures import (
+    AXES,
+    METHODS,
+    PLACE_M,
+    TONES_HZ,
+    echoes,
+    write_native,
+)
 from tests.bench.datasets.maroon_writer import write_maroon
 from tests.radar.exact import backproject
 
@@ -32,7 +40,9 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     native = write_native(folder / "native", echoes())
     room = echoes()
-    save_capture(native / "empty.h5", RadarCapture(0.25 * room.samples, room.frequencies_hz, room.aperture))
+    save_capture(
+        native / "empty.h5", RadarCapture(0.25 * room.samples, room.frequencies_hz, room.aperture)
+    )
     return native, write_maroon(native, folder / "maroon")
 
 
@@ -44,7 +54,8 @@ def mine(written, tmp_path):
 
 @pytest.mark.parametrize("method_id", METHODS)
 def test_a_written_data_set_gives_the_same_depth_maps(written, method_id):
-    """The bar is 1e-6; nothing is rounded on the way, so that the maps are the same to the last bit."""
+    """The bar is 1e-6; nothing is rounded on the way, so that the maps are the same to the last
+    bit."""
     maps = []
     for capture in written:
         [found] = Imager(capture, method_id, METHODS[method_id]).images().results
@@ -60,9 +71,13 @@ def test_every_method_images_the_box_of_the_data_set(written):
     for method_id in ("broadband", "narrowband", "broadband-subvoxel"):
         settings = configuration(written[1], method_id, {})
         for axis in "xyz":
-            np.testing.assert_allclose(getattr(settings, axis).values_m(), Axis(**AXES[axis]).values_m(), atol=1e-12)
+            np.testing.assert_allclose(
+                getattr(settings, axis).values_m(), Axis(**AXES[axis]).values_m(), atol=1e-12
+            )
     for method_id in ("2fsk", "3fsk", "3fsk-plus", "nfsk"):
-        assert configuration(written[1], method_id, {}).x.start_m == pytest.approx(AXES["x"]["start_m"], abs=1e-12)
+        assert configuration(written[1], method_id, {}).x.start_m == pytest.approx(
+            AXES["x"]["start_m"], abs=1e-12
+        )
 
 
 def test_frames_transform_and_mesh_come_back(written):
@@ -75,7 +90,9 @@ def test_frames_transform_and_mesh_come_back(written):
     true = reference_of_file(native.truth, identity("radar"), grid)
     for file in (maroon.mesh(), maroon.mesh().with_name(MESHES["whole"])):
         read = reference_of_file(file, maroon.transform(), grid)
-        np.testing.assert_allclose(read.z_m, true.z_m, atol=1e-8)  # the mesh is written to a nanometre
+        np.testing.assert_allclose(
+            read.z_m, true.z_m, atol=1e-8
+        )  # the mesh is written to a nanometre
 
 
 def test_frames_without_the_empty_room_come_on_request_alone(written, mine):
@@ -91,15 +108,23 @@ def test_frames_without_the_empty_room_come_on_request_alone(written, mine):
 
 
 def test_their_image_of_a_point_is_ours_with_x_negated(mine):
-    """Echoes as their code takes them: antennas with x negated, e^{−j2πfτ} so that Σ xr·e^{+j2πfτ} focuses, stored as
-    [rx, tx, f]. The point at their (x, y, z) is found at our (−x, y, z), and nowhere near the other candidates."""
+    """Echoes as their code takes them: antennas with x negated, e^{−j2πfτ} so that Σ xr·e^{+j2πfτ}
+    focuses, stored as [rx, tx, f]. The point at their (x, y, z) is found at our (−x, y, z), and
+    nowhere near the other candidates."""
     array, theirs_m = qar50(), PLACE_M * [-1, 1, 1]
     legs_m = [np.linalg.norm(a * [-1, 1, 1] - theirs_m, axis=1) for a in (array.rx_m, array.tx_m)]
     tau_s = np.add.outer(*legs_m) / SPEED_OF_LIGHT_M_S
-    xr = np.ones((96, 96, len(TONES_HZ)), np.complex128)  # the antennas that are not used must not matter
+    xr = np.ones(
+        (96, 96, len(TONES_HZ)), np.complex128
+    )  # the antennas that are not used must not matter
     xr[1:95, 1:95] = np.exp(-2j * np.pi * tau_s[..., None] * TONES_HZ)
     file = next(mine.glob("radar_*/calibrated_data/000000.npy"))
-    content = {"fvec": TONES_HZ, "xr": xr, "number_of_measurements": np.array([1]), "timestamp_us": np.array([5])}
+    content = {
+        "fvec": TONES_HZ,
+        "xr": xr,
+        "number_of_measurements": np.array([1]),
+        "timestamp_us": np.array([5]),
+    }
     np.save(file, np.array(content, dtype=object), allow_pickle=True)
     (mine / "metadata.json").write_text("{}")  # no scale of ours
     capture = open_capture(mine).echoes()
@@ -116,8 +141,14 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
 
 
 def test_a_boundary_of_their_x_becomes_the_other_one_of_ours(mine):
-    volume = {"bb_min": [-0.1, -0.05, 0.25], "bb_max": [0.2, 0.15000000596, 0.4], "grid_size": [301, 201, 151]}
-    next(mine.glob("radar_*")).joinpath("calibration.json").write_text(json.dumps({"000000": {"volume": volume}}))
+    volume = {
+        "bb_min": [-0.1, -0.05, 0.25],
+        "bb_max": [0.2, 0.15000000596, 0.4],
+        "grid_size": [301, 201, 151],
+    }
+    next(mine.glob("radar_*")).joinpath("calibration.json").write_text(
+        json.dumps({"000000": {"volume": volume}})
+    )
     settings = configuration(mine, "broadband", {})
     ends = [(a[0], a[-1], len(a)) for a in (getattr(settings, axis).values_m() for axis in "xyz")]
     assert ends == [(-0.2, 0.1, 301), (-0.05, 0.15, 201), (0.25, 0.4, 151)]
@@ -137,9 +168,13 @@ def test_the_alignment_of_the_calibration_stands_in(mine):
     (mine / "alignment.json").unlink()
     assert open_capture(mine).transform() is None
     registrations = mine.parents[1] / "00_registration"
-    (mine / "metadata.json").write_text('{"calibration": "01_coarse", "calibration_fine": "01_fine"}')
+    (mine / "metadata.json").write_text(
+        '{"calibration": "01_coarse", "calibration_fine": "01_fine"}'
+    )
     (registrations / "01_coarse").mkdir(parents=True)
-    save_alignment(registrations / "01_coarse" / "alignment.json", Transform("photo", "radar", matrix))
+    save_alignment(
+        registrations / "01_coarse" / "alignment.json", Transform("photo", "radar", matrix)
+    )
     np.testing.assert_allclose(open_capture(mine).transform().matrix, matrix, atol=1e-12)
     (mine / "metadata.json").write_text('{"calibration": "../../../secret"}')
     with pytest.raises(HandbenchError, match="leaves the folder"):
@@ -157,9 +192,15 @@ def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsy
 @pytest.mark.parametrize(
     "change, reason",
     [
-        ({"xr": np.zeros((94, 94, 6), np.complex64)}, r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)"),
+        (
+            {"xr": np.zeros((94, 94, 6), np.complex64)},
+            r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)",
+        ),
         ({"xr": np.zeros((96, 96, 6))}, "'xr' is float64"),
-        ({"xr": np.full((96, 96, 6), np.nan + 0j)}, "calibrated_data: samples: 53016 of 53016 are NaN"),
+        (
+            {"xr": np.full((96, 96, 6), np.nan + 0j)},
+            "calibrated_data: samples: 53016 of 53016 are NaN",
+        ),
         ({"fvec": TONES_HZ / 1e9}, "'fvec' is float64 from 72 to 82; expected hertz"),
         ({"number_of_measurements": 0}, "'number_of_measurements' is 0"),
         ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
@@ -170,7 +211,11 @@ def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsy
 def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     file = next(mine.glob("radar_*/calibrated_data/000000.npy"))
     (file.parent / "000001.npy").unlink()
-    content = {"fvec": TONES_HZ, "xr": np.ones((96, 96, 6), np.complex64), "number_of_measurements": 1} | change
+    content = {
+        "fvec": TONES_HZ,
+        "xr": np.ones((96, 96, 6), np.complex64),
+        "number_of_measurements": 1,
+    } | change
     np.save(file, np.array(content, dtype=object), allow_pickle=True)
     with pytest.raises(HandbenchError, match=reason) as caught:
         open_capture(mine).echoes()
@@ -187,7 +232,9 @@ def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     ],
 )
 def test_boxes_that_are_none_are_refused(mine, volume, reason):
-    next(mine.glob("radar_*")).joinpath("calibration.json").write_text(json.dumps({"000000": {"volume": volume}}))
+    next(mine.glob("radar_*")).joinpath("calibration.json").write_text(
+        json.dumps({"000000": {"volume": volume}})
+    )
     with pytest.raises(HandbenchError, match=reason):
         configuration(mine, "3fsk", {})
 
@@ -200,8 +247,14 @@ def test_the_key_minds_what_a_run_reads_and_nothing_else(mine):
     (radar / "calibrated_data" / "000001.npy").write_bytes(b"not among the first frames")
     assert open_capture(mine).key(1) == before
     assert open_capture(mine).key(2) != before
-    for file in (mine / "metadata.json", mine / "alignment.json", radar / "calibration.json",
-                 mine / "photogrammetry" / "mesh_masked.obj", radar / "calibrated_data" / "000000.npy"):  # fmt: skip
+    for file in (
+        mine / "metadata.json",
+        mine / "alignment.json",
+        radar / "calibration.json",
+        # fmt: skip
+        mine / "photogrammetry" / "mesh_masked.obj",
+        radar / "calibrated_data" / "000000.npy",
+    ):
         kept = file.read_bytes()
         file.write_bytes(kept + b" ")
         assert open_capture(mine).key(1) != before, file
@@ -218,11 +271,13 @@ def depth_map(z_m) -> DepthMap:
 def test_the_mask_is_their_box_and_their_erosion(mine):
     z_m = np.full((21, 21), 0.3)
     z_m[0], z_m[-1], z_m[10, 10] = np.nan, 0.8, 0.2
-    (mine / "metadata.json").write_text('{"distance_meters": 0.3, "mask_erosion": 20}')  # zmin 0.26, zmax 0.7
+    (mine / "metadata.json").write_text(
+        '{"distance_meters": 0.3, "mask_erosion": 20}'
+    )  # zmin 0.26, zmax 0.7
     found = open_capture(mine).mask(depth_map(z_m))
     assert found.sum() == 19 * 21 - 1
-    # Eroded by 5 × 5: rows 1 to 20 are on target, of which 3 to 20 stay (the border erodes nothing); then the box
-    # takes row 20 and the near pixel.
+    # Eroded by 5 × 5: rows 1 to 20 are on target, of which 3 to 20 stay (the border erodes
+    # nothing); then the box takes row 20 and the near pixel.
     assert open_capture(mine).mask(depth_map(z_m), erode=True).sum() == 17 * 21 - 1
     (mine / "metadata.json").write_text('{"distance_meters": 0.3, "mask_bb": {"xmin": 0.0045}}')
     found = open_capture(mine).mask(depth_map(z_m))
@@ -238,7 +293,9 @@ def test_erosion_leaves_more_than_ten_pixels():
     assert eroded(mask, 3).sum() == 16
     assert eroded(mask, 5).sum() == 16  # 5 × 5 would leave 4, 4 × 4 leaves 9: too few
     np.testing.assert_array_equal(eroded(mask, 0), mask)
-    np.testing.assert_array_equal(eroded(mask, 2), np.pad(np.ones((5, 5), bool), ((5, 10), (5, 10))))
+    np.testing.assert_array_equal(
+        eroded(mask, 2), np.pad(np.ones((5, 5), bool), ((5, 10), (5, 10)))
+    )
     small = np.zeros((20, 20), bool)
     small[3:6, 3:6] = True
     np.testing.assert_array_equal(eroded(small, 5), small)
@@ -261,7 +318,13 @@ def test_an_object_becomes_a_capture_folder(written, tmp_path):
 
 def test_captures_of_a_data_set(written, tmp_path):
     root = tmp_path / "maroon"
-    for folder in ("02_hand/30", "02_hand/100", "10_cup/30", "00_registration/01_coarse/30", "01_empty/30"):
+    for folder in (
+        "02_hand/30",
+        "02_hand/100",
+        "10_cup/30",
+        "00_registration/01_coarse/30",
+        "01_empty/30",
+    ):
         shutil.copytree(written[1], root / folder)
     (root / "01_empty" / "30" / "metadata.json").unlink()
     (root / "readme").mkdir()

@@ -26,7 +26,8 @@ def ours(seed: int = 0, scale: float = 1.0) -> Transform:
 
 
 def theirs(points: np.ndarray, source: str, dest: str, calib: dict) -> np.ndarray:
-    """Their README's rule: the matrix of `source2dest` on columns [p, 1], or the inverse of the other one's."""
+    """Their README's rule: the matrix of `source2dest` on columns [p, 1], or the inverse of the
+    other one's."""
     matrix = np.array(calib[f"{source}2{dest}"]).reshape(4, 4)
     return np.c_[points, np.ones(len(points))] @ matrix.T[:, :3]
 
@@ -36,8 +37,8 @@ def written(path, **content):
     return path
 
 
-# A camera beside the radar that looks the same way: x right, y down, z away; 0.1 m to the right of the array, whose own
-# frame they draw with x right, y up, z away. We draw x to the left.
+# A camera beside the radar that looks the same way: x right, y down, z away; 0.1 m to the right of
+# the array, whose own frame they draw with x right, y up, z away. We draw x to the left.
 BESIDE = [[1, 0, 0, 0.1], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 
 
@@ -68,7 +69,9 @@ def test_their_code_carries_points_as_ours_with_x_negated(tmp_path):
     calib = json.loads((tmp_path / "a.json").read_text())
     carried = theirs(points, "photogrammetry", "radar", calib)
     np.testing.assert_allclose(carried * [-1, 1, 1], transform.points(points), atol=1e-12)
-    np.testing.assert_allclose(theirs(carried, "radar", "photogrammetry", calib), points, atol=1e-12)
+    np.testing.assert_allclose(
+        theirs(carried, "radar", "photogrammetry", calib), points, atol=1e-12
+    )
     assert np.linalg.det(np.array(calib["photogrammetry2radar"])[:3, :3]) == pytest.approx(-1)
     np.testing.assert_array_equal(calib["radar2world"], np.eye(4))
 
@@ -79,7 +82,11 @@ def test_other_keys_stay(tmp_path):
                    photogrammetry2radar=BESIDE)  # fmt: skip
     save_alignment(path, ours())
     after = json.loads(path.read_text())
-    assert (after["kinect2radar"], after["radar2world"], after["kinect_calib"]) == (BESIDE, world, {"space": "color"})
+    assert (after["kinect2radar"], after["radar2world"], after["kinect_calib"]) == (
+        BESIDE,
+        world,
+        {"space": "color"},
+    )
     assert after["photogrammetry2radar"] != BESIDE
     np.testing.assert_allclose(
         after["photogrammetry2world"], np.array(world) @ after["photogrammetry2radar"], atol=1e-12
@@ -91,14 +98,21 @@ def test_cameras_lead_from_millimetres(tmp_path):
     matrix = np.array(BESIDE) @ np.diag([1e-3, 1e-3, 1e-3, 1])
     transform = load_alignment(written(tmp_path / "a.json", kinect2radar=matrix.tolist()), "kinect")
     assert transform.source == "kinect" and transform.scale == pytest.approx(1e-3)
-    np.testing.assert_allclose(transform.points(np.array([20, 50, 300.0])), [-0.12, -0.05, 0.3], atol=1e-15)
+    np.testing.assert_allclose(
+        transform.points(np.array([20, 50, 300.0])), [-0.12, -0.05, 0.3], atol=1e-15
+    )
 
 
 def test_single_precision_is_straightened_without_a_word(tmp_path, capsys):
     single = np.diag([-1.0, 1, 1, 1]) @ ours(3).matrix
-    path = written(tmp_path / "a.json", photogrammetry2radar=single.astype(np.float32).astype(float).ravel().tolist())
+    path = written(
+        tmp_path / "a.json",
+        photogrammetry2radar=single.astype(np.float32).astype(float).ravel().tolist(),
+    )
     matrix = load_alignment(path).matrix
-    np.testing.assert_allclose(matrix, ours(3).matrix, atol=1e-7)  # float32's rounding of numbers below 1 is 6e-8
+    np.testing.assert_allclose(
+        matrix, ours(3).matrix, atol=1e-7
+    )  # float32's rounding of numbers below 1 is 6e-8
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-7)
     assert capsys.readouterr().err == ""
 
@@ -106,17 +120,24 @@ def test_single_precision_is_straightened_without_a_word(tmp_path, capsys):
 def test_a_crooked_matrix_is_straightened_aloud_and_a_very_crooked_one_refused(tmp_path, capsys):
     crooked = np.array(BESIDE)
     crooked[0, 1] = 4e-4
-    matrix = load_alignment(written(tmp_path / "a.json", photogrammetry2radar=crooked.tolist())).matrix
+    matrix = load_alignment(
+        written(tmp_path / "a.json", photogrammetry2radar=crooked.tolist())
+    ).matrix
     np.testing.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-6)
-    assert "2.0e-04 off a rotation" in capsys.readouterr().err  # the nearest rotation takes half of it
+    assert (
+        "2.0e-04 off a rotation" in capsys.readouterr().err
+    )  # the nearest rotation takes half of it
     crooked[0, 1] = 4e-3
-    with pytest.raises(HandbenchError, match=r"0\.002 off a rotation with one scale; expected 0\.001"):
+    with pytest.raises(
+        HandbenchError, match=r"0\.002 off a rotation with one scale; expected 0\.001"
+    ):
         load_alignment(written(tmp_path / "a.json", photogrammetry2radar=crooked.tolist()))
 
 
 @pytest.mark.parametrize("mirrored", [True, False])
 def test_the_other_reading_carries_mirror_images(tmp_path, mirrored):
-    """Asked for against the matrix, x comes out negated, the scale tells it, and the inverse undoes it."""
+    """Asked for against the matrix, x comes out negated, the scale tells it, and the inverse undoes
+    it."""
     write_alignment(tmp_path / "a.json", ours(), mirrored)
     other = load_alignment(tmp_path / "a.json", mirrored=not mirrored)
     points = np.random.default_rng(5).uniform(-1, 1, (5, 3))
@@ -131,7 +152,9 @@ def test_a_file_keeps_its_hand(tmp_path, mirrored):
     save_alignment(tmp_path / "a.json", ours(2))
     calib = json.loads((tmp_path / "a.json").read_text())
     assert (np.linalg.det(np.array(calib["photogrammetry2radar"])[:3, :3]) < 0) == mirrored
-    np.testing.assert_allclose(load_alignment(tmp_path / "a.json").matrix, ours(2).matrix, atol=1e-12)
+    np.testing.assert_allclose(
+        load_alignment(tmp_path / "a.json").matrix, ours(2).matrix, atol=1e-12
+    )
 
 
 def changed(row: int, column: int, value: object) -> list:
@@ -158,7 +181,9 @@ def test_what_is_no_transform_is_refused(tmp_path, matrix, expected):
 
 def test_an_unknown_source_is_answered_with_the_nearest(tmp_path):
     path = written(tmp_path / "a.json", photogrammetry2radar=BESIDE, zed2radar=BESIDE)
-    with pytest.raises(HandbenchError, match="has no 'photogrametry2radar'; did you mean 'photogrammetry'"):
+    with pytest.raises(
+        HandbenchError, match="has no 'photogrametry2radar'; did you mean 'photogrammetry'"
+    ):
         load_alignment(path, "photogrametry")
     with pytest.raises(HandbenchError, match="known: photogrammetry, zed"):
         load_alignment(path, "lidar")

@@ -1,6 +1,8 @@
-"""The hand of MAROON's radar frame: read from the matrix, decided by a surface, and without influence on the scores.
+"""The hand of MAROON's radar frame: read from the matrix, decided by a surface, and without
+influence on the scores.
 
-The reference is the same capture written otherwise: with another radar frame, or with points that are mirror images.
+The reference is the same capture written otherwise: with another radar frame, or with points that
+are mirror images.
 """
 
 import json
@@ -19,7 +21,14 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.errors import HandbenchError
-from tests.bench.datasets.foreign_captures import AXES, PLACE_M, TONES_HZ, echoes, patch_m, write_native
+from tests.bench.datasets.foreign_captures import (
+    AXES,
+    PLACE_M,
+    TONES_HZ,
+    echoes,
+    patch_m,
+    write_native,
+)
 from tests.bench.datasets.maroon_writer import write_maroon
 
 BENCH = """version = 1
@@ -51,11 +60,14 @@ def written(tmp_path_factory):
 @pytest.fixture(params=[True, False], ids=FRAMES.get)
 def mine(request, written, tmp_path):
     """A copy of either, to spoil, and its hand."""
-    return shutil.copytree(written[request.param], tmp_path / "maroon" / "patch" / "30"), request.param
+    return shutil.copytree(
+        written[request.param], tmp_path / "maroon" / "patch" / "30"
+    ), request.param
 
 
 def mirror(file, folder) -> None:
-    """Replace a mesh by its mirror image, and its matrix by the one that carries this to the same place."""
+    """Replace a mesh by its mirror image, and its matrix by the one that carries this to the same
+    place."""
     flip = np.diag([-1.0, 1.0, 1.0, 1.0])
     lines = [line.split() for line in file.read_text().splitlines()]
     words = [[w[0], str(-float(w[1])), *w[2:]] if w[0] == "v" else w for w in lines]
@@ -76,7 +88,8 @@ def expected():
 
 
 def test_the_scores_do_not_depend_on_the_frame(written, tmp_path, capsys):
-    """As black boxes: `handbench run`, then `handbench evaluate` of a map that `handbench reconstruct` made."""
+    """As black boxes: `handbench run`, then `handbench evaluate` of a map that `handbench
+    reconstruct` made."""
     tables, scores = [], []
     for mirrored, folder in written.items():
         bench = folder.parents[1] / "bench.toml"
@@ -92,7 +105,19 @@ def test_the_scores_do_not_depend_on_the_frame(written, tmp_path, capsys):
         assert main(["reconstruct", str(folder), "--method", "2fsk", "-o", str(depth)]) == 0
         capsys.readouterr()
         mesh = folder / "photogrammetry" / "mesh_masked.obj"
-        assert main(["evaluate", str(depth), "--mesh", str(mesh), "--transform", str(folder / "alignment.json")]) == 0
+        assert (
+            main(
+                [
+                    "evaluate",
+                    str(depth),
+                    "--mesh",
+                    str(mesh),
+                    "--transform",
+                    str(folder / "alignment.json"),
+                ]
+            )
+            == 0
+        )
         scores.append(json.loads(capsys.readouterr().out))
     assert "kinect" in tables[0]
     assert without_time(tables[0]) == without_time(tables[1])
@@ -101,7 +126,11 @@ def test_the_scores_do_not_depend_on_the_frame(written, tmp_path, capsys):
 
 def without_time(table: str) -> list[str]:
     """Lines of a table but those of seconds and memory."""
-    return [line for line in table.splitlines() if "second" not in line and ",s," not in line and ",MB," not in line]
+    return [
+        line
+        for line in table.splitlines()
+        if "second" not in line and ",s," not in line and ",MB," not in line
+    ]
 
 
 def test_the_run_says_by_how_much_the_mirror_image_is_further_off(mine, capsys):
@@ -118,7 +147,8 @@ def test_the_run_says_by_how_much_the_mirror_image_is_further_off(mine, capsys):
 
 
 def test_points_that_are_mirror_images_are_noticed(mine, tmp_path):
-    """The matrix then suggests the other frame; the surface knows better, and boxes and depths stay what they were."""
+    """The matrix then suggests the other frame; the surface knows better, and boxes and depths stay
+    what they were."""
     folder, mirrored = mine
     before = open_capture(folder).about.methods
     mirror(folder / "photogrammetry" / "mesh_masked.obj", folder)
@@ -136,7 +166,11 @@ def test_another_sensor_decides_where_there_is_no_mesh(mine):
     folder, mirrored = mine
     shutil.rmtree(folder / "photogrammetry")
     found = open_capture(folder).handedness
-    assert found.mirrored == mirrored and found.note.startswith("kinect2radar") and "further off" in found.note
+    assert (
+        found.mirrored == mirrored
+        and found.note.startswith("kinect2radar")
+        and "further off" in found.note
+    )
 
 
 def test_without_a_surface_the_matrix_decides(mine):
@@ -149,9 +183,13 @@ def test_without_a_surface_the_matrix_decides(mine):
 
 def test_an_object_that_is_its_own_mirror_image_leaves_it_to_the_matrix(mine):
     folder, mirrored = mine
-    points_m = np.concatenate([patch_m() - [PLACE_M[0], 0, 0], (patch_m() - [PLACE_M[0], 0, 0]) * [-1, 1, 1]])
+    points_m = np.concatenate(
+        [patch_m() - [PLACE_M[0], 0, 0], (patch_m() - [PLACE_M[0], 0, 0]) * [-1, 1, 1]]
+    )
     samples = simulate(Scatterers(points_m, np.ones(50)), TONES_HZ, qar50())[None]
-    corners_m = np.array([[x, y, 0.29 + 0.1 * abs(x)] for y in (0.01, 0.03) for x in (-0.01, 0, 0.01)])
+    corners_m = np.array(
+        [[x, y, 0.29 + 0.1 * abs(x)] for y in (0.01, 0.03) for x in (-0.01, 0, 0.01)]
+    )
     faces = np.array([[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]])
     found = handedness_of(
         folder / "alignment.json",
@@ -168,7 +206,9 @@ def test_echoes_that_cannot_be_imaged_leave_it_to_the_matrix(mine):
     def none() -> RadarCapture:
         return RadarCapture(np.ones((1, 2, 94, 94), np.complex64), np.array([72e9, 73e9]), qar50())
 
-    found = handedness_of(folder / "alignment.json", "photogrammetry", lambda: (np.eye(3), np.eye(3, dtype=int)), none)
+    found = handedness_of(
+        folder / "alignment.json", "photogrammetry", lambda: (np.eye(3), np.eye(3, dtype=int)), none
+    )
     assert found.mirrored == mirrored and "not checked" in found.note
 
 
@@ -181,5 +221,7 @@ def test_bounds_follow_the_frame(mine):
     }  # the side that is our x below the patch's middle
     (folder / "metadata.json").write_text(json.dumps(metadata))
     x_m = np.linspace(AXES["x"]["start_m"], AXES["x"]["stop_m"], 11)
-    kept = open_capture(folder).mask(DepthMap(x_m, np.array([0.02]), np.full((1, 11), 0.29), np.zeros((1, 11)), "test"))
+    kept = open_capture(folder).mask(
+        DepthMap(x_m, np.array([0.02]), np.full((1, 11), 0.29), np.zeros((1, 11)), "test")
+    )
     np.testing.assert_array_equal(kept[0], x_m <= PLACE_M[0] + 1e-12)

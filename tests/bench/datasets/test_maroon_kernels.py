@@ -1,11 +1,13 @@
 """Exported echoes through the arithmetic of MAROON's public code, written out here in numpy.
 
-The reference is theirs: single precision as on the device, sums that start at 1e-3 (1 + j) in each of 32 threads
-(`cuda/holo_reco_sfcw_optimized.cu`, holo_reco_sfcw_time_domain), antennas with x negated and the image turned by rot90
-(`sensors/radar_control.py`, initialize_reconstruction and holo_reconstruction_sfcw_cuda_fast), depth by a parabola
-through decibels (extract_depth_parabola_fit), the projection kept as uint16 (save_maximum_proj), the errors
-(`cuda/metrics.cu`, projective_error, one_sided_chamfer) after an erosion (`utils/visualization_utils.py`, add_sensor).
-2-FSK is the paper's formula on these images, whose class is in no version that could be read.
+The reference is theirs: single precision as on the device, sums that start at 1e-3 (1 + j) in each
+of 32 threads (`cuda/holo_reco_sfcw_optimized.cu`, holo_reco_sfcw_time_domain), antennas with x
+negated and the image turned by rot90 (`sensors/radar_control.py`, initialize_reconstruction and
+holo_reconstruction_sfcw_cuda_fast), depth by a parabola through decibels
+(extract_depth_parabola_fit), the projection kept as uint16 (save_maximum_proj), the errors
+(`cuda/metrics.cu`, projective_error, one_sided_chamfer) after an erosion
+(`utils/visualization_utils.py`, add_sensor). 2-FSK is the paper's formula on these images, whose
+class is in no version that could be read.
 """
 
 import json
@@ -34,12 +36,17 @@ def written(tmp_path_factory):
     """The same weak echoes exported with their scale and as they are."""
     folder, loud = tmp_path_factory.mktemp("weak"), echoes(1)
     native = write_native(folder / "native", RadarCapture(WEAK * loud.samples, TONES_HZ, qar50()))
-    return {exact: write_maroon(native, folder / f"exact-{exact}", exact=exact) for exact in (False, True)}
+    return {
+        exact: write_maroon(native, folder / f"exact-{exact}", exact=exact)
+        for exact in (False, True)
+    }
 
 
 def frame(folder):
     """Echoes [rx, tx, f] of the antennas that their loader keeps, and frequencies."""
-    content = np.load(next(folder.glob("radar_*/calibrated_data/000000.npy")), allow_pickle=True).item()
+    content = np.load(
+        next(folder.glob("radar_*/calibrated_data/000000.npy")), allow_pickle=True
+    ).item()
     return content.get("xr")[1:95, 1:95, :], content.get("fvec")
 
 
@@ -56,7 +63,9 @@ def their_image(xr, f_hz, axes):
     tx_s, rx_s = ((a * [-1, 1, 1]).astype(np.float32) / c for a in (array.tx_m, array.rx_m))
     x, y, z = (axis / c for axis in axes)
     points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 1, 3)
-    to_rx, to_tx = (np.sqrt(((points - antennas) ** 2).sum(axis=-1)) for antennas in (rx_s, tx_s))  # float32 seconds
+    to_rx, to_tx = (
+        np.sqrt(((points - antennas) ** 2).sum(axis=-1)) for antennas in (rx_s, tx_s)
+    )  # float32 seconds
     image = np.empty(len(points), np.complex64)
     threads = np.arange(94 * 94) % 32
     order = np.argsort(threads, kind="stable")
@@ -66,7 +75,9 @@ def their_image(xr, f_hz, axes):
         sums = np.full(32, np.complex64(1e-3 + 1e-3j))
         for k, frequency in enumerate(np.float32(f_hz) * two_pi):
             phase = frequency * delay
-            terms = xr[:, :, k].ravel()[order] * (np.cos(phase) + 1j * np.sin(phase)).astype(np.complex64)
+            terms = xr[:, :, k].ravel()[order] * (np.cos(phase) + 1j * np.sin(phase)).astype(
+                np.complex64
+            )
             sums = sums + np.add.reduceat(terms, starts)
         image[n] = sums.sum()
     image = image.reshape([len(axis) for axis in axes]) / np.float32(94 * 94)
@@ -79,13 +90,17 @@ def ours_of(their_map):
 
 
 def their_two_tones(folder):
-    """2-FSK: from z_e = 0.45 m once by the strongest pixel, then every pixel; metres, rows from the top."""
+    """2-FSK: from z_e = 0.45 m once by the strongest pixel, then every pixel; metres, rows from the
+    top."""
     xr, f_hz = frame(folder)
     chosen = [int(np.flatnonzero(f_hz == tone)[0]) for tone in (81.8e9, 82e9)]
     x, y, _ = their_axes()
     z_e = 0.45
     for last in (False, True):
-        images = [their_image(xr[:, :, [k]], f_hz[[k]], (x, y, np.float32([z_e])))[:, :, 0] for k in chosen]
+        images = [
+            their_image(xr[:, :, [k]], f_hz[[k]], (x, y, np.float32([z_e])))[:, :, 0]
+            for k in chosen
+        ]
         phase = np.angle(images[1] * np.conj(images[0]))
         step_m = -C * phase / (4 * np.pi * (f_hz[chosen[1]] - f_hz[chosen[0]]))
         if last:
@@ -100,9 +115,15 @@ def their_projection(folder):
     volume = np.abs(their_image(*tones_of(folder), axes))
     db = 20 * np.log10(volume / volume.max())
     best = db.argmax(axis=2)
-    at = [np.take_along_axis(db, np.clip(best + k, 0, db.shape[2] - 1)[..., None], axis=2)[..., 0] for k in (-1, 0, 1)]
+    at = [
+        np.take_along_axis(db, np.clip(best + k, 0, db.shape[2] - 1)[..., None], axis=2)[..., 0]
+        for k in (-1, 0, 1)
+    ]
     step = axes[2][1] - axes[2][0]
-    vertex = [np.polyfit(np.arange(-1, 2) * step, values, 2) for values in np.stack(at, axis=-1).reshape(-1, 3)]
+    vertex = [
+        np.polyfit(np.arange(-1, 2) * step, values, 2)
+        for values in np.stack(at, axis=-1).reshape(-1, 3)
+    ]
     depth_m = axes[2][best] + np.reshape([-b / (2 * a) for a, b, _ in vertex], best.shape)
     return np.where(at[1] >= -14, depth_m, np.nan), volume.max(axis=2)
 
@@ -127,7 +148,8 @@ def off_um(theirs_m, depth):
 
 
 def rounding_m(z_m):
-    """What single precision of 2πf, 3e4 rad/s, makes of a two-tone depth: the same phase error on all paths."""
+    """What single precision of 2πf, 3e4 rad/s, makes of a two-tone depth: the same phase error on
+    all paths."""
     array, f_hz = qar50(), np.array([81.8e9, 82e9])
     rounded = (np.float32(f_hz) * np.float32(2 * np.pi)).astype(np.float64) - 2 * np.pi * f_hz
     place_m = np.array([*PLACE_M[:2], z_m])
@@ -136,9 +158,10 @@ def rounding_m(z_m):
 
 
 def test_two_tones_agree_where_the_scale_lifts_the_echoes(written):
-    """A micrometre: single precision leaves 6e-5 rad of a path's phase, and c/(4π · 200 MHz) is 0.12 m a radian, over
-    the root of 8836 paths; what their rounded 2πf makes of all paths alike, 4 µm here, is known and taken off. As they
-    are, echoes of 1e-6 drown in the offset of 0.032 (1 + j)."""
+    """A micrometre: single precision leaves 6e-5 rad of a path's phase, and c/(4π · 200 MHz) is
+    0.12 m a radian, over the root of 8836 paths; what their rounded 2πf makes of all paths alike, 4
+    µm here, is known and taken off. As they are, echoes of 1e-6 drown in the offset of 0.032 (1 +
+    j)."""
     depth = ours(written[False], "2fsk", METHODS["2fsk"])
     theirs_m = their_two_tones(written[False])
     assert np.median(off_um(theirs_m, depth)) <= 5
@@ -148,16 +171,21 @@ def test_two_tones_agree_where_the_scale_lifts_the_echoes(written):
 
 
 def test_projections_agree_and_fit_their_picture(written):
-    """The parabola amplifies rounding where three decibels are nearly equal, hence a micrometre in the median too.
-    Their uint16 keeps the brightest pixel to a thousandth, and depths to a millimetre below."""
+    """The parabola amplifies rounding where three decibels are nearly equal, hence a micrometre in
+    the median too. Their uint16 keeps the brightest pixel to a thousandth, and depths to a
+    millimetre below."""
     depth = ours(written[False], "broadband", SUBVOXEL)
     theirs_m, intensity = their_projection(written[False])
-    inside = np.where(np.abs(theirs_m - PLACE_M[2]) < 0.0085, theirs_m, np.nan)  # at the ends they go on, we stop
+    inside = np.where(
+        np.abs(theirs_m - PLACE_M[2]) < 0.0085, theirs_m, np.nan
+    )  # at the ends they go on, we stop
     assert np.median(off_um(inside, depth)) <= 1
     assert (np.isfinite(ours_of(theirs_m)) == np.isfinite(depth.z_m)).all()
     kept = intensity.astype(np.uint16)
     assert 1000 < kept.max() < 2**16 - 1
-    assert np.abs(kept / kept.max() - intensity / intensity.max())[np.isfinite(theirs_m)].max() < 1e-3
+    assert (
+        np.abs(kept / kept.max() - intensity / intensity.max())[np.isfinite(theirs_m)].max() < 1e-3
+    )
     cached_mm = np.nan_to_num(1e3 * inside).astype(np.uint16)  # save_depth
     on = (cached_mm > 0)[::-1, ::-1] & np.isfinite(depth.z_m)
     cut_off_mm = (1e3 * depth.z_m - ours_of(cached_mm))[on]
@@ -165,8 +193,9 @@ def test_projections_agree_and_fit_their_picture(written):
 
 
 def test_errors_agree_after_their_erosion(written):
-    """Their surface is sampled half a pixel further right and down (`cuda/metrics.cu`: p = index + 0.5, where the radar
-    has its pixel at the index); ours is asked for there, and the errors agree."""
+    """Their surface is sampled half a pixel further right and down (`cuda/metrics.cu`: p = index +
+    0.5, where the radar has its pixel at the index); ours is asked for there, and the errors
+    agree."""
     metadata = written[False] / "metadata.json"
     metadata.write_text(
         json.dumps(json.loads(metadata.read_text()) | {"mask_erosion": 8})
@@ -175,11 +204,16 @@ def test_errors_agree_after_their_erosion(written):
     x, y, _ = (axis.astype(np.float64) for axis in their_axes())
     half = 0.5 * (x[1] - x[0])
     z_mm = np.nan_to_num(1e3 * ours_of(depth.z_m))  # rows from the top, 0: nothing
-    mask = cv2.erode((z_mm > 0).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_RECT, (2, 2))) > 0
+    mask = (
+        cv2.erode((z_mm > 0).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_RECT, (2, 2)))
+        > 0
+    )
     columns, rows = np.meshgrid(x + half, y[::-1] - half)
     surface_mm = 1e3 * (PLACE_M[2] + 0.2 * (-columns - PLACE_M[0]))  # the patch's plane, by hand
     inside = (np.abs(columns + PLACE_M[0]) < 0.01) & (np.abs(rows - PLACE_M[1]) < 0.01)
-    projective_m = np.where(mask & inside, (z_mm.astype(np.float32) - surface_mm.astype(np.float32)) / 1000, np.nan)
+    projective_m = np.where(
+        mask & inside, (z_mm.astype(np.float32) - surface_mm.astype(np.float32)) / 1000, np.nan
+    )
 
     grid = PixelGrid(depth.x_m - half, depth.y_m - half)
     reference = reference_of_file(data.mesh(), data.transform(), grid)
@@ -189,7 +223,15 @@ def test_errors_agree_after_their_erosion(written):
     assert both.sum() > 10
     assert 1e6 * np.abs(projective_m[::-1, ::-1] - found.error_m)[both].max() <= 1  # signed alike
 
-    points = np.stack([*np.meshgrid(depth.x_m, depth.y_m), scored], axis=-1)[np.isfinite(found.to_reference_m)]
-    to = np.stack([*np.meshgrid(depth.x_m, depth.y_m), reference.z_m], axis=-1)[np.isfinite(reference.z_m)]
-    chamfer_m = np.sqrt(((points[:, None] - to[None]).astype(np.float32) ** 2).sum(axis=-1)).min(axis=1)
-    np.testing.assert_allclose(found.to_reference_m[np.isfinite(found.to_reference_m)], chamfer_m, atol=1e-6)
+    points = np.stack([*np.meshgrid(depth.x_m, depth.y_m), scored], axis=-1)[
+        np.isfinite(found.to_reference_m)
+    ]
+    to = np.stack([*np.meshgrid(depth.x_m, depth.y_m), reference.z_m], axis=-1)[
+        np.isfinite(reference.z_m)
+    ]
+    chamfer_m = np.sqrt(((points[:, None] - to[None]).astype(np.float32) ** 2).sum(axis=-1)).min(
+        axis=1
+    )
+    np.testing.assert_allclose(
+        found.to_reference_m[np.isfinite(found.to_reference_m)], chamfer_m, atol=1e-6
+    )

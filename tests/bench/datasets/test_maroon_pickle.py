@@ -1,4 +1,5 @@
-"""MAROON's pickled frames: arrays of numbers come through as numpy wrote them, and nothing else does anything."""
+"""MAROON's pickled frames: arrays of numbers come through as numpy wrote them, and nothing else
+does anything."""
 
 import io
 import os
@@ -36,12 +37,24 @@ def saved(path, content):
     st.booleans(),
     st.sampled_from([3, 4]),
 )
-def test_arrays_come_through_as_numpy_wrote_them(tmp_path_factory, dtype, shape, by_column, protocol):
+def test_arrays_come_through_as_numpy_wrote_them(
+    tmp_path_factory, dtype, shape, by_column, protocol
+):
     path = tmp_path_factory.mktemp("npy") / "a.npy"
     values = np.arange(int(np.prod(shape)), dtype="<f8").reshape(shape).astype(dtype)
     values = np.asfortranarray(values) if by_column else values
-    content = {"xr": values, "scalar": values.dtype.type(1), "n": 3, "x": 0.5, "text": "ü", "none": None, "yes": True}
-    read = read_dictionary(npy(path, pickle.dumps(np.array(content, dtype=object), protocol)))  # numpy 1's, numpy 2's
+    content = {
+        "xr": values,
+        "scalar": values.dtype.type(1),
+        "n": 3,
+        "x": 0.5,
+        "text": "ü",
+        "none": None,
+        "yes": True,
+    }
+    read = read_dictionary(
+        npy(path, pickle.dumps(np.array(content, dtype=object), protocol))
+    )  # numpy 1's, numpy 2's
     np.testing.assert_array_equal(read.pop("xr"), values)
     assert read == {key: content[key] for key in read}
     assert read.keys() == content.keys() - {"xr"}
@@ -51,7 +64,9 @@ def test_names_of_numpy_1_are_known_too(tmp_path):
     pickled = pickle.dumps(np.array({"a": np.arange(3.0)}, dtype=object), 3)
     old = pickled.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
     assert old != pickled
-    np.testing.assert_array_equal(read_dictionary(npy(tmp_path / "a.npy", old))["a"], np.arange(3.0))
+    np.testing.assert_array_equal(
+        read_dictionary(npy(tmp_path / "a.npy", old))["a"], np.arange(3.0)
+    )
 
 
 class Runs:
@@ -80,7 +95,9 @@ def test_code_is_never_run(tmp_path, wrap):
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "ran").exists()
     np.load(tmp_path / "a.npy", allow_pickle=True)
-    assert (tmp_path / "ran").exists()  # the file does run it when read without care: the test can fail
+    assert (
+        tmp_path / "ran"
+    ).exists()  # the file does run it when read without care: the test can fail
 
 
 @pytest.mark.parametrize(
@@ -120,14 +137,19 @@ def test_plain_arrays_and_cut_files_are_refused(tmp_path):
 def test_a_changed_byte_is_refused_or_harmless(tmp_path_factory, where, byte):
     """Whatever a damaged file does, it ends as a dictionary of numbers or as our error."""
     path = tmp_path_factory.mktemp("npy") / "a.npy"
-    content = bytearray(saved(path, {"xr": np.zeros(4, np.complex64), "fvec": np.arange(3.0)}).read_bytes())
+    content = bytearray(
+        saved(path, {"xr": np.zeros(4, np.complex64), "fvec": np.arange(3.0)}).read_bytes()
+    )
     content[where % len(content)] = byte
     path.write_bytes(content)
     try:
         read = read_dictionary(path)
     except HandbenchError:
         return
-    assert all(isinstance(value, np.ndarray | np.generic | int | float | str | None) for value in read.values())
+    assert all(
+        isinstance(value, np.ndarray | np.generic | int | float | str | None)
+        for value in read.values()
+    )
 
 
 def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
@@ -142,21 +164,34 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
 @pytest.mark.parametrize(
     "bomb, reason",
     [
-        # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this one nothing
+        # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this
+        # one nothing
         (b"\x80\x04]r\xff\xff\xff\xff.", "it holds no dictionary"),
         (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "is refused"),  # text of 2⁶³ bytes
-        (b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.", "it holds no dictionary"),  # an array of 8 TB
+        (
+            b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.",
+            "it holds no dictionary",
+        ),  # an array of 8 TB
         (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
         (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
         (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
         (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
-        (b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.", "is refused .50."),  # a key of 2⁶⁰ parts, by DUP ...
+        (
+            b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.",
+            "is refused .50.",
+        ),  # a key of 2⁶⁰ parts, by DUP ...
         (b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.", "a key is tuple"),  # ... and by memo
         (b"\x80\x04}(N" + b"q\x00h\x00\x86" * 60 + b"Nu.", "a key is tuple"),
-        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.", "is refused"),
+        (
+            b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.",
+            "is refused",
+        ),
         (b"\x80\x04cnumpy\ndtype\nN" + b"q\x00h\x00\x86" * 60 + b"\x85R.", "numbers of no type"),
         (b"\x80\x04\x8f(N" + b"q\x00h\x00\x86" * 60 + b"\x90.", "is refused .143."),  # into a set
-        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"NR.", "it calls what is no name"),  # whose text has 2⁶⁰ parts
+        (
+            b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"NR.",
+            "it calls what is no name",
+        ),  # whose text has 2⁶⁰ parts
         (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"Nb.", "is refused"),
         (b"\x80\x04cnumpy\ndtype\nNR.", "it calls what is no name"),
         (b"\x80\x04" + b"]" * 20_000 + b".", "too many steps"),

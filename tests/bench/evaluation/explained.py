@@ -6,7 +6,12 @@ from typing import NamedTuple
 import pandas as pd
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.error_causes import Averages, cause_lines, reliability_lines, surface_causes
+from handbench.bench.evaluation.error_causes import (
+    Averages,
+    cause_lines,
+    reliability_lines,
+    surface_causes,
+)
 from handbench.bench.evaluation.tables import CAUSES, RELIABILITY
 from handbench.radar.data.depthmap import DepthMap
 

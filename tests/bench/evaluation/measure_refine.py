@@ -2,11 +2,12 @@
 
     python -m tests.bench.evaluation.measure_refine DIR
 
-Hands that no other test uses, one person, pose and placement each, are simulated with all that `auto` switches on and
-with the table's noise; each frame is one draw of it. The mesh is the true surface where it truly is, so that all that
-`refine_files`, which the command calls, moves it is its error. Of the error e about the surface's middle and the stated
-covariance C, eᵀC⁻¹e is below the quantile of χ² in 95 % of all trials if C is right. Frames of one hand share its
-speckle, hence most of their error. DIR keeps captures and maps; what it has is not made again.
+Hands that no other test uses, one person, pose and placement each, are simulated with all that
+`auto` switches on and with the table's noise; each frame is one draw of it. The mesh is the true
+surface where it truly is, so that all that `refine_files`, which the command calls, moves it is its
+error. Of the error e about the surface's middle and the stated covariance C, eᵀC⁻¹e is below the
+quantile of χ² in 95 % of all trials if C is right. Frames of one hand share its speckle, hence most
+of their error. DIR keeps captures and maps; what it has is not made again.
 """
 
 from __future__ import annotations
@@ -50,14 +51,20 @@ def hand(person: int) -> SceneFile:
 
 
 def maps(folder: Path, person: int, draws: int) -> Path:
-    """The capture of a person's hand in `folder` with the depth maps METHOD_DRAW.npz of its frames."""
+    """The capture of a person's hand in `folder` with the depth maps METHOD_DRAW.npz of its
+    frames."""
     scene = hand(person)
     capture = folder / scene.name
     if not capture.exists():
         simulate_capture(build(scene), capture, draws)
     done = folder / f"{scene.name}-maps"
     done.mkdir(exist_ok=True)
-    wanted = [(id, draw) for id in METHODS for draw in range(draws) if not (done / f"{id}_{draw}.npz").exists()]
+    wanted = [
+        (id, draw)
+        for id in METHODS
+        for draw in range(draws)
+        if not (done / f"{id}_{draw}.npz").exists()
+    ]
     if wanted:
         echoes = open_capture(capture).echoes(draws)
         for id, draw in wanted:
@@ -84,22 +91,33 @@ def main() -> None:
     parser.add_argument("--only-maps", action="store_true")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
-    captures = [maps(options.folder, options.first + n, options.draws) for n in range(options.hands)]
+    captures = [
+        maps(options.folder, options.first + n, options.draws) for n in range(options.hands)
+    ]
     for id in () if options.only_maps else METHODS:
         told = np.concatenate([misfits(capture, id, options.draws) for capture in captures])
         known = told[np.isfinite(told)]
         inside = int((known < chi2.ppf(0.95, 6)).sum())
         of = f"{len(told)} (without covariance: {len(told) - len(known)})"
-        print(f"{id}: inside {inside} of {of}; χ² of 6: mean {known.mean():.2f}, median {np.median(known):.2f}")
+        print(
+            f"{id}: inside {inside} of {of}; χ² of 6: mean {known.mean():.2f}, median "
+            f"{np.median(known):.2f}"
+        )
 
 
 def misfits(capture: Path, id: str, draws: int) -> np.ndarray:
-    """The misfit [draws] of each map of a method, NaN where no covariance is stated; prints them."""
+    """The misfit [draws] of each map of a method, NaN where no covariance is stated; prints
+    them."""
     found = [refine_files(_map(capture, id, draw), capture / TRUTH, None) for draw in range(draws)]
     told = np.array([misfit(transform) for transform in found], float)
-    moved = np.array([np.r_[t.refined["translation_mm"], t.refined["rotation_deg"]] for t in found if t.refined])
+    moved = np.array(
+        [np.r_[t.refined["translation_mm"], t.refined["rotation_deg"]] for t in found if t.refined]
+    )
     rms = np.sqrt((moved**2).mean(axis=0)).round(2)
-    print(f"{capture.name} {id}: χ² {told.round(1)}; moved by {rms[:3]} mm and {rms[3:]}° (rms)", flush=True)
+    print(
+        f"{capture.name} {id}: χ² {told.round(1)}; moved by {rms[:3]} mm and {rms[3:]}° (rms)",
+        flush=True,
+    )
     return told
 
 

@@ -32,8 +32,8 @@ NAN = float("nan")
 
 
 def score(z_m: np.ndarray, reference_z_m: np.ndarray) -> dict[str, float | int | None]:
-    """Metrics of one depth map against a reference of its shape, metres, on pixels of 1 mm; NaN: not observed, no
-    surface."""
+    """Metrics of one depth map against a reference of its shape, metres, on pixels of 1 mm; NaN:
+    not observed, no surface."""
     y_m, x_m = (1e-3 * np.arange(n) for n in z_m.shape)
     return pool([error_map(x_m, y_m, z_m, reference_z_m, met=np.isfinite(reference_z_m))])
 
@@ -63,7 +63,9 @@ def test_the_papers_table(metric, golden):
 def test_relative_accuracy_is_the_papers():
     """1.7 mm at 0.3 m are the paper's 99.4 %, to its last digit."""
     values = score(np.full((3, 3), 0.3017), np.full((3, 3), 0.3))
-    assert round(values["relative_accuracy_percent"], 1) == PAPER["relative_accuracy_percent", "3fsk"]
+    assert (
+        round(values["relative_accuracy_percent"], 1) == PAPER["relative_accuracy_percent", "3fsk"]
+    )
 
 
 def plane_m(n: int = 30) -> np.ndarray:
@@ -87,21 +89,23 @@ def test_truth_scored_as_prediction_is_perfect():
 
 
 def test_one_millimetre_is_one_millimetre():
-    """Every mean, quantile, maximum and, on a plane, chamfer distance of a constant error is that error (float64:
-    1e-9 mm at 0.3 m); it does not deviate. All points are within 2 mm."""
+    """Every mean, quantile, maximum and, on a plane, chamfer distance of a constant error is that
+    error (float64: 1e-9 mm at 0.3 m); it does not deviate. All points are within 2 mm."""
     values = score(plane_m() + 1e-3, plane_m())
     for key in (key for key in values if key.endswith("_mm")):
         if key != "deviation_mm":
             assert values[key] == pytest.approx(1, abs=1e-9)
-    assert values["deviation_mm"] == pytest.approx(0, abs=1e-6)  # a difference of squares, known to √(1e-16)·1 mm
+    assert values["deviation_mm"] == pytest.approx(
+        0, abs=1e-6
+    )  # a difference of squares, known to √(1e-16)·1 mm
     assert values["f_2mm_percent"] == values["f_5mm_percent"] == 100
     assert score(plane_m() - 1e-3, plane_m())["bias_mm"] == pytest.approx(-1, abs=1e-9)
 
 
 def test_a_shift_along_a_slope_is_nearer_than_its_error_along_z():
-    """A plane of slope 1 moved by 10 mm along z: 10/√2 mm away. The nearest pixel centre lies within 0.71 mm along the
-    slope of the foot of the perpendicular, which adds under 0.04 mm; at the plane's edges, 3 % of
-    it, the foot lies outside."""
+    """A plane of slope 1 moved by 10 mm along z: 10/√2 mm away. The nearest pixel centre lies
+    within 0.71 mm along the slope of the foot of the perpendicular, which adds under 0.04 mm; at
+    the plane's edges, 3 % of it, the foot lies outside."""
     axis_m = 1e-3 * np.arange(400)
     slope_m = np.broadcast_to(axis_m, (20, 400)) + 0.3
     m = error_map(axis_m, axis_m[:20], slope_m + 0.01, slope_m, met=np.ones(slope_m.shape, bool))
@@ -110,34 +114,45 @@ def test_a_shift_along_a_slope_is_nearer_than_its_error_along_z():
 
 
 def test_false_alarms_are_judged_only_where_nothing_can_be():
-    """Map everywhere at 0.3 m, surface in the left third, invented surface in the middle one: the outline's neighbours
-    and the invention are not judged, and neither is a hole that the surface encloses."""
+    """Map everywhere at 0.3 m, surface in the left third, invented surface in the middle one: the
+    outline's neighbours and the invention are not judged, and neither is a hole that the surface
+    encloses."""
     met = np.zeros((12, 30), bool)
     met[:, :20] = True
     reference_m = np.where(np.arange(30) < 10, 0.3, np.nan) * np.ones((12, 1))
     met[5, 5], reference_m[5, 5] = False, np.nan
-    m = error_map(1e-3 * np.arange(30), 1e-3 * np.arange(12), np.full((12, 30), 0.3), reference_m, met=met)
+    m = error_map(
+        1e-3 * np.arange(30), 1e-3 * np.arange(12), np.full((12, 30), 0.3), reference_m, met=met
+    )
     judged = np.isfinite(m.to_reference_m)
     assert judged[:, :10].sum() == 119 and not judged[:, 10:21].any() and judged[:, 21:].all()
     values = pool([m])
     assert values["false_alarm_percent"] == pytest.approx(100 * 108 / (108 + 119), rel=1e-12)
     assert values["mae_mm"] == 0 and values["chamfer_to_map_mm"] == 0
-    expected_mm = np.concatenate([np.zeros(119), np.repeat(np.arange(12.0, 21), 12)]).mean()  # columns from the 9th
+    expected_mm = np.concatenate(
+        [np.zeros(119), np.repeat(np.arange(12.0, 21), 12)]
+    ).mean()  # columns from the 9th
     assert values["chamfer_to_reference_mm"] == pytest.approx(expected_mm, rel=1e-9)
     assert values["chamfer_mm"] == pytest.approx(expected_mm / 2, rel=1e-9)
     near, reached = 119 / 227, 1.0
-    assert values["f_5mm_percent"] == pytest.approx(100 * 2 * near * reached / (near + reached), rel=1e-12)
+    assert values["f_5mm_percent"] == pytest.approx(
+        100 * 2 * near * reached / (near + reached), rel=1e-12
+    )
 
 
 def test_what_is_not_known_is_none():
-    """Without the rays nothing is said of what lies beside the surface, and without σ nothing of the ground truth; one
-    capture of two that does not know is enough."""
+    """Without the rays nothing is said of what lies beside the surface, and without σ nothing of
+    the ground truth; one capture of two that does not know is enough."""
     z_m = plane_m()
     axis_m = 1e-3 * np.arange(30)
     known = error_map(axis_m, axis_m, z_m, z_m, np.zeros_like(z_m), np.isfinite(z_m))
     partial = error_map(axis_m, axis_m, z_m, z_m)
     points = ("chamfer", "f_", "accurate_")
-    beside = {"false_alarm_percent", "within_band_percent", *(key for key in METRICS if key.startswith(points))}
+    beside = {
+        "false_alarm_percent",
+        "within_band_percent",
+        *(key for key in METRICS if key.startswith(points)),
+    }
     assert all(pool([known])[key] is not None for key in beside)
     for maps in ([partial], [known, partial]):
         values = pool(maps)
@@ -145,11 +160,14 @@ def test_what_is_not_known_is_none():
 
 
 def test_the_ground_truths_band_holds_what_it_promises():
-    """Errors that are the reference's own: 95 % within ±1.96 σ; 40 000 pixels know the share to 0.11 %, so 0.45 %."""
+    """Errors that are the reference's own: 95 % within ±1.96 σ; 40 000 pixels know the share to
+    0.11 %, so 0.45 %."""
     rng, axis_m = np.random.default_rng(0), 1e-3 * np.arange(200)
     sigma_m = 1e-4 * (1 + rng.random((200, 200)))
     reference_m = np.full((200, 200), 0.3)
-    m = error_map(axis_m, axis_m, reference_m + sigma_m * rng.normal(size=sigma_m.shape), reference_m, sigma_m)
+    m = error_map(
+        axis_m, axis_m, reference_m + sigma_m * rng.normal(size=sigma_m.shape), reference_m, sigma_m
+    )
     assert pool([m])["within_band_percent"] == pytest.approx(95, abs=0.45)
     sigma_m[3, 3] = np.nan
     assert pool([m])["within_band_percent"] is None
@@ -159,13 +177,25 @@ def test_an_empty_map_and_an_empty_mask_and_one_pixel():
     nothing, plate = np.full((3, 3), NAN), np.full((3, 3), 0.3)
     values = score(nothing, plate)
     assert values["f_1mm_percent"] == 0 and values["observed_percent"] == 0
-    assert values["false_alarm_percent"] is values["chamfer_mm"] is values["chamfer_to_map_mm"] is None
+    assert (
+        values["false_alarm_percent"] is values["chamfer_mm"] is values["chamfer_to_map_mm"] is None
+    )
     empty = score(nothing, nothing)
-    assert all(value is None for key, value in empty.items() if key != "n_observed") and empty["n_observed"] == 0
+    assert (
+        all(value is None for key, value in empty.items() if key != "n_observed")
+        and empty["n_observed"] == 0
+    )
     alone = score(np.full((1, 1), 0.3005), np.full((1, 1), 0.3))
-    assert alone["mae_mm"] == alone["chamfer_mm"] == pytest.approx(0.5, abs=1e-9) and alone["f_1mm_percent"] == 100
+    assert (
+        alone["mae_mm"] == alone["chamfer_mm"] == pytest.approx(0.5, abs=1e-9)
+        and alone["f_1mm_percent"] == 100
+    )
     false = score(plate, nothing)
-    assert false["false_alarm_percent"] == 100 and false["f_1mm_percent"] is None and false["chamfer_mm"] is None
+    assert (
+        false["false_alarm_percent"] == 100
+        and false["f_1mm_percent"] is None
+        and false["chamfer_mm"] is None
+    )
 
 
 def test_precision_per_pixel_is_the_median_of_the_pixels_seen_in_all_repeats():
@@ -181,14 +211,20 @@ def test_precision_per_pixel_is_the_median_of_the_pixels_seen_in_all_repeats():
 def test_terms_are_finite_where_all_is_known():
     axis_m, z_m = 1e-3 * np.arange(30), plane_m()
     m = error_map(axis_m, axis_m, z_m, z_m, np.zeros_like(z_m), np.isfinite(z_m))
-    assert set(terms(m)) == set(TERMS) and all(np.isfinite(values).all() for values in terms(m).values())
+    assert set(terms(m)) == set(TERMS) and all(
+        np.isfinite(values).all() for values in terms(m).values()
+    )
     assert set(AVERAGED) <= set(pool([m]))
     assert isinstance(m, ErrorMap)
 
 
 @given(depths_m, depths_m)
 def test_agrees_with_plain_python(z_m, reference_z_m):
-    errors_mm = [1e3 * (z - r) for z, r in zip(z_m.flat, reference_z_m.flat, strict=True) if z == z and r == r]
+    errors_mm = [
+        1e3 * (z - r)
+        for z, r in zip(z_m.flat, reference_z_m.flat, strict=True)
+        if z == z and r == r
+    ]
     values = score(z_m, reference_z_m)
     assert values["n_observed"] == len(errors_mm)
     if not errors_mm:
@@ -216,7 +252,8 @@ def test_nothing_observed_is_none_not_zero():
 
 
 def test_seen_is_not_right():
-    """A plane of 400 pixels: 100 of them 30 mm off, 100 by 1.5 mm, 100 not seen, 100 right; and 16 of nothing."""
+    """A plane of 400 pixels: 100 of them 30 mm off, 100 by 1.5 mm, 100 not seen, 100 right; and 16
+    of nothing."""
     z_m, reference_m = plane_m(), plane_m()
     z_m[5:10] += 30e-3
     z_m[10:15] += 1.5e-3
@@ -242,7 +279,8 @@ def test_infinite_depths_are_unobserved():
 
 
 def test_pools_pixels_not_means():
-    """Three pixels of 1 mm and one of 9 mm make 3 mm; the mean of the captures' means would be 5 mm."""
+    """Three pixels of 1 mm and one of 9 mm make 3 mm; the mean of the captures' means would be 5
+    mm."""
     many = error_map(np.arange(3), np.arange(1), np.full((1, 3), 0.301), np.full((1, 3), 0.3))
     one = error_map(np.arange(1), np.arange(1), np.full((1, 1), 0.309), np.full((1, 1), 0.3))
     assert pool([many, one])["mae_mm"] == pytest.approx(3, abs=1e-9)
@@ -255,7 +293,9 @@ def test_refuses_different_grids():
 
 def test_strongest_scatterer_is_one_pixel_observed_in_every_repeat():
     z_m = np.array([[[0.30, 0.31, 0.33]], [[0.40, NAN, 0.34]]])
-    amplitude = np.array([[[0.5, 1.0, 0.9]], [[0.95, 1.0, 0.8]]])  # means 0.725, 1 (once unobserved), 0.85
+    amplitude = np.array(
+        [[[0.5, 1.0, 0.9]], [[0.95, 1.0, 0.8]]]
+    )  # means 0.725, 1 (once unobserved), 0.85
     assert strongest_scatterer_z_m(z_m, amplitude).tolist() == [0.33, 0.34]
     assert np.isnan(strongest_scatterer_z_m(np.full((2, 1, 3), NAN), amplitude)).all()
 
@@ -267,7 +307,9 @@ def test_precision_is_the_mean_of_the_hands_deviations():
     assert values["relative_precision_percent"] == pytest.approx(99.5, abs=1e-9)
 
 
-@pytest.mark.parametrize("hands", [[], [np.array([0.3])], [np.array([0.3, 0.31]), np.array([0.3, NAN])]])
+@pytest.mark.parametrize(
+    "hands", [[], [np.array([0.3])], [np.array([0.3, 0.31]), np.array([0.3, NAN])]]
+)
 def test_precision_needs_two_repeats_of_every_hand(hands):
     assert precision(hands) == {"precision_mm": None, "relative_precision_percent": None}
 
@@ -275,7 +317,11 @@ def test_precision_needs_two_repeats_of_every_hand(hands):
 def test_every_figure_is_defined_with_its_unit():
     produced = set(score(surface_m(), surface_m())) | set(precision([]))
     pooled = {"pooled_mae_mm", "pooled_max_mm", *over_frames(np.ones(2), np.ones(2))}
-    pooled |= {"common_percent", "aurc_mm", "aurc_to_percent"}  # of handbench.bench.evaluation.equal_treatment
+    pooled |= {
+        "common_percent",
+        "aurc_mm",
+        "aurc_to_percent",
+    }  # of handbench.bench.evaluation.equal_treatment
     assert produced | pooled | {"seconds", "floor_mm", "pixel_precision_mm"} == set(METRICS)
     suffixes = {"mm": "_mm", "%": "_percent", "s": "seconds", "pixels": "n_observed"}
     assert all(key.endswith(suffixes[metric.unit]) for key, metric in METRICS.items())
@@ -283,10 +329,15 @@ def test_every_figure_is_defined_with_its_unit():
 
 
 def test_the_band_is_of_observed_pixels_alone():
-    """Two of three observed pixels within 1.96 mm; what is not observed, known or not, takes no part."""
+    """Two of three observed pixels within 1.96 mm; what is not observed, known or not, takes no
+    part."""
     z_m = np.array([[0.301, 0.3019, 0.302, NAN, NAN]])
     m = error_map(
-        1e-3 * np.arange(5), np.zeros(1), z_m, np.full((1, 5), 0.3), np.array([[1e-3, 1e-3, 1e-3, 1e-3, NAN]])
+        1e-3 * np.arange(5),
+        np.zeros(1),
+        z_m,
+        np.full((1, 5), 0.3),
+        np.array([[1e-3, 1e-3, 1e-3, 1e-3, NAN]]),
     )
     assert pool([m])["within_band_percent"] == pytest.approx(200 / 3, rel=1e-12)
 
@@ -294,5 +345,7 @@ def test_the_band_is_of_observed_pixels_alone():
 def test_two_repeats_are_enough_for_a_precision_and_one_is_not():
     hands = [np.array([0.3, 0.302, np.nan]), np.array([0.31, 0.31])]
     assert [len(z) for z in usable_repeats(hands)] == [2, 2]
-    assert precision(hands)["precision_mm"] == pytest.approx((np.sqrt(2) + 0) / 2)  # 2 mm apart: √2 by n − 1
+    assert precision(hands)["precision_mm"] == pytest.approx(
+        (np.sqrt(2) + 0) / 2
+    )  # 2 mm apart: √2 by n − 1
     assert usable_repeats([*hands, np.array([0.3, np.nan])]) == []

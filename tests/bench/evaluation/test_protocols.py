@@ -57,7 +57,10 @@ def test_the_papers_table_has_the_papers_figures():
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
 def test_the_table_holds_the_protocols_metrics(chosen):
     m = error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)
-    rows = [accuracy_rows("3fsk", "truth", of_captures([m]), chosen), time_rows("3fsk", "truth", [0.1])]
+    rows = [
+        accuracy_rows("3fsk", "truth", of_captures([m]), chosen),
+        time_rows("3fsk", "truth", [0.1]),
+    ]
     rows.append(frame_rows("3fsk", "truth", [over_frames(np.ones(2), np.ones(2))], chosen))
     if "precision_mm" in chosen.metrics:
         rows.append(precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [1.0]))

@@ -1,4 +1,5 @@
-"""A mesh on a radar depth map: known motions of an analytic surface, and what it must not pretend to know."""
+"""A mesh on a radar depth map: known motions of an analytic surface, and what it must not pretend
+to know."""
 
 from __future__ import annotations
 
@@ -38,8 +39,14 @@ CENTRE_M = np.array([0.0, 0.0, 0.3])
 
 
 def bumps(x, y):
-    """A hand-like relief: four ridges of 6 mm across a vault of 25 mm, with no symmetry; slopes up to 45°."""
-    return 0.3 + 2.5 * (x**2 + 1.3 * y**2) + 0.004 * np.sin(100 * x + 20 * y) + 0.003 * np.sin(80 * y - 30 * x + 1)
+    """A hand-like relief: four ridges of 6 mm across a vault of 25 mm, with no symmetry; slopes up
+    to 45°."""
+    return (
+        0.3
+        + 2.5 * (x**2 + 1.3 * y**2)
+        + 0.004 * np.sin(100 * x + 20 * y)
+        + 0.003 * np.sin(80 * y - 30 * x + 1)
+    )
 
 
 def surface_of(height, half_m: float = 0.1, count: int = 81) -> Surface:
@@ -53,7 +60,12 @@ def surface_of(height, half_m: float = 0.1, count: int = 81) -> Surface:
             np.stack([corner + 1, corner + count, corner + count + 1], axis=1),
         ]
     )
-    return Surface(np.stack([x, y, height(x, y)], axis=1), faces, np.full(len(x), np.nan), np.ones(len(x), bool))
+    return Surface(
+        np.stack([x, y, height(x, y)], axis=1),
+        faces,
+        np.full(len(x), np.nan),
+        np.ones(len(x), bool),
+    )
 
 
 BUMPS = surface_of(bumps)
@@ -86,8 +98,9 @@ def apart_mm(one: Transform, other: Transform) -> float:
     ((0, 0, 2), (0, 0, 0)), ((2, -1, 1), (0, 0, 0)), ((1, 2, -2), (1, -1, 1.5)), ((6, -5, 6), (3, 2, -3.5)),
 ])  # fmt: skip
 def test_a_known_motion_comes_back(shift_mm, turn_deg):
-    """Without errors the distances vanish at the truth; what is left is the ray caster's single precision, below 1 µm
-    along z, and ten times that along the directions that the surface holds least."""
+    """Without errors the distances vanish at the truth; what is left is the ray caster's single
+    precision, below 1 µm along z, and ten times that along the directions that the surface holds
+    least."""
     truth = motion(shift_mm, turn_deg)
     found = refine(BUMPS, depth_of(seen(BUMPS, truth)), identity("radar"))
     report = found.refined
@@ -95,7 +108,9 @@ def test_a_known_motion_comes_back(shift_mm, turn_deg):
     assert report["free"] == [] and len(report["held"]) == 6
     assert report["rms_after_mm"] < 1e-3 < report["rms_before_mm"]
     np.testing.assert_array_equal(report["start"], np.eye(4))
-    assert np.linalg.norm(report["rotation_deg"]) == pytest.approx(np.linalg.norm(turn_deg), abs=0.01)
+    assert np.linalg.norm(report["rotation_deg"]) == pytest.approx(
+        np.linalg.norm(turn_deg), abs=0.01
+    )
 
 
 def test_the_report_tells_the_motion_at_the_pixels_and_the_scale_stays(rng):
@@ -110,8 +125,8 @@ def test_the_report_tells_the_motion_at_the_pixels_and_the_scale_stays(rng):
 
 
 def test_a_plane_holds_three_directions_and_keeps_the_others(rng):
-    """Shift along the plane and rotation about its normal are not moved: a rotation by ω carries them along at second
-    order, ω² × 0.1 m = 0.03 mm."""
+    """Shift along the plane and rotation about its normal are not moved: a rotation by ω carries
+    them along at second order, ω² × 0.1 m = 0.03 mm."""
     plane = surface_of(lambda x, y: 0.3 + 0.1 * x)
     truth = motion((0, 0, 2), (0.5, -0.5, 0))
     found = refine(plane, depth_of(seen(plane, truth)), identity("radar"))
@@ -126,7 +141,9 @@ def test_a_plane_holds_three_directions_and_keeps_the_others(rng):
     shift_mm, turn_deg = report["translation_mm"], report["rotation_deg"]
     assert np.linalg.norm(shift_mm - normal * (normal @ shift_mm)) < 0.03
     assert abs(normal @ turn_deg) < 0.01
-    assert report["held"][0] == "+0.99 z (condition 1)"  # the normal; its 0.10 of x is too little to name
+    assert (
+        report["held"][0] == "+0.99 z (condition 1)"
+    )  # the normal; its 0.10 of x is too little to name
 
 
 def test_along_free_directions_the_covariance_is_the_starts(rng):
@@ -142,8 +159,8 @@ def test_along_free_directions_the_covariance_is_the_starts(rng):
 
 
 def test_a_fifth_of_garbage_does_not_pull(rng):
-    """Tukey's estimate may lose 30 % of its efficiency to 20 % of strangers, but not its place: 0.1 mm of noise in 3000
-    pixels leaves 0.02 mm where the surface holds least."""
+    """Tukey's estimate may lose 30 % of its efficiency to 20 % of strangers, but not its place: 0.1
+    mm of noise in 3000 pixels leaves 0.02 mm where the surface holds least."""
     truth = motion((1, -2, 2), (1, 1, -1))
     z_m = seen(BUMPS, truth) + 1e-4 * rng.standard_normal((61, 61))
     stranger = rng.random(z_m.shape) < 0.2
@@ -174,9 +191,9 @@ def test_invented_surface_is_left_out():
 
 @pytest.mark.parametrize("reach_pixels", [0, 1.06, 2])
 def test_the_covariance_is_honest(rng, monkeypatch, reach_pixels):
-    """Errors squared against the covariance, six per run, for noise of 0.2 mm that pixels share over a reach that is
-    not told, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8 over 20 runs; its bounds are three times
-    that away."""
+    """Errors squared against the covariance, six per run, for noise of 0.2 mm that pixels share
+    over a reach that is not told, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8
+    over 20 runs; its bounds are three times that away."""
     monkeypatch.setattr(refine_module, "BIAS_M", 0.0)
     clean, squares = seen(BUMPS), []
     for _ in range(20):
@@ -187,8 +204,8 @@ def test_the_covariance_is_honest(rng, monkeypatch, reach_pixels):
 
 
 def test_a_start_at_the_edge_of_the_capture_range_comes_back_or_is_refused(rng):
-    """10 mm and 5° off in random directions. Ridges 60 mm apart may lock into the wrong valley, but never silently
-    near: what is returned without complaint fits."""
+    """10 mm and 5° off in random directions. Ridges 60 mm apart may lock into the wrong valley, but
+    never silently near: what is returned without complaint fits."""
     returned = 0
     for _ in range(8):
         shift, turn = (vector / np.linalg.norm(vector) for vector in rng.standard_normal((2, 3)))
@@ -230,7 +247,9 @@ def test_from_files(tmp_path):
     assert report["depth"] == "depth.npz" and "cannot show" in report["reason"]
     assert report["uncertainty"].startswith("one σ at the surface's middle 0.")
     motion((0, 0, 0), (0, 0, 0)).save(tmp_path / "start.json")
-    found = refine_files(tmp_path / "depth.npz", tmp_path / "mesh.ply", load_any_transform(tmp_path / "start.json"))
+    found = refine_files(
+        tmp_path / "depth.npz", tmp_path / "mesh.ply", load_any_transform(tmp_path / "start.json")
+    )
     assert apart_mm(found, truth) < 0.01 and found.source == "photo"
     save_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
     start = load_any_transform(tmp_path / "alignment.json")
@@ -248,7 +267,8 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.parametrize("first_m", [-0.31, 0.0, 0.0137, 0.2])
 def test_blocks_are_counted_from_the_first_place(first_m):
-    """Wherever the grid lies, what is less than a block from the first place is in the first block."""
+    """Wherever the grid lies, what is less than a block from the first place is in the first
+    block."""
     along_m = first_m + BLOCK_M * np.array([0.0, 0.5, 0.99, 1.0, 1.5, 2.2])
     assert _blocks(along_m, np.full(6, 7.0)).tolist() == [0, 0, 0, 1, 1, 2]
     assert _blocks(np.full(6, 7.0), along_m).tolist() == [0, 0, 0, 1, 1, 2]
@@ -272,16 +292,21 @@ def test_sums_over_pairs_are_those_of_the_definition(rng):
 
 @pytest.mark.parametrize("reach_m", [0.0, 2e-3, 4e-3])
 def test_the_variance_of_a_mean_is_that_of_errors_that_reach_so_far(rng, reach_m):
-    """One unknown, a shift along z of 101 × 101 pixels, whose errors σ have the reach ℓ: σ²·max(2πℓ², 1.2 pixels)/area,
-    the area much wider than ℓ, and of the bias β² times the mean of its correlation. One draw tells ℓ² to some 25 %,
-    so that the mean of 20 is known to 6 %; edges take 3 %, and the ℓ of noise that no pixels share
-    is 0.4 pixels, of which the neighbours still have 4 %."""
+    """One unknown, a shift along z of 101 × 101 pixels, whose errors σ have the reach ℓ:
+    σ²·max(2πℓ², 1.2 pixels)/area, the area much wider than ℓ, and of the bias β² times the mean of
+    its correlation. One draw tells ℓ² to some 25 %, so that the mean of 20 is known to 6 %; edges
+    take 3 %, and the ℓ of noise that no pixels share is 0.4 pixels, of which the neighbours still
+    have 4 %."""
     axis_m = np.arange(101) * 1e-3
     place_m = np.stack(np.meshgrid(axis_m, axis_m)).reshape(2, -1)
     along_z, one, found = np.eye(6)[:, 2:3], np.ones(101**2), []
     for _ in range(20):
-        field = gaussian_filter(rng.standard_normal((101, 101)), reach_m / 1e-3 / np.sqrt(2), mode="wrap")
-        pixels = pixels_at(place_m, 2e-4 * (field / field.std()).ravel(), np.tile(along_z.T, (101**2, 1)))
+        field = gaussian_filter(
+            rng.standard_normal((101, 101)), reach_m / 1e-3 / np.sqrt(2), mode="wrap"
+        )
+        pixels = pixels_at(
+            place_m, 2e-4 * (field / field.std()).ravel(), np.tile(along_z.T, (101**2, 1))
+        )
         found.append(_scatter(pixels, one, one, along_z)[0, 0])
     correlation = np.exp(-(((axis_m[:, None] - axis_m) / BIAS_REACH_M) ** 2) / 2).mean() ** 2
     bias_m2 = BIAS_M**2 * correlation
@@ -290,7 +315,8 @@ def test_the_variance_of_a_mean_is_that_of_errors_that_reach_so_far(rng, reach_m
 
 
 def test_what_is_left_of_a_walk_is_its_geometric_series():
-    """Steps of 0.5^n: as much is left as the last one was; told in standard deviations of 2 and 0.1."""
+    """Steps of 0.5^n: as much is left as the last one was; told in standard deviations of 2 and
+    0.1."""
     scatter = np.diag([4.0, 0.01])
     walk = [np.array([0.5**n, 0.0]) for n in range(4)]
     assert _left(walk, scatter) == pytest.approx(0.125 / 2)
@@ -307,8 +333,8 @@ def test_a_walk_in_circles_has_nothing_left():
 
 
 def test_a_pixel_that_comes_and_goes_does_not_keep_it_from_ending(monkeypatch):
-    """A pixel far off that every second step sees moves the fit to and fro by hundredths of its σ for ever: 60 steps
-    and an error, before."""
+    """A pixel far off that every second step sees moves the fit to and fro by hundredths of its σ
+    for ever: 60 steps and an error, before."""
     seen_now, steps = refine_module._shared, []
 
     def flickering(surface, depth, transform):
@@ -324,19 +350,23 @@ def test_a_pixel_that_comes_and_goes_does_not_keep_it_from_ending(monkeypatch):
 
 
 def test_tukeys_weights_are_those_of_his_loss():
-    """ψ(e) = e (1 − (e/cs)²)² up to c·s, s = 1.4826 times the median of |e|: the slope by differences, 0 beyond."""
+    """ψ(e) = e (1 − (e/cs)²)² up to c·s, s = 1.4826 times the median of |e|: the slope by
+    differences, 0 beyond."""
     e = np.linspace(-0.01, 0.01, 2001)
     weight, slope = _tukey(e)
     reach_m = 4.685 * 1.4826 * np.median(np.abs(e))
     assert reach_m > e.max()
     np.testing.assert_allclose(weight, (1 - (e / reach_m) ** 2) ** 2, atol=1e-12)
-    np.testing.assert_allclose(slope[1:-1], ((weight * e)[2:] - (weight * e)[:-2]) / 2e-5, atol=1e-5)
+    np.testing.assert_allclose(
+        slope[1:-1], ((weight * e)[2:] - (weight * e)[:-2]) / 2e-5, atol=1e-5
+    )
     weight, slope = _tukey(np.array([0.0, 1e-3, -1e-3, 1e-3, 0.5, -0.5]))
     assert (weight[4:] == 0).all() and (slope[4:] == 0).all() and weight[0] == slope[0] == 1
 
 
 def test_a_motion_turns_about_the_pixels_centre_and_then_shifts():
-    """Lengths of turns are those of a point at the pixels' radius: 0.05 m · 90° about z takes x to y there."""
+    """Lengths of turns are those of a point at the pixels' radius: 0.05 m · 90° about z takes x to
+    y there."""
     pixels = _Pixels(*[np.zeros(0)] * 4, np.array([0.1, 0.2, 0.3]), 0.05)
     matrix = _motion(np.array([0.01, 0.0, -0.02, 0.0, 0.0, 0.05 * np.pi / 2]), pixels)
     np.testing.assert_allclose(matrix @ [0.1, 0.2, 0.3, 1], [0.11, 0.2, 0.28, 1], atol=1e-12)
@@ -345,26 +375,41 @@ def test_a_motion_turns_about_the_pixels_centre_and_then_shifts():
 
 def test_directions_are_named_by_their_parts_the_largest_first():
     assert _name(np.array([0, 0, 0.95, -0.31, 0.05, 0])) == "+0.95 z −0.31 about x"
-    assert _name(np.array([0.31, 0, 0, 0, 0, -0.95])) == "+0.95 about z −0.31 x"  # its largest part is positive
+    assert (
+        _name(np.array([0.31, 0, 0, 0, 0, -0.95])) == "+0.95 about z −0.31 x"
+    )  # its largest part is positive
     assert _name(np.array([0, 1.0, 0.29, 0, 0, 0])) == "+1.00 y"
 
 
 def test_conditions_rise_from_the_direction_that_is_held_best():
-    vectors, condition = _directions(np.diag([1.0, 3.0, 2.0, 6.0, 0.0, 0.5]), np.array([1.0, 1, 1, 0.25, 1, 1]))
+    vectors, condition = _directions(
+        np.diag([1.0, 3.0, 2.0, 6.0, 0.0, 0.5]), np.array([1.0, 1, 1, 0.25, 1, 1])
+    )
     np.testing.assert_allclose(condition[:5], [1, 1, 9 / 4, 9, 36])
     assert condition[5] == pytest.approx(1e12) and np.abs(vectors[:, 5]).argmax() == 4
 
 
-def test_the_command_starts_from_maroons_file_and_tells_the_covariance_or_why_there_is_none(tmp_path, capsys):
+def test_the_command_starts_from_maroons_file_and_tells_the_covariance_or_why_there_is_none(
+    tmp_path, capsys
+):
     plane = surface_of(lambda x, y: 0.3 + 0 * x)
     save_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
     for name, surface in (("bumps", BUMPS), ("plane", plane)):
         surface.save(tmp_path / f"{name}.ply")
         depth_of(seen(surface)).save(tmp_path / f"{name}.npz")
-        given = [tmp_path / f"{name}.npz", "--mesh", tmp_path / f"{name}.ply", "-o", tmp_path / f"{name}.json"]
+        given = [
+            tmp_path / f"{name}.npz",
+            "--mesh",
+            tmp_path / f"{name}.ply",
+            "-o",
+            tmp_path / f"{name}.json",
+        ]
         command = ["calibrate", "--refine", *given, "--transform", tmp_path / "alignment.json"]
         assert main([str(word) for word in command]) == 0
     told = capsys.readouterr().err
-    assert "one σ at the surface's middle 0." in told and "no covariance: the surface does not hold" in told
+    assert (
+        "one σ at the surface's middle 0." in told
+        and "no covariance: the surface does not hold" in told
+    )
     assert load_transform(tmp_path / "bumps.json").covariance is not None
     assert load_transform(tmp_path / "plane.json").covariance is None

@@ -7,7 +7,11 @@ import pytest
 from scipy.stats import binom
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.error_causes import NOMINAL_PERCENT, covered, negative_log_likelihood
+from handbench.bench.evaluation.error_causes import (
+    NOMINAL_PERCENT,
+    covered,
+    negative_log_likelihood,
+)
 from handbench.radar.data.depthmap import DepthMap
 from tests.bench.evaluation.explained import Scored, explain
 
@@ -19,14 +23,21 @@ REFERENCE_M = np.full((SIDE, SIDE), 0.3)
 def table(error_m, sigma_m, reference_sigma_m=None, wrapped=None, captures=1):
     """The reliability of maps of one error and σ."""
     depth = DepthMap(
-        AXIS_M, AXIS_M, REFERENCE_M + error_m, np.zeros_like(REFERENCE_M), "3fsk", sigma_m=sigma_m, wrapped=wrapped
+        AXIS_M,
+        AXIS_M,
+        REFERENCE_M + error_m,
+        np.zeros_like(REFERENCE_M),
+        "3fsk",
+        sigma_m=sigma_m,
+        wrapped=wrapped,
     )
     errors = ErrorMap(AXIS_M, AXIS_M, error_m, REFERENCE_M, reference_sigma_m)
     return explain([Scored("3fsk", "truth", depth, errors)] * captures)["reliability"]
 
 
 def within_binomial(observed_percent: float, nominal_percent: float, count: int) -> bool:
-    """Whether so many of `count` independent errors may lie in an interval: in all but one of a million draws."""
+    """Whether so many of `count` independent errors may lie in an interval: in all but one of a
+    million draws."""
     low, high = binom.interval(1 - 1e-6, count, nominal_percent / 100)
     return low <= observed_percent / 100 * count <= high
 
@@ -37,7 +48,9 @@ def test_coverage_of_right_sigmas_is_binomial():
     reference_m = rng.uniform(1e-4, 2e-3, REFERENCE_M.shape)
     error_m = rng.normal(0, np.hypot(sigma_m, reference_m))
     found = table(error_m, sigma_m, reference_m)
-    assert found.nominal_percent[:6].tolist() == list(NOMINAL_PERCENT) and found.reference_sigma.all()
+    assert (
+        found.nominal_percent[:6].tolist() == list(NOMINAL_PERCENT) and found.reference_sigma.all()
+    )
     for line in found.itertuples():
         assert line.n_pixels == SIDE**2
         assert within_binomial(line.observed_percent, line.nominal_percent, SIDE**2)
@@ -52,8 +65,8 @@ def test_coverage_of_right_sigmas_is_binomial():
 
 
 def test_likelihood_is_its_closed_form():
-    """−ln N has the expectation ½ ln(2πe σ²) and the variance ½ where σ is right; with σ' = k·σ it is
-    ½ ln(2π k² σ²) + 1/(2k²)."""
+    """−ln N has the expectation ½ ln(2πe σ²) and the variance ½ where σ is right; with σ' = k·σ it
+    is ½ ln(2π k² σ²) + 1/(2k²)."""
     rng, sigma_mm, count = np.random.default_rng(6), 0.7, 200_000
     error_mm = rng.normal(0, sigma_mm, count)
     allowed = 5 * np.sqrt(0.5 / count)
@@ -81,10 +94,15 @@ def test_flagged_pixels_are_told_apart_and_unknown_sigmas_left_out():
     found = table(error_m, sigma_m, np.zeros_like(sigma_m), flagged, captures=2).set_index(
         ["pixels", "nominal_percent"]
     )
-    assert found.n_pixels["all", 95] == 2 * 99 * SIDE and found.n_pixels["not flagged", 95] == 2 * 89 * SIDE
+    assert (
+        found.n_pixels["all", 95] == 2 * 99 * SIDE
+        and found.n_pixels["not flagged", 95] == 2 * 89 * SIDE
+    )
     assert (found.n_captures == 2).all()
     assert within_binomial(found.observed_percent["not flagged", 95], 95, 89 * SIDE)
-    assert found.observed_percent["all", 95] == pytest.approx(found.observed_percent["not flagged", 95] * 89 / 99)
+    assert found.observed_percent["all", 95] == pytest.approx(
+        found.observed_percent["not flagged", 95] * 89 / 99
+    )
 
 
 def test_a_map_without_sigma_has_no_reliability():
@@ -92,9 +110,12 @@ def test_a_map_without_sigma_has_no_reliability():
 
 
 def test_both_sigmas_are_added_as_variances():
-    """3 and 4 mm are 5 mm: an error as large lies beyond the interval of 68 % (±0.994) and within that of 80 %."""
+    """3 and 4 mm are 5 mm: an error as large lies beyond the interval of 68 % (±0.994) and within
+    that of 80 %."""
     shape = REFERENCE_M.shape
-    found = table(np.full(shape, 5e-3), np.full(shape, 3e-3), np.full(shape, 4e-3)).query("pixels == 'all'")
+    found = table(np.full(shape, 5e-3), np.full(shape, 3e-3), np.full(shape, 4e-3)).query(
+        "pixels == 'all'"
+    )
     assert found.nominal_percent.tolist() == [50, 68, 80, 90, 95, 99]
     assert found.observed_percent.tolist() == [0, 0, 100, 100, 100, 100]
     assert found.nll.tolist() == pytest.approx([0.5 * (np.log(2 * np.pi * 25) + 1)] * 6, rel=1e-6)

@@ -1,4 +1,5 @@
-"""Intervals: their unit is the capture, and they cover what they promise. References: closed forms and simulation."""
+"""Intervals: their unit is the capture, and they cover what they promise. References: closed forms
+and simulation."""
 
 from __future__ import annotations
 
@@ -40,8 +41,9 @@ def mae_mm(bias_mm: np.ndarray, noise_mm: float) -> np.ndarray:
 @pytest.mark.parametrize("noise_mm", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize(("captures", "least"), [(5, 0.89), (10, 0.92), (20, 0.92)])
 def test_the_maes_interval_holds_for_captures_that_differ(captures, least, noise_mm):
-    """Captures 0.7 mm apart: 92 to 97 % at ten and more. All errors together are normal, so the true MAE has a closed
-    form. Five captures do not know how skewed they are. 4000 trials know a share of 95 % to 0.35 %."""
+    """Captures 0.7 mm apart: 92 to 97 % at ten and more. All errors together are normal, so the
+    true MAE has a closed form. Five captures do not know how skewed they are. 4000 trials know a
+    share of 95 % to 0.35 %."""
     biases_mm = BETWEEN_MM * np.random.default_rng(0).standard_normal((4000, captures))
     true_mm = np.hypot(BETWEEN_MM, noise_mm) * np.sqrt(2 / np.pi)
     intervals = [figure_interval("mae_mm", values) for values in mae_mm(biases_mm, noise_mm)]
@@ -60,7 +62,9 @@ def test_an_interval_holds_the_mean_and_follows_the_unit(values, unit):
     low, high = mean_interval(values)
     mean, size = np.mean(values), max(values)
     assert low - 1e-9 * size <= mean <= high + 1e-9 * size
-    assert mean_interval(unit * np.array(values)) == pytest.approx((unit * low, unit * high), rel=1e-6, abs=1e-9 * unit)
+    assert mean_interval(unit * np.array(values)) == pytest.approx(
+        (unit * low, unit * high), rel=1e-6, abs=1e-9 * unit
+    )
 
 
 def test_an_interval_leans_to_the_side_of_the_tail():
@@ -70,9 +74,17 @@ def test_an_interval_leans_to_the_side_of_the_tail():
 
 
 def test_four_captures_have_no_interval_and_it_is_said():
-    assert mean_interval([1.0, 2.0, 3.0, 4.0]) is None and mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
-    assert note(3) == "3 captures: too few captures to tell how others differ; 5 or more have intervals"
-    assert note(1).startswith("1 capture: too few") and note(FEWEST).endswith("between which the figures vary")
+    assert (
+        mean_interval([1.0, 2.0, 3.0, 4.0]) is None
+        and mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
+    )
+    assert (
+        note(3)
+        == "3 captures: too few captures to tell how others differ; 5 or more have intervals"
+    )
+    assert note(1).startswith("1 capture: too few") and note(FEWEST).endswith(
+        "between which the figures vary"
+    )
 
 
 def test_an_interval_stays_within_what_a_metric_can_be():
@@ -96,17 +108,26 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
     assert found["max_mm"] == pytest.approx((4 + 10) / 2)
     assert found["pooled_mae_mm"] == pytest.approx((4 * 36 + one_mm * 144) / 180)
     assert found["pooled_max_mm"] == pytest.approx(10)
-    assert found["observed_percent"] == pytest.approx(100 * (1 / 4 + 1 + 0) / 3) and found["n_observed"] == 180
-    assert found["pooled_mae_mm"] == pytest.approx(pool([seen(4.0, quarter), seen(peak_mm)])["mae_mm"])
+    assert (
+        found["observed_percent"] == pytest.approx(100 * (1 / 4 + 1 + 0) / 3)
+        and found["n_observed"] == 180
+    )
+    assert found["pooled_mae_mm"] == pytest.approx(
+        pool([seen(4.0, quarter), seen(peak_mm)])["mae_mm"]
+    )
 
 
 def test_no_figure_from_nothing():
     for maps in ([], [seen(1.0, False)] * 6):
         found = averaged(of_captures(maps))
-        assert found["mae_mm"] is None and found["pooled_max_mm"] is None and found["n_observed"] == 0
+        assert (
+            found["mae_mm"] is None and found["pooled_max_mm"] is None and found["n_observed"] == 0
+        )
 
 
-def repeats(rng: np.random.Generator, rho: float, sigma_mm: np.ndarray, n: int = 10) -> list[np.ndarray]:
+def repeats(
+    rng: np.random.Generator, rho: float, sigma_mm: np.ndarray, n: int = 10
+) -> list[np.ndarray]:
     """Depths of hands with neighbours' correlation rho (AR 1), stationary."""
     z = rng.standard_normal((n, len(sigma_mm)))
     for k in range(1, n):
@@ -139,13 +160,16 @@ def test_median_interval():
 
 @pytest.mark.parametrize("values", [(1.0, 1.2, 1.1, 1.9, 4.0), (-3.0, 0.1, 0.2, 0.3, 0.0, 0.25)])
 def test_an_interval_of_skewed_captures_is_halls(values):
-    """T + γT²/3 + γ²T³/27 + γ/6n is Student's (Hall 1992): its ends, sought by a root finder, with scipy's skewness."""
+    """T + γT²/3 + γ²T³/27 + γ/6n is Student's (Hall 1992): its ends, sought by a root finder, with
+    scipy's skewness."""
     n, skew = len(values), stats.skew(values)
     mean, spread = np.mean(values), np.std(values, ddof=1)
 
     def end(tail: float) -> float:
         t = stats.t.ppf(tail, n - 1) / np.sqrt(n)
-        found = brentq(lambda x: x + skew * x**2 / 3 + skew**2 * x**3 / 27 + skew / (6 * n) - t, -1e3, 1e3)
+        found = brentq(
+            lambda x: x + skew * x**2 / 3 + skew**2 * x**3 / 27 + skew / (6 * n) - t, -1e3, 1e3
+        )
         return mean - spread * found
 
     assert mean_interval(values) == pytest.approx((end(0.975), end(0.025)), rel=1e-8)
@@ -154,10 +178,15 @@ def test_an_interval_of_skewed_captures_is_halls(values):
 
 
 def test_a_note_counts_the_captures():
-    assert note(1) == "1 capture: too few captures to tell how others differ; 5 or more have intervals"
-    assert note(4).startswith("4 captures: too few") and note(5).startswith("5 captures: the intervals speak of")
+    assert (
+        note(1) == "1 capture: too few captures to tell how others differ; 5 or more have intervals"
+    )
+    assert note(4).startswith("4 captures: too few") and note(5).startswith(
+        "5 captures: the intervals speak of"
+    )
 
 
 def test_three_values_have_a_median_interval():
-    """A bootstrap of three draws each of them: the ends are the least (7 of 27 medians) and the largest."""
+    """A bootstrap of three draws each of them: the ends are the least (7 of 27 medians) and the
+    largest."""
     assert median_interval(np.array([1.0, 2.0, 4.0])) == (1.0, 4.0)

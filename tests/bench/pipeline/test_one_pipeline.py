@@ -1,4 +1,5 @@
-"""One map has one MAE, and one set of checks, whichever way it is made: command, Python, run, trade-off."""
+"""One map has one MAE, and one set of checks, whichever way it is made: command, Python, run,
+trade-off."""
 
 import json
 import re
@@ -51,9 +52,14 @@ def test_four_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, ca
     assert main(["reconstruct", capture, "--method", "2fsk", "-o", map_file, *SET]) == 0
     capsys.readouterr()
     truth = f"{capture}/truth.ply"
-    assert main(["evaluate", map_file, "--mesh", truth, "--capture", capture, "--protocol", protocol]) == 0
+    assert (
+        main(["evaluate", map_file, "--mesh", truth, "--capture", capture, "--protocol", protocol])
+        == 0
+    )
     by_command = json.loads(capsys.readouterr().out)["mae_mm"]
-    by_python = hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS).evaluate(protocol=protocol)["mae_mm"]
+    by_python = (
+        hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS).evaluate(protocol=protocol)["mae_mm"]
+    )
     run(*load_benchmark(str(bench)), tmp_path / "run")
     by_run = results.load(tmp_path / "run").row("mae_mm", "2fsk", "truth").value
     swept = tradeoff.run(*load_benchmark(str(bench)), tmp_path / "sweep")
@@ -64,7 +70,9 @@ def test_four_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, ca
 def test_a_mask_without_its_capture_is_refused(bench, tmp_path, capsys):
     capture, map_file = str(bench.parent / "ball"), str(tmp_path / "depth.npz")
     assert main(["reconstruct", capture, "--method", "2fsk", "-o", map_file, *SET]) == 0
-    assert main(["evaluate", map_file, "--mesh", f"{capture}/truth.ply", "--protocol", "maroon"]) == 2
+    assert (
+        main(["evaluate", map_file, "--mesh", f"{capture}/truth.ply", "--protocol", "maroon"]) == 2
+    )
     assert "no capture is named; name it" in capsys.readouterr().err
 
 
@@ -80,8 +88,23 @@ def one_tone(echoes):
 def test_frequencies_in_gigahertz_are_doubted_before_a_tone_is_missed(bench, tmp_path, capsys):
     capture = bench.parent / "ball"
     echoes = load_capture(capture / "echoes.h5")
-    save_capture(capture / "echoes.h5", replace(echoes, frequencies_hz=echoes.frequencies_hz * 1e-9))
-    assert main(["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "depth.npz"), *SET]) == 2
+    save_capture(
+        capture / "echoes.h5", replace(echoes, frequencies_hz=echoes.frequencies_hz * 1e-9)
+    )
+    assert (
+        main(
+            [
+                "reconstruct",
+                str(capture),
+                "--method",
+                "2fsk",
+                "-o",
+                str(tmp_path / "depth.npz"),
+                *SET,
+            ]
+        )
+        == 2
+    )
     written = capsys.readouterr().err
     assert written.index("are these gigahertz?") < written.index("the method asks for")
     with pytest.raises(hb.HandbenchError, match="the method asks for"):
@@ -97,7 +120,20 @@ def test_frequencies_in_gigahertz_are_doubted_before_a_tone_is_missed(bench, tmp
 def test_four_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, words):
     capture = bench.parent / "ball"
     save_capture(capture / "echoes.h5", spoil(load_capture(capture / "echoes.h5")))
-    assert main(["reconstruct", str(capture), "--method", "2fsk", "-o", str(tmp_path / "depth.npz"), *SET]) == 2
+    assert (
+        main(
+            [
+                "reconstruct",
+                str(capture),
+                "--method",
+                "2fsk",
+                "-o",
+                str(tmp_path / "depth.npz"),
+                *SET,
+            ]
+        )
+        == 2
+    )
     assert words in capsys.readouterr().err
     with pytest.raises(hb.HandbenchError, match=re.escape(words)):
         hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS)

@@ -1,4 +1,5 @@
-"""Two results side by side: known differences and none, same captures and others, honest intervals, refusals."""
+"""Two results side by side: known differences and none, same captures and others, honest intervals,
+refusals."""
 
 from __future__ import annotations
 
@@ -32,14 +33,22 @@ def seen(errors_mm: np.ndarray, reference_m: np.ndarray = REFERENCE_M) -> ErrorM
 
 
 def result(
-    folder: Path, errors_mm: np.ndarray, names: tuple[str, ...] = NAMES, shift_m: float = 0.0, **facts: object
+    folder: Path,
+    errors_mm: np.ndarray,
+    names: tuple[str, ...] = NAMES,
+    shift_m: float = 0.0,
+    **facts: object,
 ) -> results.Result:
     """A result of one method on flat hands that lie shift_m further away; facts: of its About."""
     for name, errors in zip(names, errors_mm, strict=True):
         results.write_errors(folder, name, "3fsk", "truth", seen(errors, REFERENCE_M + shift_m))
-        results.write_surface(folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m))
+        results.write_surface(
+            folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m)
+        )
     rng = np.random.default_rng(len(names))
-    repeats = frame(REPEATS, [("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))])
+    repeats = frame(
+        REPEATS, [("B", "3fsk", i, z) for i, z in enumerate(0.3 + 1e-3 * rng.normal(size=10))]
+    )
     about = results.About(
         name="flat",
         protocol={"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
@@ -48,7 +57,11 @@ def result(
         versions={"handbench": "1"},
         machine={"gemm_gflops": 100.0},
         captures=tuple(results.CaptureFacts(name=name, references=("truth",)) for name in names),
-        methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={n: {"step_m": 0.001} for n in names}),),
+        methods=(
+            results.MethodFacts(
+                name="3fsk", title="3-FSK", config={n: {"step_m": 0.001} for n in names}
+            ),
+        ),
     )
     table = frame(TABLE, [("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")])
     about = about.model_copy(update=facts)
@@ -75,14 +88,26 @@ def test_a_result_does_not_differ_from_itself(tmp_path):
 
 
 def test_a_shift_of_a_millimetre_is_found_with_its_size(tmp_path):
-    """|e| and |e| + 1 mm at every pixel of the same captures: nothing is left to doubt (float64: 1e-9 mm)."""
+    """|e| and |e| + 1 mm at every pixel of the same captures: nothing is left to doubt (float64:
+    1e-9 mm)."""
     errors_mm, captures = np.abs(speckle(0)), 6
     a, b = result(tmp_path / "a", errors_mm), result(tmp_path / "b", errors_mm + 1)
-    for compared, sign, better, worse in ((compare_results(a, b), 1, "A", "B"), (compare_results(b, a), -1, "B", "A")):
+    for compared, sign, better, worse in (
+        (compare_results(a, b), 1, "A", "B"),
+        (compare_results(b, a), -1, "B", "A"),
+    ):
         d = line(compared)
         assert (d.difference, d.low, d.high) == pytest.approx((sign, sign, sign), abs=1e-9)
-        assert (d.better, d.paired, d.n_a, d.n_b) == (better, True, captures, captures) and d.p_corrected < 1e-6
-        assert d.sentence == f"3-FSK: {better} is better than {worse} by 1.0 mm [1.0, 1.0] (MAE against truth)"
+        assert (d.better, d.paired, d.n_a, d.n_b) == (
+            better,
+            True,
+            captures,
+            captures,
+        ) and d.p_corrected < 1e-6
+        assert (
+            d.sentence
+            == f"3-FSK: {better} is better than {worse} by 1.0 mm [1.0, 1.0] (MAE against truth)"
+        )
 
 
 def test_more_of_a_share_is_better(tmp_path):
@@ -92,21 +117,31 @@ def test_more_of_a_share_is_better(tmp_path):
     holed[:, :12] = np.nan
     names = tuple("BFUVWX")
     d = line(
-        compare_results(result(tmp_path / "a", errors_mm, names), result(tmp_path / "b", holed, names)),
+        compare_results(
+            result(tmp_path / "a", errors_mm, names), result(tmp_path / "b", holed, names)
+        ),
         "observed_percent",
     )
     assert d.difference == pytest.approx(-100 / 3, rel=1e-9)
     assert (d.better, d.high < 0) == ("A", True) and "percentage points" in d.sentence
 
 
-@pytest.mark.parametrize(("names", "shift_m"), [(tuple("GHIKLM"), 0.0), (NAMES, 2e-3)], ids=["names", "places"])
+@pytest.mark.parametrize(
+    ("names", "shift_m"), [(tuple("GHIKLM"), 0.0), (NAMES, 2e-3)], ids=["names", "places"]
+)
 def test_other_captures_are_two_samples(tmp_path, names, shift_m):
     """Other names, or the same names on a hand that lies 2 mm further away."""
-    a, b = result(tmp_path / "a", speckle(0)), result(tmp_path / "b", 3 * speckle(1), names, shift_m)
+    a, b = (
+        result(tmp_path / "a", speckle(0)),
+        result(tmp_path / "b", 3 * speckle(1), names, shift_m),
+    )
     compared = compare_results(a, b)
     d = line(compared)
     assert not d.paired and d.better == "A" and d.low < d.difference < d.high
-    assert "different captures (B, F, U, V, W, X; " in compared.basis[0] and "independent" in compared.basis[0]
+    assert (
+        "different captures (B, F, U, V, W, X; " in compared.basis[0]
+        and "independent" in compared.basis[0]
+    )
 
 
 def test_the_captures_that_both_have_are_compared(tmp_path):
@@ -121,27 +156,37 @@ def test_three_captures_are_too_few_to_tell(tmp_path):
     errors_mm = np.abs(speckle(0, 3))
     a, b = (result(tmp_path / str(add), errors_mm + add, NAMES[:3]) for add in (0, 1))
     d = line(compare_results(a, b))
-    assert d.difference == pytest.approx(1) and np.isnan([d.low, d.p_corrected]).all() and d.better == ""
+    assert (
+        d.difference == pytest.approx(1)
+        and np.isnan([d.low, d.p_corrected]).all()
+        and d.better == ""
+    )
     told = "in MAE against truth: too few captures to tell (B − A: 1.0 mm)"
     assert d.sentence.endswith(f"{told}; needs 5 hands to show this difference") and d.needed == 5
 
 
 @pytest.mark.parametrize(("shift_m", "each"), [(0.0, ""), (5e-3, " of each")])
 def test_a_difference_that_is_not_shown_says_how_many_hands_it_needs(tmp_path, shift_m, each):
-    """Against the power of the t test of the spread between captures, at 5 % over both lines that are tested."""
+    """Against the power of the t test of the spread between captures, at 5 % over both lines that
+    are tested."""
     base = np.abs(speckle(0))
     a = result(tmp_path / "a", base)
     b = result(tmp_path / "b", base + 0.2 + np.arange(-3, 3)[:, None, None], shift_m=shift_m)
     d = line(compare_results(a, b))
     assert d.better == "" and d.needed > 6
     assert f"; needs {d.needed:.0f} hands{each} to show this difference" in d.sentence
-    figures = [[np.abs(r.errors(n, "3fsk", "truth").error_m).mean() * 1e3 for n in NAMES] for r in (a, b)]
+    figures = [
+        [np.abs(r.errors(n, "3fsk", "truth").error_m).mean() * 1e3 for n in NAMES] for r in (a, b)
+    ]
     squares = np.var(figures, axis=1, ddof=1)
     tests = compare_results(a, b).differences.p_corrected.notna().sum()
 
     def power(n: float) -> float:
         if each:  # Welch
-            freedom, error = (n - 1) * squares.sum() ** 2 / (squares**2).sum(), np.sqrt(squares.sum() / n)
+            freedom, error = (
+                (n - 1) * squares.sum() ** 2 / (squares**2).sum(),
+                np.sqrt(squares.sum() / n),
+            )
         else:
             freedom, error = n - 1, np.std(np.subtract(*figures), ddof=1) / np.sqrt(n)
         return stats.nct.sf(stats.t.isf(0.025 / tests, freedom), freedom, abs(d.difference) / error)
@@ -155,12 +200,15 @@ def test_precisions_are_compared_by_the_f_test():
     found = f_test(a, b)
     ratio = np.var(b[0], ddof=1) / np.var(a[0], ddof=1)
     assert found.p == pytest.approx(2 * stats.f.sf(ratio, 11, 9), rel=1e-9)
-    assert found.difference == pytest.approx(1e3 * (np.std(b[0], ddof=1) - np.std(a[0], ddof=1)), rel=1e-9)
+    assert found.difference == pytest.approx(
+        1e3 * (np.std(b[0], ddof=1) - np.std(a[0], ddof=1)), rel=1e-9
+    )
     assert 0 < found.low < found.difference < found.high and found.p < 0.05
 
 
 def test_precisions_differ_falsely_as_often_as_promised():
-    """5 % of 400 seeded trials with three hands of unlike precision, between the binomial's 0.1 % and 99.9 %."""
+    """5 % of 400 seeded trials with three hands of unlike precision, between the binomial's 0.1 %
+    and 99.9 %."""
     low, high = stats.binom.ppf([0.001, 0.999], 400, 0.05)
     scales = np.array([[1.0], [2.0], [0.5]])
     draws = (np.random.default_rng(trial).normal(size=(2, 3, 10)) for trial in range(400))
@@ -168,14 +216,22 @@ def test_precisions_differ_falsely_as_often_as_promised():
 
 
 def test_nothing_is_made_of_nothing(tmp_path):
-    """A method that saw nothing, one that saw something in one capture alone, precisions of no repeats."""
+    """A method that saw nothing, one that saw something in one capture alone, precisions of no
+    repeats."""
     nothing, lonely = np.full((6, 36, 36), np.nan), np.full((6, 36, 36), np.nan)
     lonely[0, :6, :6] = 1.0
     a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})
-    for name, errors_mm, words in (("n", nothing, "no figures to compare"), ("l", lonely, "too few captures to tell")):
+    for name, errors_mm, words in (
+        ("n", nothing, "no figures to compare"),
+        ("l", lonely, "too few captures to tell"),
+    ):
         for names in (NAMES, tuple("GHIKLM")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))
-            assert np.isnan([d.p_corrected, d.low, d.high]).all() and d.better == "" and words in d.sentence
+            assert (
+                np.isnan([d.p_corrected, d.low, d.high]).all()
+                and d.better == ""
+                and words in d.sentence
+            )
     assert compare_results(a, a).differences.metric.tolist() == ["mae_mm", "observed_percent"]
     assert np.isnan(f_test([], [np.arange(5.0)]).difference)
     assert np.isnan(f_test([np.zeros(5)], [np.arange(5.0)]).p)
@@ -216,7 +272,9 @@ def test_refuses_what_does_not_compare(tmp_path):
     def other(**facts: object) -> results.Result:
         return replace(a, about=a.about.model_copy(update=facts))
 
-    with pytest.raises(HandbenchError, match="protocols 'paper 2' and 'paper 3', whose figures do not compare"):
+    with pytest.raises(
+        HandbenchError, match="protocols 'paper 2' and 'paper 3', whose figures do not compare"
+    ):
         compare_results(a, other(protocol={"id": "paper", "version": 3}))
     metrics = dict(a.about.metrics)
     metrics["mae_mm"] = metrics["mae_mm"].model_copy(update={"definition": "median"})
@@ -243,7 +301,9 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     found = {name: result(tmp_path / name, speckle(0)) for name in "ab"}
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES:
-        results.write_surface(tmp_path / side, name, "truth", results.Surface(AXIS_M, AXIS_M, fewer_m))
+        results.write_surface(
+            tmp_path / side, name, "truth", results.Surface(AXIS_M, AXIS_M, fewer_m)
+        )
     assert all(_same(found["a"], found["b"], name, "truth") == alike for name in NAMES)
 
 
@@ -257,7 +317,8 @@ def test_times_stand_beside_each_other_with_their_intervals(tmp_path):
 
 
 def test_the_f_test_does_not_mind_which_comes_first():
-    """A is as significantly better than B as B is worse than A; at the table's 5 % points of F(20, 20), 2.464."""
+    """A is as significantly better than B as B is worse than A; at the table's 5 % points of F(20,
+    20), 2.464."""
     random = np.random.default_rng(6)
     wide, narrow = (scale * random.normal(size=21) for scale in (1.6e-3, 1e-3))
     assert f_test([wide], [narrow]).p == pytest.approx(f_test([narrow], [wide]).p, rel=1e-12)

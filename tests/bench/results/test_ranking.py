@@ -26,13 +26,16 @@ def result(small_result):
                 about_map = capture, name, reference, "", 0
                 lines += [(*about_map, "complete_2mm_percent", share), (*about_map, "mae_mm", 2.0)]
         about = known.about.model_copy(update={"methods": methods, "inputs": inputs or {}})
-        return replace(known, folder=known.folder / folder, about=about, files={"scores": frame(SCORES, lines)})
+        return replace(
+            known, folder=known.folder / folder, about=about, files={"scores": frame(SCORES, lines)}
+        )
 
     return make
 
 
 def test_methods_between_which_nothing_is_shown_share_a_rank(result):
-    """Shares 50 % ± 1, the same with other noise of ± 1, and 10 % less: 8 pairs show 10 and not 0.01."""
+    """Shares 50 % ± 1, the same with other noise of ± 1, and 10 % less: 8 pairs show 10 and not
+    0.01."""
     noise = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
     a = result("a", first=50 + noise, third=40 + noise[::-1])
     b = result("b", second=49.99 + np.roll(noise, 2) * [1, 1, 1, 1, -1, -1, -1, -1])
@@ -42,7 +45,9 @@ def test_methods_between_which_nothing_is_shown_share_a_rank(result):
     assert table.result.tolist() == [str(a.folder), str(b.folder), str(a.folder)]
     assert table.complete_2mm_percent.tolist() == pytest.approx([50, 49.99, 40])
     assert table.mae_mm.tolist() == [2, 2, 2] and table.aurc_mm.isna().all()
-    assert (table.low < table.complete_2mm_percent).all() and "8 captures that all results have, against truth" in about
+    assert (
+        table.low < table.complete_2mm_percent
+    ).all() and "8 captures that all results have, against truth" in about
 
 
 def test_one_method_of_two_results_stands_twice(result):
@@ -55,7 +60,10 @@ def test_captures_that_one_result_lacks_are_left_out(result):
     a = result("a", names=("A", "B"), one=[10.0, 90.0], inputs={"B": "1"})
     b = result("b", names=("B", "C"), two=[80.0, 0.0], inputs={"B": "2"})
     table, about = ranked([a, b])
-    assert table.method.tolist() == ["ONE", "TWO"] and table.complete_2mm_percent.tolist() == [90, 80]
+    assert table.method.tolist() == ["ONE", "TWO"] and table.complete_2mm_percent.tolist() == [
+        90,
+        80,
+    ]
     assert table["rank"].tolist() == [0, 0] and "too few captures to test" in about
     assert "different content hashes in the results: B." in about
 
@@ -66,6 +74,8 @@ def test_results_that_share_nothing_are_refused(result):
     with pytest.raises(HandbenchError, match="no capture in common"):
         ranked([result("a", one=1.0), result("b", reference="photogrammetry", two=1.0)])
     other = result("b", two=1.0)
-    other = replace(other, about=other.about.model_copy(update={"protocol": {"id": "maroon", "version": 1}}))
+    other = replace(
+        other, about=other.about.model_copy(update={"protocol": {"id": "maroon", "version": 1}})
+    )
     with pytest.raises(HandbenchError, match="by the protocols"):
         ranked([result("a", one=1.0), other])

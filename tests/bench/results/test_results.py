@@ -21,7 +21,9 @@ from handbench.support.files import read_json, write_json, write_npz
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
 ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
-TASK = frame(TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)])
+TASK = frame(
+    TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)]
+)
 REPEATED = frame(REPEATS, [("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301))])
 
 
@@ -66,7 +68,10 @@ def test_round_trip(folder):
     assert result.table.equals(rows())
     assert result.tasks.equals(TASK) and result.repeats.equals(REPEATED)
     assert result.config == 'name = "ü"\n'
-    assert result.about.protocol == {"nested": {"list": [1, 2]}} and result.about.metrics == results.metric_facts()
+    assert (
+        result.about.protocol == {"nested": {"list": [1, 2]}}
+        and result.about.metrics == results.metric_facts()
+    )
     errors = result.errors("B", "3fsk", "truth")
     for name in ("x_m", "y_m", "error_m", "reference_z_m"):
         np.testing.assert_array_equal(getattr(errors, name), getattr(ERRORS, name))
@@ -97,7 +102,8 @@ def test_the_table_has_exactly_the_agreed_columns(folder):
 
 
 def test_the_floor_stands_directly_after_the_mae(folder):
-    """It is unknown here, since nothing tells how the reference errs: an empty cell, never a zero."""
+    """It is unknown here, since nothing tells how the reference errs: an empty cell, never a
+    zero."""
     lines = (folder / "table.csv").read_text().splitlines()
     assert [line.split(",")[0] for line in lines[:4]] == ["metric", "mae_mm", "floor_mm", "max_mm"]
     assert lines[2] == "floor_mm,3fsk,,,,mm,,truth"
@@ -108,7 +114,9 @@ def test_figures_in_the_table_are_those_of_the_raw_errors(folder):
     """A reader can recompute the mean from the stored pixels."""
     result = results.load(folder)
     error_m = result.errors("B", "3fsk", "truth").error_m
-    assert result.row("mae_mm", "3fsk", "truth").value == pytest.approx(1e3 * np.nanmean(np.abs(error_m)), rel=1e-12)
+    assert result.row("mae_mm", "3fsk", "truth").value == pytest.approx(
+        1e3 * np.nanmean(np.abs(error_m)), rel=1e-12
+    )
 
 
 def test_times_have_a_median_and_an_interval():
@@ -141,11 +149,15 @@ def test_no_folder(tmp_path):
 
 
 def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
-    """It had them as files, and no scores.csv, whose figures come back from captures.csv and the maps of errors."""
+    """It had them as files, and no scores.csv, whose figures come back from captures.csv and the
+    maps of errors."""
     new, old = results.load(small_result), tmp_path / "old"
     shutil.copytree(small_result, old, ignore=shutil.ignore_patterns("work"))
     (old / "scores.csv").unlink()
-    derived = {name: getattr(new, name) for name in ("repeats", "comparisons", "equal", "causes", "reliability")}
+    derived = {
+        name: getattr(new, name)
+        for name in ("repeats", "comparisons", "equal", "causes", "reliability")
+    }
     scored = new.scores[(new.scores.reference != "") & (new.scores.frame == 0)]
     captures = scored.assign(unit="mm")[scored.metric.isin(["mae_mm", "aurc_mm"])][CAPTURES.names]
     results.write_tables(old, **derived, captures=captures)
@@ -155,7 +167,10 @@ def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
     keys = ["method", "treatment", "metric"]
     expected, found = (result.scores.set_index(keys).value for result in (new, read))
     for method, treatment in product(("2fsk", "narrowband"), ("", "none", "window")):
-        assert found[method, treatment, "mae_mm"].item() == expected[method, treatment, "mae_mm"].item()
+        assert (
+            found[method, treatment, "mae_mm"].item()
+            == expected[method, treatment, "mae_mm"].item()
+        )
 
 
 def test_a_figure_that_stands_twice_is_refused(small_result, tmp_path):

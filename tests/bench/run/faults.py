@@ -1,5 +1,5 @@
-"""Faults around a program, made to happen: a disk that is full from the n-th file on, files that must not be
-written, a run whose stages take no time."""
+"""Faults around a program, made to happen: a disk that is full from the n-th file on, files that
+must not be written, a run whose stages take no time."""
 
 import ctypes
 import errno
@@ -31,17 +31,21 @@ TIMES = {  # what differs from run to run, by the file's name
 
 
 class Disk:
-    """Counts the files that Python code opens to write, and the folders and names that it makes, below a folder; and
-    refuses them from the n-th on (`full`) or the n-th rename alone."""
+    """Counts the files that Python code opens to write, and the folders and names that it makes,
+    below a folder; and refuses them from the n-th on (`full`) or the n-th rename alone."""
 
     def __init__(self) -> None:
         self.below, self.count, self.at, self.rename = None, 0, 0, False
         sys.addaudithook(self._event)
 
     def _event(self, event: str, arguments: tuple) -> None:
-        if self.below is None or event not in (("os.rename",) if self.rename else ("open", "os.mkdir")):
+        if self.below is None or event not in (
+            ("os.rename",) if self.rename else ("open", "os.mkdir")
+        ):
             return
-        if not isinstance(arguments[0], str | Path) or (event == "open" and not arguments[2] & WRITES):
+        if not isinstance(arguments[0], str | Path) or (
+            event == "open" and not arguments[2] & WRITES
+        ):
             return
         if str(arguments[0]).startswith(f"{self.below}"):
             self.count += 1
@@ -50,7 +54,8 @@ class Disk:
 
     @contextmanager
     def full(self, below: Path, at: int, rename: bool = False) -> Iterator[None]:
-        """In the block, nothing is written from the at-th file on, counted from 1; or the at-th rename fails."""
+        """In the block, nothing is written from the at-th file on, counted from 1; or the at-th
+        rename fails."""
         self.below, self.count, self.at, self.rename = str(below), 0, at, rename
         try:
             yield
@@ -62,11 +67,16 @@ DISK = Disk()
 
 
 def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have every stage but the last, which is fast, write again at once what it has left in `clean`."""
+    """Have every stage but the last, which is fast, write again at once what it has left in
+    `clean`."""
 
     def make(temporary: Path, **_: object) -> None:
         made = clean / "work" / temporary.name[1:].rpartition("-")[0]
-        for file in sorted(path for path in made.rglob("*") if path.is_file() and path.name not in (STAMP, MANIFEST)):
+        for file in sorted(
+            path
+            for path in made.rglob("*")
+            if path.is_file() and path.name not in (STAMP, MANIFEST)
+        ):
             target = temporary / file.relative_to(made)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
@@ -85,7 +95,10 @@ def content(folder: Path) -> dict[str, bytes]:
     """Every file of a result, those of its stages too, without times."""
     files = (path for path in folder.rglob("*") if path.is_file())
     return {
-        str(path.relative_to(folder)): re.sub(TIMES.get(path.name, rb"(?!)"), b"", path.read_bytes()) for path in files
+        str(path.relative_to(folder)): re.sub(
+            TIMES.get(path.name, rb"(?!)"), b"", path.read_bytes()
+        )
+        for path in files
     }
 
 

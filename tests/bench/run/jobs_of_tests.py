@@ -1,4 +1,5 @@
-"""Jobs that stand for the real ones, and what a run makes of them. Processes import this file: it imports little."""
+"""Jobs that stand for the real ones, and what a run makes of them. Processes import this file: it
+imports little."""
 
 from __future__ import annotations
 
@@ -57,8 +58,11 @@ def run_of(executor: Executor, root: Path) -> Run:
     return Run(bench, base, root, executor)
 
 
-def performed(executor: Executor, job: Callable[[Path, Stage], Any], root: Path, stages: list[Stage]) -> list[Done]:
-    """The outcomes of stages that a run has an executor carry out, by a job that stands for the real ones."""
+def performed(
+    executor: Executor, job: Callable[[Path, Stage], Any], root: Path, stages: list[Stage]
+) -> list[Done]:
+    """The outcomes of stages that a run has an executor carry out, by a job that stands for the
+    real ones."""
     from handbench.bench.run import jobs, runner
 
     for stage in (stage for stage in stages if stage.method):

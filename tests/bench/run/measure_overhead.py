@@ -1,8 +1,9 @@
 """The runner's own cost: many tasks that do nothing, through the real plan, executor and cache.
 
-Capture folders that hold next to nothing, four methods for each, and every job carried out by a maker that leaves the
-small files of a stage: a first run, and a second one, whose tasks are all cached. Then the table of as many captures,
-each with maps of a hand's size. The time of this machine: run it where nothing else works.
+Capture folders that hold next to nothing, four methods for each, and every job carried out by a
+maker that leaves the small files of a stage: a first run, and a second one, whose tasks are all
+cached. Then the table of as many captures, each with maps of a hand's size. The time of this
+machine: run it where nothing else works.
 
 python -m tests.bench.run.measure_overhead [--captures 1000] [--scheduler tcp://HOST:PORT]
 """
@@ -50,9 +51,23 @@ METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0
 COLUMNS = (
     Column("what", str, "two runs of the same tasks, and the table", heading="what"),
-    Column("each_ms", float, "a task, planning included; of the table a capture", heading="ms each", form="{:.2f}"),
-    Column("cpu_ms", float, "of the client's CPU, a task", heading="client's CPU, ms", form="{:.2f}"),
-    Column("memory_mb", list, "at each tenth of the tasks", heading="client's memory, MB", form="rounded list"),
+    Column(
+        "each_ms",
+        float,
+        "a task, planning included; of the table a capture",
+        heading="ms each",
+        form="{:.2f}",
+    ),
+    Column(
+        "cpu_ms", float, "of the client's CPU, a task", heading="client's CPU, ms", form="{:.2f}"
+    ),
+    Column(
+        "memory_mb",
+        list,
+        "at each tenth of the tasks",
+        heading="client's memory, MB",
+        form="rounded list",
+    ),
 )
 
 
@@ -90,40 +105,68 @@ def write_captures(base: Path, count: int) -> BenchFile:
         folder = base / f"capture{k:05d}"
         folder.mkdir()
         samples = np.full((1, 1, 1, 1), k + 1, np.complex64)
-        save_capture(folder / ECHOES, RadarCapture(samples, np.array([82e9]), AntennaArray(one, one)))
+        save_capture(
+            folder / ECHOES, RadarCapture(samples, np.array([82e9]), AntennaArray(one, one))
+        )
         (folder / TRUTH).touch()
         save_capture_file(folder, CaptureFile(name=folder.name, contains=(ECHOES, TRUTH)))
         source.append({"path": folder.name})
-    return BenchFile(version=1, name="overhead", capture=source, method=[{"id": id} for id in METHODS])
+    return BenchFile(
+        version=1, name="overhead", capture=source, method=[{"id": id} for id in METHODS]
+    )
 
 
 def run_record(name: str, bench: BenchFile, base: Path, work: Path, workers: Executor) -> Record:
     """One run of all tasks, opening and planning included."""
     watched = Watched(workers, len(bench.capture) * (len(METHODS) + 2))
-    run, start, cpu_start = Run(bench, base, work, watched), time.perf_counter(), time.process_time()
-    with Path(devnull).open("w") as nowhere, redirect_stderr(nowhere), patch.object(runner, "cached", idle):
+    run, start, cpu_start = (
+        Run(bench, base, work, watched),
+        time.perf_counter(),
+        time.process_time(),
+    )
+    with (
+        Path(devnull).open("w") as nowhere,
+        redirect_stderr(nowhere),
+        patch.object(runner, "cached", idle),
+    ):
         run.open()
         stages = run.imaging()
         run.collect(stages, run.perform(stages))
         run.find_references()
         run.score()
-    seconds, cpu_seconds, count = time.perf_counter() - start, time.process_time() - cpu_start, len(run.found.tasks)
-    assert count == len(bench.capture) * (len(METHODS) + 1) and not run.found.failures  # the last is the score's
+    seconds, cpu_seconds, count = (
+        time.perf_counter() - start,
+        time.process_time() - cpu_start,
+        len(run.found.tasks),
+    )
+    assert (
+        count == len(bench.capture) * (len(METHODS) + 1) and not run.found.failures
+    )  # the last is the score's
     each_ms, cpu_ms = 1e3 * seconds / count, 1e3 * cpu_seconds / count
-    return {"what": name, "each_ms": each_ms, "cpu_ms": cpu_ms, "memory_mb": watched.memory_mb[-10:]}
+    return {
+        "what": name,
+        "each_ms": each_ms,
+        "cpu_ms": cpu_ms,
+        "memory_mb": watched.memory_mb[-10:],
+    }
 
 
 def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     """The outcome of a run whose captures are all one disc of 100 mm, seen with errors of 1 mm."""
     axis_m, rng = np.linspace(-0.15, 0.15, 301), np.random.default_rng(0)
     disc = np.hypot(*np.meshgrid(axis_m, axis_m)) < 0.05
-    z_m, transform = np.where(disc, 0.3, np.nan), replace(identity("radar"), covariance=np.zeros((6, 6)))
+    z_m, transform = (
+        np.where(disc, 0.3, np.nan),
+        replace(identity("radar"), covariance=np.zeros((6, 6))),
+    )
     known = Reference(z_m, np.zeros_like(z_m), np.zeros((*z_m.shape, 6)), transform, disc)
     one, found = scores / "one", Outcome(bench, [], [])
     write_reference(one, "truth", grid_name(axis_m, axis_m), known)
     lines = []
     for id in METHODS:
-        seen = error_map(axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc)
+        seen = error_map(
+            axis_m, axis_m, z_m + rng.normal(0, 1e-3, z_m.shape), z_m, known.sigma_m, disc
+        )
         write_errors(one, "one", id, "truth", seen)
         figures = pool([seen]) | {"floor_mm": 0.0}
         lines += [("one", id, "truth", "", 0, *figure) for figure in figures.items()]
@@ -138,7 +181,9 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
         write(found.scores[name] / SCORED, table.assign(capture=name), SCORES)
         for id in METHODS:
             found.seconds[name, id] = [0.1]
-            errors_path(found.scores[name], name, id, "truth").symlink_to(errors_path(one, "one", id, "truth"))
+            errors_path(found.scores[name], name, id, "truth").symlink_to(
+                errors_path(one, "one", id, "truth")
+            )
     return found
 
 
@@ -160,19 +205,26 @@ def measure(captures: int, scheduler: str | None) -> list[Record]:
         work.mkdir()
         bench = write_captures(base, captures)
         runs = [run_record(name, bench, base, work, found) for name in ("first run", "all cached")]
-        return [*runs, table_record(scored_captures(bench, base, Path(folder).resolve() / "scores"))]
+        return [
+            *runs,
+            table_record(scored_captures(bench, base, Path(folder).resolve() / "scores")),
+        ]
 
 
 def main() -> None:
     """Print the table; a task that costs more than BAR_MS ends with exit code 1."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--captures", type=int, default=1000, help="default 1000")
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler in place of this process")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler in place of this process"
+    )
     records = measure(**vars(parser.parse_args()))
     print(Table("rows", COLUMNS, records).markdown())
     worst_ms = max(record["each_ms"] for record in records[:2])
     if worst_ms > BAR_MS:
-        sys.exit(f"a task costs {worst_ms:.2f} ms; expected at most {BAR_MS:g} ms on a quiet machine")
+        sys.exit(
+            f"a task costs {worst_ms:.2f} ms; expected at most {BAR_MS:g} ms on a quiet machine"
+        )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,15 @@
-"""A thousand captures × nine methods and their report from depth maps that are kept: time and memory of each process.
+"""A thousand captures × nine methods and their report from depth maps that are kept: time and
+memory of each process.
 
-    python -m tests.bench.run.measure_scale [--captures 100 300 1000] [--hands 4] [--client] -o FOLDER
+    python -m tests.bench.run.measure_scale [--captures 100 300 1000] [--hands 4] [--client] -o
+    FOLDER
 
-A few simulated hands are imaged by the product (FOLDER/first, kept). Each is copied under further names, with the
-folders of its stages `inspect` and `reconstruct` under the keys that the product gives to the copies, so that of
-`handbench run` opening, hashing, scoring and the table are left, on a Dask scheduler with two workers, and then
-`handbench report`. Processor time is of the process and its children; memory is resident, sampled. --client: to measure
-the client alone, workers link the hands' scores instead of scoring each copy, and there is no report.
+A few simulated hands are imaged by the product (FOLDER/first, kept). Each is copied under further
+names, with the folders of its stages `inspect` and `reconstruct` under the keys that the product
+gives to the copies, so that of `handbench run` opening, hashing, scoring and the table are left, on
+a Dask scheduler with two workers, and then `handbench report`. Processor time is of the process and
+its children; memory is resident, sampled. --client: to measure the client alone, workers link the
+hands' scores instead of scoring each copy, and there is no report.
 """
 
 import argparse
@@ -45,13 +48,20 @@ COLUMNS = (
     Column("cpu_s", float, "its own and its children's", heading="CPU s", form="{:.0f}"),
     Column("each_s", float, "a capture", heading="CPU s a capture", form="{:.3f}"),
     Column("peak_mb", float, "of the process alone", heading="peak MB", form="{:.0f}"),
-    Column("children_mb", float, "of the largest child", heading="its largest child's MB", form="{:.0f}"),
+    Column(
+        "children_mb",
+        float,
+        "of the largest child",
+        heading="its largest child's MB",
+        form="{:.0f}",
+    ),
     Column("load", float, "of the machine in the last minute", heading="load", form="{:.1f}"),
 )
 
 
 def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
-    """The first hands of the embedded benchmark `hands` by its methods and one more; kept once they have been run."""
+    """The first hands of the embedded benchmark `hands` by its methods and one more; kept once they
+    have been run."""
     bench, base = load_benchmark("hands")
     methods = *bench.method, MethodEntry(id="3fsk-offaxis")
     bench = bench.model_copy(update={"capture": bench.capture[:count], "method": methods})
@@ -70,11 +80,16 @@ def kept_stages(bench: BenchFile, capture: Capture) -> list[Stage]:
 
 
 def copies(bench: BenchFile, hands: list[Capture], first: Path, folder: Path, count: int) -> Path:
-    """Write a benchmark of so many copies, whose files are those of the hands, and of a run that has imaged them."""
+    """Write a benchmark of so many copies, whose files are those of the hands, and of a run that
+    has imaged them."""
     work, names = folder / "out" / WORK, [f"hand{number:04d}" for number in range(count)]
     work.mkdir(parents=True, exist_ok=True)
     (folder / "out" / MARKER).touch()
-    told = {"version": 1, "name": "scale", "capture": [{"path": f"captures/{name}"} for name in names]}
+    told = {
+        "version": 1,
+        "name": "scale",
+        "capture": [{"path": f"captures/{name}"} for name in names],
+    }
     told["method"] = [{"id": entry.id} for entry in bench.method]
     copied = BenchFile.model_validate(told)
     for number, name in enumerate(names):
@@ -98,7 +113,9 @@ def linked(folder: Path, capture: str, **_: Any) -> None:
     place = Path(capture)
     scores = sorted((place.parents[2] / "first" / WORK).glob("score-*"))
     source = scores[int(place.name.removeprefix("hand")) % len(scores)]
-    for file in (path for path in source.rglob("*") if path.is_file() and path.name not in (MANIFEST, STAMP)):
+    for file in (
+        path for path in source.rglob("*") if path.is_file() and path.name not in (MANIFEST, STAMP)
+    ):
         target = folder / file.relative_to(source)
         target.parent.mkdir(exist_ok=True)
         _, _, rest = file.name.partition("__")
@@ -120,12 +137,15 @@ def client(bench: str, out: str, scheduler: str) -> None:
 
 
 class Watched:
-    """A process, its processor time with that of its children, and the peak of its memory and of a child's."""
+    """A process, its processor time with that of its children, and the peak of its memory and of a
+    child's."""
 
     def __init__(self, name: str, command: list[str], log: Path) -> None:
         self.name, self.start, self.log = name, time.perf_counter(), log
         with log.open("w") as stream:
-            self.process = subprocess.Popen([sys.executable, *command], stdout=stream, stderr=stream)
+            self.process = subprocess.Popen(
+                [sys.executable, *command], stdout=stream, stderr=stream
+            )
         self.peak_mb, self.children_mb, self.cpu_s, self.wall_s = 0.0, 0.0, 0.0, 0.0
         self.thread = threading.Thread(target=self._watch, daemon=True)
         self.thread.start()
@@ -141,7 +161,10 @@ class Watched:
                         children_s[child.pid] = sum(child.cpu_times()[:2])
                     except psutil.Error:  # it has ended meanwhile
                         pass
-                self.cpu_s, self.wall_s = sum(process.cpu_times()[:2]) + sum(children_s.values()), self._gone_s()
+                self.cpu_s, self.wall_s = (
+                    sum(process.cpu_times()[:2]) + sum(children_s.values()),
+                    self._gone_s(),
+                )
                 time.sleep(SAMPLE_S)
         except psutil.Error:
             pass
@@ -163,7 +186,9 @@ class Watched:
 
     def record(self, captures: int) -> Record:
         """A line of the table."""
-        facts = {name: getattr(self, name) for name in ("wall_s", "cpu_s", "peak_mb", "children_mb")}
+        facts = {
+            name: getattr(self, name) for name in ("wall_s", "cpu_s", "peak_mb", "children_mb")
+        }
         return {
             "captures": captures,
             "what": self.name,
@@ -174,19 +199,35 @@ class Watched:
 
 
 def measured(bench: Path, captures: int, alone: bool) -> Iterable[Record]:
-    """The run on a scheduler with two workers, and then the report; alone: of the client, without a report."""
+    """The run on a scheduler with two workers, and then the report; alone: of the client, without a
+    report."""
     folder, out, scheduler = bench.parent, bench.parent / "out", bench.parent / "scheduler.json"
     scheduler.unlink(missing_ok=True)
     dask = "--scheduler-file", str(scheduler), "--host", "127.0.0.1", "--no-dashboard"
     helpers = [
-        Watched("scheduler", ["-m", "distributed.cli.dask_scheduler", "--port", "0", *dask], folder / "scheduler.log")
+        Watched(
+            "scheduler",
+            ["-m", "distributed.cli.dask_scheduler", "--port", "0", *dask],
+            folder / "scheduler.log",
+        )
     ]
     one = "-m", "distributed.cli.dask_worker", *dask, "--nthreads", "1", "--no-nanny"
     helpers += [Watched(f"worker {k}", list(one), folder / f"worker{k}.log") for k in "ab"]
     try:
-        command = ["handbench.cli.main", "run", str(bench), "-o", str(out), "--scheduler", address(scheduler)]
+        command = [
+            "handbench.cli.main",
+            "run",
+            str(bench),
+            "-o",
+            str(out),
+            "--scheduler",
+            address(scheduler),
+        ]
         if alone:
-            main_of = f"from {MODULE} import client; client({str(bench)!r}, {str(out)!r}, {command[-1]!r})"
+            main_of = (
+                f"from {MODULE} import client; client({str(bench)!r}, {str(out)!r}, "
+                f"{command[-1]!r})"
+            )
         ran = Watched("run", ["-c", main_of] if alone else ["-m", *command], folder / "run.log")
         ran.ended()
     finally:
@@ -215,9 +256,13 @@ def address(scheduler: Path) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--captures", type=int, nargs="+", default=[100, 300, 1000], help="default 100 300 1000")
+    parser.add_argument(
+        "--captures", type=int, nargs="+", default=[100, 300, 1000], help="default 100 300 1000"
+    )
     parser.add_argument("--hands", type=int, default=4, help="that differ (default 4)")
-    parser.add_argument("--client", action="store_true", help="measure the client alone: scores are linked")
+    parser.add_argument(
+        "--client", action="store_true", help="measure the client alone: scores are linked"
+    )
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FOLDER")
     options = parser.parse_args()
     out = options.out.resolve()

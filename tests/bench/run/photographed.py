@@ -1,4 +1,5 @@
-"""Runs of a benchmark with photographs that take no photogrammetry, killed after any stage if need be."""
+"""Runs of a benchmark with photographs that take no photogrammetry, killed after any stage if need
+be."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ from PIL import Image
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.scenes.build import load_scene
 
-# Photographs and their registration stand for themselves: what they would give is written at once. os._exit is a kill.
+# Photographs and their registration stand for themselves: what they would give is written at once.
+# os._exit is a kill.
 RUN = """
 import os, shutil, sys
 from pathlib import Path
@@ -61,7 +63,8 @@ sys.exit(main(["run", str(bench), "-o", out]))
 
 
 def with_photographs(small_bench: Path) -> Path:
-    """The small benchmark with photographs too: its scene, the capture with photographs, and that as a target."""
+    """The small benchmark with photographs too: its scene, the capture with photographs, and that
+    as a target."""
     recorded = small_bench.parent / "recorded"
     simulate_capture(load_scene(small_bench.parent / "ball.toml"), recorded, frames=3)
     about = (recorded / "capture.toml").read_text()

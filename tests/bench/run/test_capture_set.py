@@ -1,5 +1,5 @@
-"""The captures of a benchmark as a folder: what it holds, that it is scored as the benchmark is, and that a run names
-a capture that was changed."""
+"""The captures of a benchmark as a folder: what it holds, that it is scored as the benchmark is,
+and that a run names a capture that was changed."""
 
 import hashlib
 import shutil
@@ -51,9 +51,14 @@ def test_it_is_scored_as_the_benchmark_is(folder, small_result, tmp_path, capsys
 
 def test_its_checksums_are_those_of_sha256sum(folder):
     made = folder / "set"
-    lines = dict(line.split("  ")[::-1] for line in (made / "checksums.txt").read_text().splitlines())
+    lines = dict(
+        line.split("  ")[::-1] for line in (made / "checksums.txt").read_text().splitlines()
+    )
     files = [file for file in (made / "captures").rglob("*") if file.is_file()]
-    assert lines == {file.relative_to(made).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    assert lines == {
+        file.relative_to(made).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in files
+    }
     assert "captures/ball/echoes.h5" in lines and "captures/ball/truth.ply" in lines
 
 
@@ -62,13 +67,22 @@ def append(file):
 
 
 CHANGES = {
-    "other content": (lambda at: append(at / "echoes.h5"), "captures/ball/echoes.h5 has other content"),
+    "other content": (
+        lambda at: append(at / "echoes.h5"),
+        "captures/ball/echoes.h5 has other content",
+    ),
     "a file less": (
         lambda at: (at / "truth.ply").rename(at.parent / "truth.ply"),
         "captures/ball/truth.ply is missing",
     ),
-    "a file more": (lambda at: (at / "mesh.ply").write_text(""), "captures/ball/mesh.ply is not in it"),
-    "broken checksums": (lambda at: (at.parents[1] / "checksums.txt").write_text("0"), "line 1 is no SHA-256"),
+    "a file more": (
+        lambda at: (at / "mesh.ply").write_text(""),
+        "captures/ball/mesh.ply is not in it",
+    ),
+    "broken checksums": (
+        lambda at: (at.parents[1] / "checksums.txt").write_text("0"),
+        "line 1 is no SHA-256",
+    ),
 }
 
 
@@ -99,7 +113,10 @@ def test_captures_that_no_set_lists_are_not_compared(changed, tmp_path, capsys):
 
 
 def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, capsys):
-    bench, echoes = str(folder / "bench" / "small.toml"), changed / "captures" / "ball" / "echoes.h5"
+    bench, echoes = (
+        str(folder / "bench" / "small.toml"),
+        changed / "captures" / "ball" / "echoes.h5",
+    )
     before = echoes.stat().st_mtime_ns
     assert main(["simulate", bench, "-o", str(changed)]) == 2
     assert "holds a set of captures" in capsys.readouterr().err
@@ -110,29 +127,39 @@ def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, cap
     assert main(["simulate", bench, "-o", str(changed), "--overwrite"]) == 0
     again = (changed / "checksums.txt").read_text()
     assert echoes.stat().st_mtime_ns > before and again.splitlines()[1:] == sums.splitlines()[1:]
-    assert sums.splitlines()[0].endswith("  captures/ball/capture.toml")  # which has the seconds of effects
+    assert sums.splitlines()[0].endswith(
+        "  captures/ball/capture.toml"
+    )  # which has the seconds of effects
     capsys.readouterr()
 
 
 def test_the_embedded_hands_become_twelve_captures(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(capture_set, "build", lambda scene, place: scene)
-    monkeypatch.setattr(capture_set, "simulate_capture", lambda scene, at, frames: at.mkdir(parents=True))
+    monkeypatch.setattr(
+        capture_set, "simulate_capture", lambda scene, at, frames: at.mkdir(parents=True)
+    )
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", "hands", "-o", "hands"]) == 0
     bench, _ = load_benchmark("hands/bench.toml")
     known, _ = load_benchmark("hands")
     assert len(bench.capture) == len({source.path for source in bench.capture}) == 12
-    assert bench.method == known.method and bench.phase_noise_rad is None and bench.seed == known.seed
+    assert (
+        bench.method == known.method and bench.phase_noise_rad is None and bench.seed == known.seed
+    )
     capsys.readouterr()
 
 
 def test_the_table_with_its_calibration_becomes_captures(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(capture_set, "build", lambda scene, place: scene)
-    monkeypatch.setattr(capture_set, "simulate_capture", lambda scene, at, frames: at.mkdir(parents=True))
+    monkeypatch.setattr(
+        capture_set, "simulate_capture", lambda scene, at, frames: at.mkdir(parents=True)
+    )
     assert main(["simulate", "paper_table", "-o", str(tmp_path / "table")]) == 0
     bench, _ = load_benchmark(str(tmp_path / "table" / "bench.toml"))
     known, _ = load_benchmark("paper_table")
-    assert [source.measures for source in bench.capture] == [source.measures for source in known.capture]
+    assert [source.measures for source in bench.capture] == [
+        source.measures for source in known.capture
+    ]
     assert [source.path for source in bench.calibration] == ["captures/target"]
     assert bench.model_copy(update={"capture": (), "calibration": ()}) == known.model_copy(
         update={"capture": (), "calibration": (), "phase_noise_rad": None}
@@ -141,7 +168,12 @@ def test_the_table_with_its_calibration_becomes_captures(tmp_path, monkeypatch, 
 
 
 REFUSED = {
-    "a capture": ('scene = "ball.toml"', 'path = "ball"', [], "expected scenes, which can be simulated"),
+    "a capture": (
+        'scene = "ball.toml"',
+        'path = "ball"',
+        [],
+        "expected scenes, which can be simulated",
+    ),
     "two of a name": (
         "[[method]]",
         '[[capture]]\nscene = "ball.toml"\n[[method]]',

@@ -1,6 +1,8 @@
-"""The memory of a run's own process: what has ended leaves little, however many stages and captures there are.
+"""The memory of a run's own process: what has ended leaves little, however many stages and captures
+there are.
 
-Counted are live objects and the allocations of numpy and Python, which are the same on every machine.
+Counted are live objects and the allocations of numpy and Python, which are the same on every
+machine.
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ def peak_bytes(interval: Callable[[], object]) -> int:
 
 @pytest.mark.parametrize("of", [medians, precisions, floors])
 def test_an_interval_keeps_no_draws_of_a_capture(of):
-    """One draw for each resample and capture would be 8 bytes × RESAMPLES; a fifth leaves room for small things."""
+    """One draw for each resample and capture would be 8 bytes × RESAMPLES; a fifth leaves room for
+    small things."""
     of(1)()  # what is imported and kept at first
     assert peak_bytes(of(MANY)) - peak_bytes(of(FEW)) < 8 / 5 * RESAMPLES * (MANY - FEW)
 
@@ -78,13 +81,16 @@ class Stamping:
 
 
 def test_a_run_keeps_no_stamp_of_a_stage_that_has_ended(tmp_path):
-    """But its line, in the order of the list, and of each machine what its first stage of the list tells."""
+    """But its line, in the order of the list, and of each machine what its first stage of the list
+    tells."""
     run, job = run_of(Here(), tmp_path), Stamping()
     with patch.object(runner, "cached", job):
         assert len(run.perform([stage_of("mesh", f"c{k}") for k in range(JOBS)])) == JOBS
     assert job.most <= 2  # the one at hand and the one before it
     assert frame(TASKS, run.found.tasks).seconds.tolist() == list(range(JOBS))
-    assert list(run.found.machines.items()) == [(f"host{k}", {"host": f"host{k}", "of": k}) for k in range(2)]
+    assert list(run.found.machines.items()) == [
+        (f"host{k}", {"host": f"host{k}", "of": k}) for k in range(2)
+    ]
 
 
 def test_a_cluster_keeps_no_future_of_a_stage_that_has_ended(tmp_path, monkeypatch):
@@ -92,9 +98,14 @@ def test_a_cluster_keeps_no_future_of_a_stage_that_has_ended(tmp_path, monkeypat
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     monkeypatch.setattr(executors, "IN_FLIGHT", 6)
     known: list[int] = []
-    with distributed.Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0") as client:
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
+    ) as client:
         monkeypatch.setattr(runner, "say", lambda line: known.append(len(client.futures)))
         ended = performed(
-            executors.Cluster(client), stamped, tmp_path, [stage_of("mesh", f"c{k}") for k in range(JOBS)]
+            executors.Cluster(client),
+            stamped,
+            tmp_path,
+            [stage_of("mesh", f"c{k}") for k in range(JOBS)],
         )
     assert len(known) == len(ended) == JOBS and max(known) <= 2 * executors.IN_FLIGHT

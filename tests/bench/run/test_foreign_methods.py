@@ -1,5 +1,6 @@
-"""Methods that handbench does not have: a command sees the echoes alone, in an environment without our variables, its
-limits hold and it ends with us; depth maps are checked before they are scored."""
+"""Methods that handbench does not have: a command sees the echoes alone, in an environment without
+our variables, its limits hold and it ends with us; depth maps are checked before they are
+scored."""
 
 import os
 import signal
@@ -52,11 +53,15 @@ def capture(tmp_path):
 
 def image(capture, tmp_path, program, limit_s=600.0, limit_mb=0):
     """What a program leaves as depth map and seconds."""
-    (tmp_path / "mine.py").write_text("import os, sys\nimport numpy as np\n" + textwrap.dedent(program))
+    (tmp_path / "mine.py").write_text(
+        "import os, sys\nimport numpy as np\n" + textwrap.dedent(program)
+    )
     command = foreign.words(f"{sys.executable} mine.py {{capture}} {{depth}}", tmp_path)
     made = tmp_path / "stage"
     made.mkdir(exist_ok=True)
-    foreign.run(made, command, str(capture.folder), "mine", GRID.x_m, GRID.y_m, (limit_s, limit_mb), {})
+    foreign.run(
+        made, command, str(capture.folder), "mine", GRID.x_m, GRID.y_m, (limit_s, limit_mb), {}
+    )
     return load_depthmap(made / DEPTH), read_json(made / TIMING, "times")["seconds"]
 
 
@@ -74,18 +79,32 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
     with h5py.File(capture.folder / "echoes.h5") as file:
         assert np.array_equal(np.load(tmp_path / "samples.npy"), file["samples"][:1])
     written = seen.read_text()
-    assert written.startswith("capture.toml echoes.h5 ") and "A_SECRET" not in written and "PATH" in written
-    assert "seed" not in written and "truth" not in written and str(capture.folder.parent) not in written
+    assert (
+        written.startswith("capture.toml echoes.h5 ")
+        and "A_SECRET" not in written
+        and "PATH" in written
+    )
+    assert (
+        "seed" not in written
+        and "truth" not in written
+        and str(capture.folder.parent) not in written
+    )
     assert np.all(depth.z_m == np.float32(0.3)) and depth.method == "mine"
     assert seconds != 1e-9  # those of the whole command, not those that it claims
 
 
 WRONG = {
-    "its error": ('sys.exit("no such\\nantenna")', "ended with exit code 1; its last line: antenna"),
+    "its error": (
+        'sys.exit("no such\\nantenna")',
+        "ended with exit code 1; its last line: antenna",
+    ),
     "killed": ("os.kill(os.getpid(), 9)", "ended with exit code 137"),
     "nothing": ("pass", "wrote no {depth}"),
     "another grid": (WRITE.replace("0.02", "0.03"), "x_m is another grid"),
-    "a pickle": ("np.savez(sys.argv[2], x_m=[{}], y_m=[0], z_m=[0], amplitude_db=[0])", "not a readable .npz"),
+    "a pickle": (
+        "np.savez(sys.argv[2], x_m=[{}], y_m=[0], z_m=[0], amplitude_db=[0])",
+        "not a readable .npz",
+    ),
 }
 
 
@@ -166,7 +185,11 @@ def test_a_files_content_is_part_of_the_commands_key(tmp_path):
     command = "python mine.py {capture} {depth}"
     first = foreign.program_key(command, tmp_path)
     (tmp_path / "mine.py").write_text("10")
-    assert foreign.program_key(command, tmp_path) != first != foreign.program_key(f"{command} 2", tmp_path)
+    assert (
+        foreign.program_key(command, tmp_path)
+        != first
+        != foreign.program_key(f"{command} 2", tmp_path)
+    )
     (tmp_path / "mine.py").write_text("1")
     assert foreign.program_key(command, tmp_path) == first
 
@@ -177,14 +200,22 @@ def test_a_files_content_is_part_of_the_commands_key(tmp_path):
 def content(**changed):
     z_m = np.full(GRID.shape, 0.3)
     z_m[0, 0] = np.nan
-    return {"x_m": GRID.x_m, "y_m": GRID.y_m, "z_m": z_m, "amplitude_db": np.zeros(GRID.shape)} | changed
+    return {
+        "x_m": GRID.x_m,
+        "y_m": GRID.y_m,
+        "z_m": z_m,
+        "amplitude_db": np.zeros(GRID.shape),
+    } | changed
 
 
 MAPS = {
     "moved": ({"x_m": GRID.x_m + 1e-5}, "x_m is another grid"),
     "NaN in the grid": ({"y_m": GRID.y_m * np.nan}, "y_m is another grid"),
     "coarser": ({"x_m": GRID.x_m[::2], "z_m": np.ones((3, 3))}, "x_m is another grid"),
-    "turned": ({"z_m": np.full(GRID.shape[::-1], 0.3)}, r"z_m is float64 \(5, 3\); expected real numbers \(3, 5\)"),
+    "turned": (
+        {"z_m": np.full(GRID.shape[::-1], 0.3)},
+        r"z_m is float64 \(5, 3\); expected real numbers \(3, 5\)",
+    ),
     "whole numbers": ({"z_m": np.ones(GRID.shape, int)}, "z_m is int64"),
     "infinite": ({"z_m": np.full(GRID.shape, np.inf)}, "infinite depths"),
     "beyond float32": ({"z_m": np.full(GRID.shape, 1e300)}, "infinite depths"),
@@ -206,8 +237,12 @@ def test_maps_that_cannot_be_scored_are_refused(tmp_path, changed, words):
 def test_a_map_is_read_as_it_was_written(tmp_path):
     np.savez(tmp_path / "a.npz", **content(x_m=GRID.x_m + 1e-8, seconds=0.25))
     depth, seconds = foreign.read_map(tmp_path / "a.npz", "mine", GRID)
-    assert depth.method == "mine" and np.isnan(depth.z_m[0, 0]) and depth.z_m[1, 1] == np.float32(0.3)
-    assert np.array_equal(depth.x_m, GRID.x_m)  # the benchmark's own, so that all methods share one grid
+    assert (
+        depth.method == "mine" and np.isnan(depth.z_m[0, 0]) and depth.z_m[1, 1] == np.float32(0.3)
+    )
+    assert np.array_equal(
+        depth.x_m, GRID.x_m
+    )  # the benchmark's own, so that all methods share one grid
     assert seconds == 0.25
 
 
@@ -225,19 +260,27 @@ np.savez(sys.argv[2], x_m=x, y_m=y, z_m=z, amplitude_db=-1e3 * np.hypot(*np.mesh
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A benchmark of a captured ball, with a command and a folder of depth maps beside two methods of ours."""
+    """A benchmark of a captured ball, with a command and a folder of depth maps beside two methods
+    of ours."""
     folder = tmp_path_factory.mktemp("foreign")
     scenes = write_bench(folder / "scenes").parent
     assert main(["simulate", str(scenes / "ball.toml"), "-o", str(folder / "ball")]) == 0
-    text = (scenes / "small.toml").read_text().replace('scene = "ball.toml"', 'path = "ball"\nmeasures = ["accuracy"]')
+    text = (
+        (scenes / "small.toml")
+        .read_text()
+        .replace('scene = "ball.toml"', 'path = "ball"\nmeasures = ["accuracy"]')
+    )
     text = text.replace("precision = true\n", "").replace("phase_noise_rad = 0.03\n", "")
     (folder / "ours.toml").write_text(text)
     (folder / "mine.py").write_text(PROGRAM)
     (folder / "maps").mkdir()
-    subprocess.run([sys.executable, folder / "mine.py", "", folder / "maps" / "ball.npz"], check=True)
+    subprocess.run(
+        [sys.executable, folder / "mine.py", "", folder / "maps" / "ball.npz"], check=True
+    )
     command = f"{sys.executable} mine.py {{capture}} {{depth}}"
     (folder / "bench.toml").write_text(
-        f'{text}\n[[method]]\nid = "mine"\ncommand = "{command}"\n[[method]]\nid = "given"\nmaps = "maps"\n'
+        f'{text}\n[[method]]\nid = "mine"\ncommand = "{command}"\n[[method]]\nid = "given"\nmaps '
+        '= "maps"\n'
     )
     return folder
 
@@ -249,7 +292,9 @@ def no_settling(monkeypatch):
 
 def stages(result):
     """The folders of a result's imaging stages, and when each was made."""
-    return {folder.name: folder.stat().st_mtime_ns for folder in (result / "work").glob("reconstruct-*")}
+    return {
+        folder.name: folder.stat().st_mtime_ns for folder in (result / "work").glob("reconstruct-*")
+    }
 
 
 @pytest.mark.usefixtures("no_settling")
@@ -266,10 +311,17 @@ def test_they_are_scored_beside_our_own(folder, capsys):
     assert table["mine", "mae_mm"] == pytest.approx(expected_mm, abs=0.03)
     assert table["given", "mae_mm"] == table["mine", "mae_mm"]
     assert table["mine", "seconds"] > 0 and np.isnan(table["given", "seconds"])
-    assert set(load(result).equal.method) == {"2fsk", "narrowband", "mine", "given"}  # on common pixels
+    assert set(load(result).equal.method) == {
+        "2fsk",
+        "narrowband",
+        "mine",
+        "given",
+    }  # on common pixels
     made = stages(result)
     (folder / "mine.py").write_text(PROGRAM.replace("0.015", "0.014"))
-    assert main(["run", bench, "-o", str(result)]) == 0  # the program that was changed runs again, and nothing else
+    assert (
+        main(["run", bench, "-o", str(result)]) == 0
+    )  # the program that was changed runs again, and nothing else
     [new] = stages(result).keys() - made.keys()
     assert made.items() <= stages(result).items() and new.startswith("reconstruct-ball-mine-")
     capsys.readouterr()
@@ -286,26 +338,46 @@ def test_a_map_that_is_missing_is_a_failure_of_its_capture(folder, tmp_path, cap
     assert main(["run", str(folder / "hole.toml"), "-o", str(tmp_path / "r")]) == 0
     [failure] = load(tmp_path / "r").about.failures
     assert (failure.capture, failure.method) == ("ball", "given")
-    assert "expected the depth map of 'ball', found nothing; did you mean 'bull'?" in failure.message
+    assert (
+        "expected the depth map of 'ball', found nothing; did you mean 'bull'?" in failure.message
+    )
     with np.load(folder / "maps" / "ball.npz") as content:
         np.savez(folder / "other" / "ball.npz", **{**content, "z_m": 1e3 * content["z_m"]})
     capsys.readouterr()
     assert main(["inspect", str(folder / "hole.toml")]) == 2  # it reads the maps as a run does
     found = capsys.readouterr().out
-    assert f"{folder / 'other' / 'ball.npz'}: z_m reaches" in found and "has no depth map" not in found
+    assert (
+        f"{folder / 'other' / 'ball.npz'}: z_m reaches" in found and "has no depth map" not in found
+    )
 
 
 REFUSED = {
     "a submission": ('maps = "maps"', 'submission = "maps"', "submission is gone; give maps"),
     "outside": ('maps = "maps"', 'maps = "../maps"', "leaves the folder"),
-    "no folder": ('maps = "maps"', 'maps = "mops"', "expected a folder with a depth map for each capture"),
+    "no folder": (
+        'maps = "maps"',
+        'maps = "mops"',
+        "expected a folder with a depth map for each capture",
+    ),
     "our own": ('id = "given"', 'id = "3fsk"', "handbench has this method"),
-    "both": ('maps = "maps"', 'maps = "maps"\ncommand = "a {capture} {depth}"', "maps and a command"),
+    "both": (
+        'maps = "maps"',
+        'maps = "maps"\ncommand = "a {capture} {depth}"',
+        "maps and a command",
+    ),
     "a configuration": ('maps = "maps"', 'maps = "maps"\nprecision = true', "is taken as it is"),
     "limits of maps": ('maps = "maps"', 'maps = "maps"\nlimit_s = 3', "but no command"),
     "no place": ('maps = "maps"', 'command = "mine {capture}"', "command lacks {depth}"),
-    "an open quote": ('maps = "maps"', 'command = "mine \'{capture} {depth}"', "quote it as for a shell"),
-    "a control character": ('maps = "maps"', 'command = "mine\\u0000 {capture} {depth}"', "cannot be printed"),
+    "an open quote": (
+        'maps = "maps"',
+        'command = "mine \'{capture} {depth}"',
+        "quote it as for a shell",
+    ),
+    "a control character": (
+        'maps = "maps"',
+        'command = "mine\\u0000 {capture} {depth}"',
+        "cannot be printed",
+    ),
     "no file's name": ('id = "given"', 'id = "../given"', "cannot name a file"),
 }
 
@@ -322,8 +394,8 @@ def test_entries_that_cannot_work_are_refused_before_anything_runs(folder, capsy
 
 
 def test_the_page_s_method_finds_the_ball(folder, tmp_path):
-    """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind the plane
-    imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
+    """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind
+    the plane imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
     [code] = blocks(DOCS / "submissions.md", "python")
     fewer = "np.arange(-20, 21, 2)"
     (tmp_path / "page.py").write_text(code.replace("np.arange(-150, 151)", fewer))

@@ -1,4 +1,5 @@
-"""Result folders that a stranger has prepared: no link in them is followed, nothing outside is read, cut or deleted."""
+"""Result folders that a stranger has prepared: no link in them is followed, nothing outside is
+read, cut or deleted."""
 
 import os
 import shutil
@@ -17,7 +18,17 @@ from handbench.support.store import MANIFEST, Stage, cached
 from tests.bench.run.faults import content, instant
 
 NAMES = (
-    *(MARKER, "work", "errors", "depth", "photos", "settings", "result.json", "table.csv", "tasks.csv"),
+    *(
+        MARKER,
+        "work",
+        "errors",
+        "depth",
+        "photos",
+        "settings",
+        "result.json",
+        "table.csv",
+        "tasks.csv",
+    ),
     *("config.toml", "tradeoff.json", "tradeoff.csv", ".table-abc", ".errors-abc"),
     *("work/simulate-ball-0123456789abcdef", "work/.simulate-ball-abc"),
 )
@@ -42,7 +53,8 @@ def unharmed(home):
 
 
 def attack(out: Path, name: str, target: str | Path) -> Path:
-    """A run's folder with a link, or what else stands there, in the place of one of its files or folders."""
+    """A run's folder with a link, or what else stands there, in the place of one of its files or
+    folders."""
     place = out / name
     (out / "work").mkdir(parents=True) if name != "work" else out.mkdir()
     if name != MARKER:
@@ -57,12 +69,16 @@ def attack(out: Path, name: str, target: str | Path) -> Path:
 @pytest.mark.parametrize("sweep", [False, True], ids=["run", "tradeoff"])
 @pytest.mark.parametrize("to", ["folder", "file", "nothing", "pipe"])
 @pytest.mark.parametrize("name", NAMES)
-def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(small_bench, home, unharmed, tmp_path, name, to, sweep):
+def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
+    small_bench, home, unharmed, tmp_path, name, to, sweep
+):
     target = {"folder": home, "file": home / "secret", "nothing": home / "new", "pipe": "pipe"}[to]
     place = attack(tmp_path / "out", name, target)
     bench, base = load_benchmark(str(small_bench))
     what = "neither a file nor a folder" if to == "pipe" else "a link"
-    with pytest.raises(HandbenchError, match=f"{place.name}: is {what}, which no run wrote; it is left alone"):
+    with pytest.raises(
+        HandbenchError, match=f"{place.name}: is {what}, which no run wrote; it is left alone"
+    ):
         (tradeoff if sweep else run)(bench, base, tmp_path / "out", overwrite=True)
     assert os.path.lexists(place)
 
@@ -76,7 +92,9 @@ def test_a_link_to_a_pipe_is_not_waited_for(small_bench, home, unharmed, tmp_pat
             run(bench, base, tmp_path / f"out{number}")
 
 
-def test_files_of_a_kept_stage_that_became_links_are_made_again(small_bench, home, unharmed, tmp_path, monkeypatch):
+def test_files_of_a_kept_stage_that_became_links_are_made_again(
+    small_bench, home, unharmed, tmp_path, monkeypatch
+):
     bench, base = load_benchmark(str(small_bench))
     run(bench, base, tmp_path / "clean")
     instant(tmp_path / "clean", monkeypatch)
@@ -89,7 +107,8 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(small_bench, hom
             place.unlink()
             if other == "link":
                 shutil.copyfile(
-                    next((tmp_path / "clean" / "work").glob(f"reconstruct-ball-2fsk-*/{name}")), out / "same"
+                    next((tmp_path / "clean" / "work").glob(f"reconstruct-ball-2fsk-*/{name}")),
+                    out / "same",
                 )
                 place.symlink_to(out / "same")
             elif other == "folder":
@@ -117,7 +136,10 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
     (tmp_path / "linked").symlink_to(home)
     with pytest.raises(HandbenchError, match="linked: is a link"):
         cached(tmp_path / "linked", one)
-    with pytest.raises(HandbenchError, match="a link stands in the folder's place"), atomic_folder(tmp_path / "linked"):
+    with (
+        pytest.raises(HandbenchError, match="a link stands in the folder's place"),
+        atomic_folder(tmp_path / "linked"),
+    ):
         pass
     assert (tmp_path / "linked").is_symlink()
 
@@ -127,7 +149,10 @@ def test_what_belongs_to_somebody_else_is_left_alone(tmp_path, monkeypatch):
         pass
     (tmp_path / "out" / "table.csv").write_text("theirs")
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 4711)
-    with pytest.raises(HandbenchError, match=r"is another user's \(number \d+\)"), claimed(tmp_path / "out"):
+    with (
+        pytest.raises(HandbenchError, match=r"is another user's \(number \d+\)"),
+        claimed(tmp_path / "out"),
+    ):
         pass
     with pytest.raises(HandbenchError, match=r"table\.csv: is another user's"):
         drop(tmp_path / "out", ["table.csv"])

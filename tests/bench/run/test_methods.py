@@ -19,13 +19,21 @@ PRESETS = {  # improved method: the one it starts from, and what it changes
     "3fsk-settled": ("3fsk", {"corrections": SETTLING}),
     "3fsk-offaxis": ("3fsk", {"off_axis": True}),
     "3fsk-weighted": ("3fsk", {"weighted": True}),
-    "3fsk-plus": ("3fsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
-    "nfsk-plus": ("nfsk", {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True}),
+    "3fsk-plus": (
+        "3fsk",
+        {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True},
+    ),
+    "nfsk-plus": (
+        "nfsk",
+        {"off_axis": True, "weighted": True, "fine_refinements": 2, "drop_wrapped": True},
+    ),
     "broadband-subvoxel": ("broadband", {"subvoxel": True, "tolerance": 1e-4}),
 }
 SENSORS = ["kinect", "realsense", "zed"]
 PIXELS = {axis: {"start_m": -0.006, "stop_m": 0.006, "step_m": 0.001} for axis in "xy"}
-SWEEP_HZ = np.unique([*np.linspace(72e9, 82e9, 128), 81.8e9, 79.5e9])  # what the embedded benchmark's radar measures
+SWEEP_HZ = np.unique(
+    [*np.linspace(72e9, 82e9, 128), 81.8e9, 79.5e9]
+)  # what the embedded benchmark's radar measures
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +49,9 @@ def test_the_papers_methods_come_first_and_change_nothing():
     assert all(method(name).config() == config for name, config in plain.items())
     for name in PAPERS:
         config = method(name).config().model_dump()
-        assert not any(config.get(key) for key in ("off_axis", "weighted", "drop_wrapped", "subvoxel"))
+        assert not any(
+            config.get(key) for key in ("off_axis", "weighted", "drop_wrapped", "subvoxel")
+        )
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -68,8 +78,12 @@ def test_another_sensor_is_asked_for_its_depth_alone(capture, name):
 
     config = method(name).configure(PIXELS, name)
     depth = method(name).run(replace(capture, sensors={name: saw}), config, 1).depth
-    assert depth.method == name and (np.isfinite(depth.z_m) == np.isfinite(depth.amplitude_db)).all()
-    np.testing.assert_array_equal(depth.z_m, np.where(np.arange(13) < 6, 0.31, np.nan) * np.ones((13, 1)))
+    assert (
+        depth.method == name and (np.isfinite(depth.z_m) == np.isfinite(depth.amplitude_db)).all()
+    )
+    np.testing.assert_array_equal(
+        depth.z_m, np.where(np.arange(13) < 6, 0.31, np.nan) * np.ones((13, 1))
+    )
     with pytest.raises(HandbenchError, match=f"{name}: the capture holds no depth of that sensor"):
         method(name).run(capture, config, 0)
 
@@ -78,5 +92,6 @@ def test_another_sensor_is_asked_for_its_depth_alone(capture, name):
 def test_every_method_finds_the_point_with_measured_tones_and_says_its_name(capture, name):
     depth = method(name).run(capture, method(name).configure(PIXELS, name), 0).depth
     assert depth.method == name
-    # Without noise on the axis, voxels of 1 mm or better; narrowband's next lobe is 62 mm away, outside its volume.
+    # Without noise on the axis, voxels of 1 mm or better; narrowband's next lobe is 62 mm away,
+    # outside its volume.
     assert abs(depth.z_m[6, 6] - 0.29) < 0.5e-3 + 1e-9

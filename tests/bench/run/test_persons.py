@@ -1,4 +1,5 @@
-"""Captures of several persons: one scene, as many captures; what is asked wrongly is refused in one line."""
+"""Captures of several persons: one scene, as many captures; what is asked wrongly is refused in one
+line."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ BENCH = 'version = 1\nname = "b"\n{}[[method]]\nid = "2fsk"\n'
 def bench_file(folder: Path, *captures: str) -> Path:
     (folder / "hand.toml").write_text(SCENE)
     (folder / "ball.toml").write_text(BALL)
-    (folder / "b.toml").write_text(BENCH.format("".join(f"[[capture]]\n{capture}\n" for capture in captures)))
+    (folder / "b.toml").write_text(
+        BENCH.format("".join(f"[[capture]]\n{capture}\n" for capture in captures))
+    )
     return folder / "b.toml"
 
 
@@ -33,9 +36,17 @@ def test_every_person_is_a_capture(tmp_path: Path) -> None:
     stages = [jobs.opening(bench, base, source, 1) for source in bench.capture]
     assert [stage.capture for stage in stages] == ["B-person-01", "B-person-12", "B"]
     scenes = [stage.arguments["scene"] for stage in stages]
-    assert len({scene["seed"] for scene in scenes}) == 3 == len({scene["target"]["distance_m"] for scene in scenes})
-    assert [scene["target"]["person"] for scene in scenes] == [1, 12, 0] and scenes[2]["target"]["distance_m"] == 0.31
-    again = BenchFile.model_validate(bench.model_dump(mode="json", exclude_none=True))  # as config.toml keeps it
+    assert (
+        len({scene["seed"] for scene in scenes})
+        == 3
+        == len({scene["target"]["distance_m"] for scene in scenes})
+    )
+    assert [scene["target"]["person"] for scene in scenes] == [1, 12, 0] and scenes[2]["target"][
+        "distance_m"
+    ] == 0.31
+    again = BenchFile.model_validate(
+        bench.model_dump(mode="json", exclude_none=True)
+    )  # as config.toml keeps it
     assert [one for source in again.capture for one in source.each()] == list(bench.capture)
     assert list(problems_of(str(path))) == []
 
@@ -62,11 +73,19 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, capture: str, words: st
 def test_only_hands_have_persons(tmp_path: Path) -> None:
     path = bench_file(tmp_path, 'scene = "ball.toml"\npersons = [1]')
     bench, base = load_benchmark(str(path))
-    with pytest.raises(HandbenchError, match=r"scene 'ball': has the target 'sphere', but persons are asked for"):
+    with pytest.raises(
+        HandbenchError, match=r"scene 'ball': has the target 'sphere', but persons are asked for"
+    ):
         jobs.opening(bench, base, bench.capture[0], 1)
-    assert ["has the target 'sphere'" in problem.text and problem.line for problem in problems_of(str(path))] == [5]
+    assert [
+        "has the target 'sphere'" in problem.text and problem.line
+        for problem in problems_of(str(path))
+    ] == [5]
     twice = bench_file(tmp_path, *['scene = "hand.toml"\npersons = [4]'] * 2)
-    assert any("'B-person-04' in hand.toml is named as" in problem.text for problem in problems_of(str(twice)))
+    assert any(
+        "'B-person-04' in hand.toml is named as" in problem.text
+        for problem in problems_of(str(twice))
+    )
 
 
 def test_a_scene_names_its_person(tmp_path: Path) -> None:
@@ -82,8 +101,13 @@ def test_a_scene_names_its_person(tmp_path: Path) -> None:
 def test_the_embedded_hands_are_twelve_people(tmp_path: Path) -> None:
     bench, base = load_benchmark("hands")
     assert sorted(embedded()) == ["hands", "paper_table"]
-    assert sorted(number for source in bench.capture for number in source.persons or ()) == list(range(1, 13))
-    assert bench.reproduces is None and bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad
+    assert sorted(number for source in bench.capture for number in source.persons or ()) == list(
+        range(1, 13)
+    )
+    assert (
+        bench.reproduces is None
+        and bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad
+    )
     for source in bench.capture:
         scene = jobs.opening(bench, base, source, 1).arguments["scene"]
         assert scene["photos"] is None and 0.295 < scene["target"]["distance_m"] < 0.325

@@ -32,14 +32,19 @@ def test_a_run_prints_its_prediction(small_bench, tmp_path, capsys):
 
 
 def test_an_image_counts_its_samples_pixels_and_voxels():
-    """Planes count pixels × tones, volumes voxels, both their samples: two tones of 2-FSK, 128 of broadband."""
+    """Planes count pixels × tones, volumes voxels, both their samples: two tones of 2-FSK, 128 of
+    broadband."""
     planes, volume = (method(id).configure({}, "test") for id in ("2fsk", "broadband"))
     samples, pixels, voxels = 100.0, 301**2, np.prod(volume.grid().shape)
     scored_s = planned_cost.STAGE_S + planned_cost.SCORED_S * pixels
     of_planes_s = planned_cost.SAMPLE_S * 2 * samples + planned_cost.PIXEL_S * 2 * pixels
     of_volume_s = planned_cost.SAMPLE_S * 128 * samples + planned_cost.VOXEL_S * voxels
-    assert planned_cost.imaging(planes, channels=samples).core_s == pytest.approx(scored_s + of_planes_s)
-    assert planned_cost.imaging(volume, channels=samples).core_s == pytest.approx(scored_s + of_volume_s)
+    assert planned_cost.imaging(planes, channels=samples).core_s == pytest.approx(
+        scored_s + of_planes_s
+    )
+    assert planned_cost.imaging(volume, channels=samples).core_s == pytest.approx(
+        scored_s + of_volume_s
+    )
     assert planned_cost.imaging(volume, channels=samples).bytes_ == pytest.approx(
         BASE_BYTES + planned_cost.VOXEL_BYTES * voxels + planned_cost.SAMPLE_BYTES * 128 * samples
     )
@@ -55,7 +60,9 @@ def test_an_embedded_benchmark_grows_with_its_captures():
 def test_a_sweep_counts_every_setting_on_every_capture():
     bench, base = load_benchmark("hands")
     chosen = planned_cost.ImagingSetting("a", "a", "2fsk", {}, 1, {})
-    none, one, both = (planned_cost.of_sweep(bench, base, [chosen] * count, 3).core_s for count in (0, 1, 2))
+    none, one, both = (
+        planned_cost.of_sweep(bench, base, [chosen] * count, 3).core_s for count in (0, 1, 2)
+    )
     assert both - one == pytest.approx(one - none)
     config = method("2fsk").configure({}, "test")
     assert one - none == pytest.approx(12 * planned_cost.imaging(config, frames=3).core_s)
@@ -64,11 +71,16 @@ def test_a_sweep_counts_every_setting_on_every_capture():
 def test_an_exact_sum_has_all_its_terms():
     """Pixels × tones × channels, twice, at the rate of the exact sum."""
     exact, fast = (method("2fsk").configure({"tolerance": each}, "test") for each in (None, 1e-5))
-    more_s = planned_cost.imaging(exact, channels=1e6).core_s - planned_cost.imaging(fast, channels=1e6).core_s
+    more_s = (
+        planned_cost.imaging(exact, channels=1e6).core_s
+        - planned_cost.imaging(fast, channels=1e6).core_s
+    )
     assert more_s == pytest.approx(2 * 301**2 * 2 * 1e6 / TERMS_PER_S)
 
 
-def test_more_than_the_limit_is_refused_before_the_folder_is_made(small_bench, tmp_path, monkeypatch, capsys):
+def test_more_than_the_limit_is_refused_before_the_folder_is_made(
+    small_bench, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setenv("HANDBENCH_HOURS", "1e-6")
     assert main(["run", str(small_bench), "-o", str(tmp_path / "out")]) == 2
     assert "1 captures × 2 methods: would take about" in capsys.readouterr().err
@@ -76,11 +88,15 @@ def test_more_than_the_limit_is_refused_before_the_folder_is_made(small_bench, t
 
 
 @pytest.mark.parametrize("surface", [True, False])
-def test_inspecting_counts_a_search_for_the_focus_where_there_is_no_surface(small_bench, tmp_path, surface):
+def test_inspecting_counts_a_search_for_the_focus_where_there_is_no_surface(
+    small_bench, tmp_path, surface
+):
     capture = tmp_path / "capture"
     assert main(["simulate", str(small_bench.parent / "ball.toml"), "-o", str(capture)]) == 0
     if not surface:
-        save_capture_file(capture, open_capture(capture).about.model_copy(update={"contains": (ECHOES,)}))
+        save_capture_file(
+            capture, open_capture(capture).about.model_copy(update={"contains": (ECHOES,)})
+        )
         (capture / TRUTH).unlink()
     expected_s = planned_cost.FITTED_S if surface else planned_cost.FOCUSED_S
     assert planned_cost.inspecting(capture) == expected_s

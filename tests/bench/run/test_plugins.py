@@ -20,7 +20,9 @@ from handbench.support.files import content_hash
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "methods.md").read_text("utf-8")
-CODE, PROJECT = (re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)[0] for language in ("python", "toml"))
+CODE, PROJECT = (
+    re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)[0] for language in ("python", "toml")
+)
 ENTRY = "[handbench.methods]\n{} = {}\n"
 
 
@@ -40,11 +42,17 @@ def site(tmp_path, monkeypatch) -> Path:
         del sys.modules[name]
 
 
-def install(site: Path, name: str, entry_points: str, version="0.1", requires=(), **modules: str) -> None:
+def install(
+    site: Path, name: str, entry_points: str, version="0.1", requires=(), **modules: str
+) -> None:
     """What pip leaves of a package: its modules, and a folder that says what it is."""
     about = site / f"{name.replace('-', '_')}-{version}.dist-info"
     about.mkdir()
-    lines = [f"Name: {name}", f"Version: {version}", *(f"Requires-Dist: {line}" for line in requires)]
+    lines = [
+        f"Name: {name}",
+        f"Version: {version}",
+        *(f"Requires-Dist: {line}" for line in requires),
+    ]
     (about / "METADATA").write_text("\n".join(["Metadata-Version: 2.1", *lines, ""]))
     (about / "entry_points.txt").write_text(entry_points)
     for module, code in modules.items():
@@ -74,7 +82,10 @@ def test_the_package_of_the_page_adds_its_method(site, capsys):
     assert main(["list"]) == 0
     listed = capsys.readouterr().out
     section = listed[listed.index("wide2fsk") :]
-    assert all(part in section for part in ("source: this page", "plug-in: wide-methods 0.1", "f2_hz = 81000000000.0"))
+    assert all(
+        part in section
+        for part in ("source: this page", "plug-in: wide-methods 0.1", "f2_hz = 81000000000.0")
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,36 +98,60 @@ def test_the_package_of_the_page_adds_its_method(site, capsys):
         ("", "bad registers no method"),
         (CODE.replace("wide2fsk", "3fsk"), "method '3fsk' is registered twice, first by handbench"),
         (CODE.replace("wide2fsk", "../3fsk"), "cannot name a file"),
-        (CODE.replace("wide2fsk", "ours") + CODE.replace("wide2fsk", "2fsk"), "method '2fsk' is registered twice"),
-        (CODE.replace("f2_hz: float = 81.0e9", "steps: int"), "method 'wide2fsk': defaults: key 'steps' is missing"),
-        (CODE.replace('source="this page"', 'base="2fks"'), "is a variant of '2fks'; did you mean '2fsk'?"),
+        (
+            CODE.replace("wide2fsk", "ours") + CODE.replace("wide2fsk", "2fsk"),
+            "method '2fsk' is registered twice",
+        ),
+        (
+            CODE.replace("f2_hz: float = 81.0e9", "steps: int"),
+            "method 'wide2fsk': defaults: key 'steps' is missing",
+        ),
+        (
+            CODE.replace('source="this page"', 'base="2fks"'),
+            "is a variant of '2fks'; did you mean '2fsk'?",
+        ),
     ],
 )
 def test_a_broken_plug_in_is_named_in_one_line_and_harms_nobody(site, capsys, code, reason):
     install_page(site)
     install(site, "bad-methods", ENTRY.format("bad", "bad"), bad=code)
     before = {id: m.run for id, m in METHODS.items()}
-    assert {m.id: m.run for m in methods() if m.id != "wide2fsk"} == before  # nothing of it is left, and all else works
+    assert {
+        m.id: m.run for m in methods() if m.id != "wide2fsk"
+    } == before  # nothing of it is left, and all else works
     assert method("wide2fsk").distribution == "wide-methods"
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("plug-in bad of bad-methods: left out: ") and reason in line
     assert main(["list"]) == 0
     assert f"bad of bad-methods: {line.partition('left out: ')[2]}" in capsys.readouterr().out
-    with pytest.raises(HandbenchError, match=r"unknown id 'ours'.*could not be loaded: bad of bad-methods"):
+    with pytest.raises(
+        HandbenchError, match=r"unknown id 'ours'.*could not be loaded: bad of bad-methods"
+    ):
         method("ours")
 
 
 def test_a_plug_in_for_version_0_2_learns_the_new_name_of_its_import(site, monkeypatch):
-    elsewhere = [folder for folder in sys.path if Path(folder or ".").resolve() != ROOT]  # as where it is installed
+    elsewhere = [
+        folder for folder in sys.path if Path(folder or ".").resolve() != ROOT
+    ]  # as where it is installed
     monkeypatch.setattr(sys, "path", elsewhere)
-    install(site, "old-methods", ENTRY.format("old", "old"), old=CODE.replace("handbench.radar", "radar"))
+    install(
+        site,
+        "old-methods",
+        ENTRY.format("old", "old"),
+        old=CODE.replace("handbench.radar", "radar"),
+    )
     assert "wide2fsk" not in {m.id for m in methods()}
     [reason] = registry.BROKEN.values()
-    assert reason.startswith("imports radar.methods.registry, which is handbench.radar.methods.registry since version")
+    assert reason.startswith(
+        "imports radar.methods.registry, which is handbench.radar.methods.registry since version"
+    )
 
 
 def test_an_entry_point_to_nothing_is_named(site, capsys):
-    install(site, "bad-methods", ENTRY.format("bad", "bad:missing") + "worse = bad worse\n", bad=CODE)
+    install(
+        site, "bad-methods", ENTRY.format("bad", "bad:missing") + "worse = bad worse\n", bad=CODE
+    )
     assert "wide2fsk" not in {m.id for m in methods()}
     assert [line.split(":")[0] for line in capsys.readouterr().err.splitlines()] == [
         "plug-in bad of bad-methods",
@@ -132,12 +167,16 @@ def test_of_two_plug_ins_with_one_id_the_first_by_name_stays(site):
 
 
 def test_a_plug_in_may_use_other_methods_while_it_is_imported(site):
-    install_page(site, CODE + "\nfrom handbench.radar.methods.registry import method\nassert method('2fsk')\n")
+    install_page(
+        site,
+        CODE + "\nfrom handbench.radar.methods.registry import method\nassert method('2fsk')\n",
+    )
     assert method("wide2fsk") and not registry.BROKEN
 
 
 def test_a_changed_plug_in_has_another_key(site):
-    """Its module, another module of its package, its version, the version of what it requires: each counts."""
+    """Its module, another module of its package, its version, the version of what it requires: each
+    counts."""
     (site / "wide").mkdir()
     (site / "wide" / "__init__.py").write_text(CODE)
     (site / "wide" / "helper.py").write_text("a = 1")
@@ -151,22 +190,32 @@ def test_a_changed_plug_in_has_another_key(site):
     seen = [key(), key()]
     assert seen[0] == seen[1]
     assert source_key(method("wide2fsk"))[0] == "wide-methods 0.1"
-    assert source_key(method("wide2fsk"))[1:3] == ("no-such-library none", f"numpy {np.__version__}")
+    assert source_key(method("wide2fsk"))[1:3] == (
+        "no-such-library none",
+        f"numpy {np.__version__}",
+    )
     (site / "wide" / "helper.py").write_text("a = 2")
     seen.append(key())
     (site / "wide" / "__init__.py").write_text(CODE + "#")
     seen.append(key())
     about = site / "wide_methods-0.1.dist-info"
-    (about / "METADATA").write_text((about / "METADATA").read_text().replace("Version: 0.1", "Version: 0.2"))
+    (about / "METADATA").write_text(
+        (about / "METADATA").read_text().replace("Version: 0.1", "Version: 0.2")
+    )
     seen.append(key())
     assert len(set(seen[1:])) == 4
     (site / "wide" / "__pycache__").mkdir()
-    (site / "wide" / "__pycache__" / "helper.pyc").write_text("what Python leaves there is no code of its")
+    (site / "wide" / "__pycache__" / "helper.pyc").write_text(
+        "what Python leaves there is no code of its"
+    )
     assert key() == seen[-1]
 
 
 def test_built_in_methods_have_their_file_s_key_and_code_without_a_file_has_none():
-    assert source_key(method("2fsk")) == source_key(method("3fsk")) and len(source_key(method("2fsk"))) == 1
+    assert (
+        source_key(method("2fsk")) == source_key(method("3fsk"))
+        and len(source_key(method("2fsk"))) == 1
+    )
     try:
         exec("def run(capture, config, frame): ...", typed := {})
         register("typed", Config, "typed at a prompt")(typed["run"])

@@ -1,4 +1,5 @@
-"""Stages beside each other: every job comes back, times are taken alone, results are those of one process."""
+"""Stages beside each other: every job comes back, times are taken alone, results are those of one
+process."""
 
 import os
 import signal
@@ -33,14 +34,23 @@ def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
     ]
     ended = performed(beside, spans, tmp_path, jobs)
     assert [done.key for done in ended] == [job.key for job in jobs]
-    took = {job.label: [float(word) for word in (tmp_path / job.label).read_text().split()] for job in jobs}
-    assert len({took[f"mesh-{name}"][2] for name in "abcd"}) == min(len(cores), 2), "a process for each core"
-    assert all(took[f"mesh-{name}"][3] == max(workers() // 2, 1) for name in "abcd"), "each with half the cores"
+    took = {
+        job.label: [float(word) for word in (tmp_path / job.label).read_text().split()]
+        for job in jobs
+    }
+    assert len({took[f"mesh-{name}"][2] for name in "abcd"}) == min(len(cores), 2), (
+        "a process for each core"
+    )
+    assert all(took[f"mesh-{name}"][3] == max(workers() // 2, 1) for name in "abcd"), (
+        "each with half the cores"
+    )
     imaged = [took[f"reconstruct-{name}-m"] for name in "ab"]
     assert all(pid == os.getpid() and threads == workers() for _, _, pid, threads in imaged)
     for began_s, ended_s, *_ in imaged:
         others = [span for span in took.values() if span[0] != began_s]
-        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), "nothing else runs then"
+        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), (
+            "nothing else runs then"
+        )
     assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
 
 
@@ -56,7 +66,9 @@ def test_a_bug_that_cannot_be_sent_is_told_all_the_same(beside, tmp_path):
 
 
 def _slowly(root: Path) -> None:
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell started the tests in background
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # ignored where a shell started the tests in background
     with Processes(min(len(os.sched_getaffinity(0)), 2)) as beside:
         performed(beside, slow, root, [stage_of("mesh", "a"), stage_of("mesh", "b")])
 
@@ -92,7 +104,9 @@ def test_a_stage_that_ends_its_process_fails_alone(beside, tmp_path):
     assert all("its process was ended" in ended[k].failure.message for k in (1, 3))
 
 
-@pytest.mark.parametrize(("count", "core_s", "kind"), [(1, 1e9, Here), (2, 1.0, Here), (2, 1e9, Processes)])
+@pytest.mark.parametrize(
+    ("count", "core_s", "kind"), [(1, 1e9, Here), (2, 1.0, Here), (2, 1e9, Processes)]
+)
 def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, core_s, kind):
     monkeypatch.setattr(executors, "room", lambda *_: count)
     with executors.executor(core_s=core_s) as found:

@@ -13,7 +13,17 @@ from tests.bench.run.photographed import with_photographs
 from tests.faults.processes import Runs
 from tests.installed_copy import copy_package
 
-STAGES = ("simulate", "inspect", "sparse", "dense", "mesh", "calibrate", "reconstruct", "repeat", "score")
+STAGES = (
+    "simulate",
+    "inspect",
+    "sparse",
+    "dense",
+    "mesh",
+    "calibrate",
+    "reconstruct",
+    "repeat",
+    "score",
+)
 
 
 @pytest.fixture
@@ -35,17 +45,25 @@ def tasks(out: Path) -> dict[str, list[bool]]:
 
 def figures(folder: Path) -> list[str]:
     """The table without its times."""
-    return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
+    return [
+        line
+        for line in (folder / "table.csv").read_text().splitlines()
+        if not line.startswith("seconds")
+    ]
 
 
 @pytest.mark.slow
 def test_a_run_killed_after_any_stage_goes_on_there(photographed, tmp_path):
-    """One folder, killed after the first stage of each kind in turn: no kill costs a stage that was done. Each run is a
-    process of its own, forked from one that has imported what it needs."""
+    """One folder, killed after the first stage of each kind in turn: no kill costs a stage that was
+    done. Each run is a process of its own, forked from one that has imported what it needs."""
     out, made = tmp_path / "out", set()
     for last in STAGES:
         assert photographed.run(out, last)[0] == 9
-        folders = {path.name: path.stat().st_ino for path in (out / "work").iterdir() if path.name[0] != "."}
+        folders = {
+            path.name: path.stat().st_ino
+            for path in (out / "work").iterdir()
+            if path.name[0] != "."
+        }
         assert made <= set(folders.items()) and any(name.startswith(f"{last}-") for name in folders)
         made = set(folders.items())
         assert not (out / "result.json").exists()
@@ -53,7 +71,9 @@ def test_a_run_killed_after_any_stage_goes_on_there(photographed, tmp_path):
     found = tasks(out)
     assert set(found) == set(STAGES)
     assert all(found[stage][0] for stage in STAGES)  # those after which it was killed
-    assert found["sparse"] == [True] * 2 and found["dense"] == [True] * 2  # of the target, then of the capture
+    assert (
+        found["sparse"] == [True] * 2 and found["dense"] == [True] * 2
+    )  # of the target, then of the capture
     assert photographed.run(tmp_path / "whole")[0] == 0
     assert figures(out) == figures(tmp_path / "whole")
 
@@ -65,27 +85,56 @@ def copied(tmp_path) -> Path:
 
 
 @pytest.mark.slow
-def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_bench, copied, tmp_path):
+def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(
+    small_bench, copied, tmp_path
+):
     out = tmp_path / "out"
 
     def python(*arguments: str) -> None:
         environment = {**os.environ, "PYTHONPATH": str(copied.parent)}
-        subprocess.run([sys.executable, *arguments], check=True, capture_output=True, cwd=copied, env=environment)
+        subprocess.run(
+            [sys.executable, *arguments],
+            check=True,
+            capture_output=True,
+            cwd=copied,
+            env=environment,
+        )
 
     def run_copy() -> dict[str, float]:
         python("-m", "handbench.cli.main", "run", str(small_bench), "-o", str(out))
         with (out / "table.csv").open() as stream:
-            return {f"{r['metric']} {r['method']}": float(r["value"]) for r in csv.DictReader(stream) if r["value"]}
+            return {
+                f"{r['metric']} {r['method']}": float(r["value"])
+                for r in csv.DictReader(stream)
+                if r["value"]
+            }
 
     before = run_copy()
-    [errors] = [f for f in (copied / "bench" / "evaluation").glob("*.py") if "\ndef deviation_map(" in f.read_text()]
+    [errors] = [
+        f
+        for f in (copied / "bench" / "evaluation").glob("*.py")
+        if "\ndef deviation_map(" in f.read_text()
+    ]
     code = errors.read_text()
-    twice = "\n\n_single = deviation_map\n\n\ndef deviation_map(x_m, y_m, z_m):\n    found = _single(x_m, y_m, z_m)\n"
-    errors.write_text(f"{code}{twice}    return type(found)(x_m, y_m, 2 * found.error_m, found.reference_z_m)\n")
+    twice = (
+        "\n\n_single = deviation_map\n\n\ndef deviation_map(x_m, y_m, z_m):\n    found = "
+        "_single(x_m, y_m, z_m)\n"
+    )
+    errors.write_text(
+        f"{code}{twice}    return type(found)(x_m, y_m, 2 * found.error_m, found.reference_z_m)\n"
+    )
     after, found = run_copy(), tasks(out)
-    doubled = {key for key in before if after[key] == pytest.approx(2 * before[key], rel=1e-9) and before[key]}
+    doubled = {
+        key
+        for key in before
+        if after[key] == pytest.approx(2 * before[key], rel=1e-9) and before[key]
+    }
     assert doubled == {"pixel_precision_mm 2fsk"}
-    assert found["repeat"] == [False] and found["simulate"] == [True] and found["reconstruct"] == [True, True]
+    assert (
+        found["repeat"] == [False]
+        and found["simulate"] == [True]
+        and found["reconstruct"] == [True, True]
+    )
     for name in ("cli/main.py", "support/store.py", "reports/page/html.py"):
         (copied / name).write_text((copied / name).read_text() + "# edited\n")
     assert run_copy() == after

@@ -33,7 +33,11 @@ def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:
 
 def figures(folder: Path) -> list[str]:
     """The table without its times."""
-    return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
+    return [
+        line
+        for line in (folder / "table.csv").read_text().splitlines()
+        if not line.startswith("seconds")
+    ]
 
 
 def test_result_folder_is_complete_and_plausible(small_result):
@@ -45,8 +49,12 @@ def test_result_folder_is_complete_and_plausible(small_result):
     assert result.row("precision_mm", "narrowband", "truth") is None
     assert len(result.repeats) == 3
     assert set(result.tasks.stage) == {"simulate", "inspect", "reconstruct", "repeat", "score"}
-    assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None) and not result.tasks.cached.any()
-    by_amplitude = result.causes[result.causes.cause == "below_maximum_db"].groupby("method").n_pixels.sum()
+    assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(
+        axis=None
+    ) and not result.tasks.cached.any()
+    by_amplitude = (
+        result.causes[result.causes.cause == "below_maximum_db"].groupby("method").n_pixels.sum()
+    )
     observed = result.table[result.table.metric == "n_observed"].set_index("method").value
     assert by_amplitude.to_dict() == observed.to_dict() and (result.causes.n_captures == 1).all()
     assert set(result.reliability.method) == {"2fsk"}  # a projection tells no σ
@@ -100,8 +108,8 @@ def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    """Every file of a result folder, those of its stages too, without times: the rows and columns that hold them, the
-    machine's rate, and whether a stage was cached."""
+    """Every file of a result folder, those of its stages too, without times: the rows and columns
+    that hold them, the machine's rate, and whether a stage was cached."""
     times = {
         "table.csv": rb"(?m)^seconds,.*$",
         "scores.csv": rb"(?m)^.*,seconds,.*$",
@@ -123,8 +131,8 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
-    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random moments. Each run is
-    a process of its own, forked from one that has imported what it needs."""
+    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random
+    moments. Each run is a process of its own, forked from one that has imported what it needs."""
     runs = Runs(small_bench, tmp_path, photographs=False)
     assert runs.run(tmp_path / "whole")[0] == 0
     whole_s, expected = runs.seconds, content(tmp_path / "whole")
@@ -133,23 +141,39 @@ def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
         process = runs.started(out)
         wait()
         os.kill(process, signal.SIGKILL)
-        killed = int(runs.forks.stdout.readline()) == -signal.SIGKILL and not (out / "result.json").exists()
+        killed = (
+            int(runs.forks.stdout.readline()) == -signal.SIGKILL
+            and not (out / "result.json").exists()
+        )
         if killed and (out / "work").exists():
-            (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
+            (
+                out / "work" / ".reconstruct-abc-half"
+            ).mkdir()  # what a kill inside a stage leaves behind
         assert runs.run(out)[0] == 0
         assert content(out) == expected
         return killed
 
     def first_stage() -> None:
         deadline = time.monotonic() + 600  # a hang
-        while not list((tmp_path / "first" / "work").glob("simulate-*")) and time.monotonic() < deadline:
+        while (
+            not list((tmp_path / "first" / "work").glob("simulate-*"))
+            and time.monotonic() < deadline
+        ):
             time.sleep(0.01)
 
     assert killed_and_resumed(tmp_path / "first", first_stage)
     assert results.load(tmp_path / "first").tasks.cached[0]
-    moments_s = np.random.default_rng(0).uniform(0.3, 0.85, int(os.environ.get("HANDBENCH_KILLS", "0"))) * whole_s
-    killed = [killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s]
-    print(f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after {moments_s.round(2)} s")
+    moments_s = (
+        np.random.default_rng(0).uniform(0.3, 0.85, int(os.environ.get("HANDBENCH_KILLS", "0")))
+        * whole_s
+    )
+    killed = [
+        killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s
+    ]
+    print(
+        f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after "
+        f"{moments_s.round(2)} s"
+    )
     runs.end()
 
 
@@ -163,31 +187,42 @@ def recorded(small_bench, small_result, tmp_path) -> Path:
 
 
 def with_another(small_bench: Path, recorded: Path, frequencies: int) -> None:
-    """Benchmark both the recorded capture and a copy, "other", that keeps its highest frequencies."""
+    """Benchmark both the recorded capture and a copy, "other", that keeps its highest
+    frequencies."""
     other = recorded.parent / "other"
     shutil.copytree(recorded, other)
     description = (other / "capture.toml").read_text()
     (other / "capture.toml").write_text(description.replace('name = "ball"', 'name = "other"'))
     echoes = load_capture(recorded / "echoes.h5")
     kept = slice(-frequencies, None)
-    echoes = replace(echoes, samples=echoes.samples[:, kept], frequencies_hz=echoes.frequencies_hz[kept])
+    echoes = replace(
+        echoes, samples=echoes.samples[:, kept], frequencies_hz=echoes.frequencies_hz[kept]
+    )
     save_capture(other / "echoes.h5", echoes)
     both = 'path = "other"\n[[capture]]\npath = "ball"'
     small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', both))
 
 
-def test_what_one_method_cannot_do_is_left_out_for_all_and_said(small_bench, recorded, tmp_path, capsys, monkeypatch):
+def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
+    small_bench, recorded, tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr(
         "handbench.bench.validation.doubts.of_capture", lambda recorded: iter(())
     )  # takes long with two tones
     with_another(small_bench, recorded, frequencies=2)  # enough for 2-FSK alone
     result = execute(small_bench, tmp_path / "out")
     [failure] = result.about.failures
-    assert (failure.capture, failure.method, failure.stage) == ("other", "narrowband", "reconstruct")
+    assert (failure.capture, failure.method, failure.stage) == (
+        "other",
+        "narrowband",
+        "reconstruct",
+    )
     assert failure.line in capsys.readouterr().err.splitlines()
     assert result.about.protocol["basis"].startswith("1 of 2 captures")
     assert figures(tmp_path / "out") == figures(tmp_path / "simulated")
-    assert [c.name for c in result.about.captures] == ["ball"] and set(result.repeats.capture) == {"ball"}
+    assert [c.name for c in result.about.captures] == ["ball"] and set(result.repeats.capture) == {
+        "ball"
+    }
     assert set(result.tasks.capture) == {"ball", "other"}
 
 
@@ -195,7 +230,10 @@ def test_a_broken_capture_does_not_sink_the_run(small_bench, recorded, tmp_path)
     with_another(small_bench, recorded, frequencies=3)
     broken = recorded.parent / "other"
     (broken / "echoes.h5").write_bytes((recorded / "echoes.h5").read_bytes()[:5000])
-    assert {f.method for f in execute(small_bench, tmp_path / "echoes").about.failures} == {"2fsk", "narrowband"}
+    assert {f.method for f in execute(small_bench, tmp_path / "echoes").about.failures} == {
+        "2fsk",
+        "narrowband",
+    }
     (broken / "capture.toml").unlink()
     result = execute(small_bench, tmp_path / "description")
     assert [(f.capture, f.stage) for f in result.about.failures] == [("other", "open")]
@@ -210,7 +248,9 @@ def test_captures_as_folders_score_as_simulated_ones(small_bench, small_result, 
     shutil.copytree(small_result, tmp_path / "out")
     capture = next((tmp_path / "out" / "work").glob("simulate-*")) / "capture"
     shutil.copytree(capture, small_bench.parent / "recorded")
-    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    small_bench.write_text(
+        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
+    )
     execute(small_bench, tmp_path / "recorded")
     assert figures(tmp_path / "recorded") == figures(tmp_path / "out")
 
@@ -220,16 +260,23 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(small_bench, small_r
     recorded = small_bench.parent / "recorded"
     shutil.copytree(next((tmp_path / "out" / "work").glob("simulate-*")) / "capture", recorded)
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(), (0.1, 0.2, 0.5)
+    matrix[:3, :3], matrix[:3, 3] = (
+        Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(),
+        (0.1, 0.2, 0.5),
+    )
     radar_from_photo = Transform("photo", "radar", matrix)
     surface = read_mesh(recorded / "truth.ply")
     write_mesh(recorded / "mesh.ply", surface.transform(radar_from_photo.inverse().matrix))
     radar_from_photo.save(recorded / "radar_from_photo.json")
-    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    small_bench.write_text(
+        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
+    )
     result = execute(small_bench, tmp_path / "recorded")
     for method in ("2fsk", "narrowband"):
         values = [result.row("mae_mm", method, r).value for r in ("photogrammetry", "truth")]
-        assert values[0] == pytest.approx(values[1], abs=1e-3)  # the mesh is stored in float32: 1e-7 of 0.5 m
+        assert values[0] == pytest.approx(
+            values[1], abs=1e-3
+        )  # the mesh is stored in float32: 1e-7 of 0.5 m
     radar_from_photo.inverse().save(recorded / "radar_from_photo.json")
     with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
         execute(small_bench, tmp_path / "inverted")
@@ -243,7 +290,9 @@ def test_a_capture_without_any_reference_is_an_error(small_bench, small_result, 
     (recorded / "truth.ply").unlink()
     description = (recorded / "capture.toml").read_text()
     (recorded / "capture.toml").write_text(description.replace('"truth.ply", ', ""))
-    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"'))
+    small_bench.write_text(
+        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
+    )
     with pytest.raises(HandbenchError, match="nothing to score against"):
         execute(small_bench, tmp_path / "recorded")
 
@@ -274,10 +323,20 @@ def test_result_json_says_how_it_came_about(small_result, tmp_path):
 def test_results_of_before_failures_and_machines_are_read(small_result, tmp_path):
     shutil.copytree(small_result, tmp_path / "out")
     about, tasks = tmp_path / "out" / "result.json", tmp_path / "out" / "tasks.csv"
-    about.write_text(json.dumps({k: v for k, v in json.loads(about.read_text()).items() if k != "failures"}))
-    tasks.write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks.read_text().splitlines()))
+    about.write_text(
+        json.dumps({k: v for k, v in json.loads(about.read_text()).items() if k != "failures"})
+    )
+    tasks.write_text(
+        "".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks.read_text().splitlines())
+    )
     result = results.load(tmp_path / "out")
-    assert result.about.failures == () and np.isnan(result.tasks.gemm_gflops[0]) and result.tasks.seconds[0] > 0
-    tasks.write_text("".join(f"{line.rsplit(',', 1)[0]}\n" for line in tasks.read_text().splitlines()))
+    assert (
+        result.about.failures == ()
+        and np.isnan(result.tasks.gemm_gflops[0])
+        and result.tasks.seconds[0] > 0
+    )
+    tasks.write_text(
+        "".join(f"{line.rsplit(',', 1)[0]}\n" for line in tasks.read_text().splitlines())
+    )
     with pytest.raises(HandbenchError, match="the columns are"):
         results.load(tmp_path / "out")

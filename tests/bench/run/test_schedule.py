@@ -1,4 +1,5 @@
-"""Runs that outgrow one process: the same jobs in place and on a Dask cluster, failures and lost workers included."""
+"""Runs that outgrow one process: the same jobs in place and on a Dask cluster, failures and lost
+workers included."""
 
 from __future__ import annotations
 
@@ -37,9 +38,13 @@ def several(small_bench: Path) -> Path:
     scene = (small_bench.parent / "ball.toml").read_text()
     for k in range(CAPTURES):
         changed = scene.replace('"ball"', f'"ball{k}"').replace("0.30", f"{0.295 + 0.002 * k:.3f}")
-        (small_bench.parent / f"ball{k}.toml").write_text(changed.replace("seed = 3", f"seed = {k}"))
+        (small_bench.parent / f"ball{k}.toml").write_text(
+            changed.replace("seed = 3", f"seed = {k}")
+        )
     captures = "[[capture]]\n".join(["", *(f'scene = "ball{k}.toml"\n' for k in range(CAPTURES))])
-    small_bench.write_text(small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', captures))
+    small_bench.write_text(
+        small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', captures)
+    )
     return small_bench
 
 
@@ -49,7 +54,10 @@ class Workers:
     def __init__(self, folder: Path) -> None:
         self.file, self.folder = folder / "scheduler.json", folder
         self.scheduler = self.start("dask_scheduler", "--port", "0", "--no-dashboard")
-        self.workers = [self.start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard") for _ in "ab"]
+        self.workers = [
+            self.start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            for _ in "ab"
+        ]
 
     def start(self, command: str, *options: str) -> subprocess.Popen:
         with (self.folder / f"{command}.log").open("a") as log:
@@ -78,7 +86,9 @@ class Workers:
 
 @pytest.fixture
 def workers(tmp_path) -> Iterator[Workers]:
-    pytest.importorskip("distributed", reason="dask.distributed is not installed: pip install 'handbench[cluster]'")
+    pytest.importorskip(
+        "distributed", reason="dask.distributed is not installed: pip install 'handbench[cluster]'"
+    )
     started = Workers(tmp_path)
     yield started
     started.stop()
@@ -86,7 +96,11 @@ def workers(tmp_path) -> Iterator[Workers]:
 
 def table(folder: Path) -> list[str]:
     """The table without its times."""
-    return [line for line in (folder / "table.csv").read_text().splitlines() if not line.startswith("seconds")]
+    return [
+        line
+        for line in (folder / "table.csv").read_text().splitlines()
+        if not line.startswith("seconds")
+    ]
 
 
 def finished(work: Path) -> int:
@@ -113,7 +127,10 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tm
     assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
     assert table(tmp_path / "cluster") == table(tmp_path / "serial")
     for path in (tmp_path / "serial").glob("*/*.npz"):
-        assert path.read_bytes() == (tmp_path / "cluster" / path.relative_to(tmp_path / "serial")).read_bytes()
+        assert (
+            path.read_bytes()
+            == (tmp_path / "cluster" / path.relative_to(tmp_path / "serial")).read_bytes()
+        )
     assert len(result.tasks) == stages and result.about.failures == ()
     again = run(bench, base, tmp_path / "cluster", scheduler=address)
     assert again.tasks.cached.all()
@@ -134,7 +151,9 @@ def executor(request, tmp_path) -> Iterator[Executor]:
         return
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     # Threads of this process: what is tested is the client's side.
-    with distributed.Client(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0") as client:
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
+    ) as client:
         yield Cluster(client)
 
 
@@ -148,37 +167,55 @@ def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypat
 
 
 def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
-    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits there.)"""
+    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits
+    there.)"""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     import dask
 
     names = ["a", "b", "deadly", "c", "d", "e", "f", "g"]
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
+        dask.config.set(
+            {
+                "distributed.scheduler.allowed-failures": 0,
+                "distributed.scheduler.worker-saturation": 1.0,
+            }
+        ),
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=":0"
+        ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        ended = performed(Cluster(client), deadly, tmp_path, [stage_of(HASH, name) for name in names])
+        ended = performed(
+            Cluster(client), deadly, tmp_path, [stage_of(HASH, name) for name in names]
+        )
     assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
     assert ended[2].failure.message == "1 workers died over it; give the workers more memory"
 
 
 def test_a_bug_keeps_its_exception(executor, tmp_path):
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in ("a", "bug", "b")])
+        performed(
+            executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in ("a", "bug", "b")]
+        )
 
 
 def test_no_scheduler_is_one_line(monkeypatch):
     monkeypatch.setattr(executors, "CONNECT_S", 0.5)
     pytest.importorskip("distributed", reason="dask.distributed is not installed")
     for address in ("tcp://127.0.0.1:1", "nonsense://x"):
-        with pytest.raises(HandbenchError, match="no Dask scheduler answers"), executors.executor(address):
+        with (
+            pytest.raises(HandbenchError, match="no Dask scheduler answers"),
+            executors.executor(address),
+        ):
             pass
 
 
 def test_a_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(HandbenchError, match=r"handbench\[cluster\]"), executors.executor("tcp://127.0.0.1:1"):
+    with (
+        pytest.raises(HandbenchError, match=r"handbench\[cluster\]"),
+        executors.executor("tcp://127.0.0.1:1"),
+    ):
         pass
 
 

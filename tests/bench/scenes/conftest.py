@@ -34,8 +34,8 @@ def ball_scene(**photos: object) -> Scene:
 
 @pytest.fixture(scope="session")
 def ball() -> Callable[..., Studio]:
-    """Makes a studio with the ball from the keys of [photos]; `ball.scene` makes the scene alone. The lamps' light
-    and the plate's print, the same for all, are made once."""
+    """Makes a studio with the ball from the keys of [photos]; `ball.scene` makes the scene alone.
+    The lamps' light and the plate's print, the same for all, are made once."""
     baked: dict[int, Light] = {}
     printed = cache(plate_print)
 

@@ -8,6 +8,7 @@ from handbench.bench.scenes.people import MEAN, Person
 
 
 def hand_field(pose: Pose, person: Person = MEAN) -> Field:
-    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand frame."""
+    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the hand
+    frame."""
     field, turn = palm_field(pose, person), hand_from_palm(pose)
     return lambda points: field(points @ turn)

@@ -1,5 +1,6 @@
-"""Smoothness of a meshed hand to the radar: angles between neighbouring facets, and what one subdivision of the mesh
-onto the true surface changes in the echoes and in the depths that three tones tell.
+"""Smoothness of a meshed hand to the radar: angles between neighbouring facets, and what one
+subdivision of the mesh onto the true surface changes in the echoes and in the depths that three
+tones tell.
 
     python -m tests.bench.scenes.hand_smoothness [LETTERS]   # the table of docs/measurements/hand.md
 """
@@ -24,7 +25,9 @@ DEPTH_M_PER_RAD = SPEED_OF_LIGHT_M_S / (4 * np.pi * (TONES_HZ[-1] - TONES_HZ[0])
 HAND_M = (0.0, -0.030, 0.310)  # where a scene puts the palm's centre
 SHADOW_BIAS_M = 2e-4  # a facet does not shadow itself
 POINTS = 3000  # at which depths are compared
-ON_TARGET = 10 ** (-13 / 20)  # amplitude over the strongest one's below which the methods see no target
+ON_TARGET = 10 ** (
+    -13 / 20
+)  # amplitude over the strongest one's below which the methods see no target
 
 
 def crossing_faces(vertices_m: np.ndarray, faces: np.ndarray) -> int:
@@ -38,7 +41,8 @@ def crossing_faces(vertices_m: np.ndarray, faces: np.ndarray) -> int:
 
 
 def row(letter: str, edge_m: float = 1e-3) -> str:
-    """A line of the table: crossing facets, angles (°), the parts there, changes of echoes (%) and of depths (mm)."""
+    """A line of the table: crossing facets, angles (°), the parts there, changes of echoes (%) and
+    of depths (mm)."""
     pose = POSES[letter]
     surface = hand_mesh(pose, edge_m)
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
@@ -53,8 +57,8 @@ def row(letter: str, edge_m: float = 1e-3) -> str:
 
 
 def facet_angles(vertices_m: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each edge of a closed mesh the angle [e] between the normals of its two facets, degrees, and its ends
-    [e, 2]."""
+    """For each edge of a closed mesh the angle [e] between the normals of its two facets, degrees,
+    and its ends [e, 2]."""
     corners = vertices_m[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -73,7 +77,8 @@ def subdivided(surface: TriangleMesh, pose: Pose) -> TriangleMesh:
 
 
 def radar_change(one: TriangleMesh, other: TriangleMesh) -> tuple[float, float]:
-    """Relative change of the echoes and root-mean-square change of the depths, metres, from one hand to the other."""
+    """Relative change of the echoes and root-mean-square change of the depths, metres, from one
+    hand to the other."""
     array, surfaces = qar50(), [visible_facets(one), visible_facets(other)]
     samples = np.stack([simulate(facets, TONES_HZ, array) for facets in surfaces])
     echo_change = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[1])
@@ -86,7 +91,8 @@ def radar_change(one: TriangleMesh, other: TriangleMesh) -> tuple[float, float]:
 
 
 def visible_facets(surface: TriangleMesh) -> Scatterers:
-    """Facets that face the array's centre and are not in another's shadow, split to a quarter of the wavelength."""
+    """Facets that face the array's centre and are not in another's shadow, split to a quarter of
+    the wavelength."""
     surface = load_open3d().geometry.TriangleMesh(surface).translate(HAND_M)
     surface.compute_vertex_normals()
     rays = raycasting_scene(surface)
@@ -108,8 +114,8 @@ def visible_facets(surface: TriangleMesh) -> Scatterers:
 
 
 def parts_at(pose: Pose, point_m: np.ndarray) -> str:
-    """The two parts of the hand whose flesh is nearest to a point, phalanges that share a joint counting as one: palm,
-    or a digit and its phalanx from 1 outwards."""
+    """The two parts of the hand whose flesh is nearest to a point, phalanges that share a joint
+    counting as one: palm, or a digit and its phalanx from 1 outwards."""
     flesh_m: dict[tuple[str, int], float] = {}
     for name, digit in skeleton(pose).items():
         for number, bone in enumerate(digit):

@@ -24,12 +24,17 @@ def scene(folder, surface, **changes):
 
 
 def ball(radius_m=0.02, z_m=0.0, resolution=40):
-    return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution).translate((0, 0, z_m))
+    return (
+        load_open3d()
+        .geometry.TriangleMesh.create_sphere(radius_m, resolution)
+        .translate((0, 0, z_m))
+    )
 
 
 def test_only_the_near_side_of_a_ball_is_seen(tmp_path):
     surface = visible_surface(scene(tmp_path, ball()))
-    # From a distance R one sees the cap of height a(1 − a/R) of a sphere: area 2πa²(1 − a/R), here 0.00235 m².
+    # From a distance R one sees the cap of height a(1 − a/R) of a sphere: area 2πa²(1 − a/R), here
+    # 0.00235 m².
     assert surface.weight.sum() == pytest.approx(2 * np.pi * 0.02**2 * (1 - 0.02 / 0.3), rel=0.02)
     assert (surface.position_m[:, 2] < 0.30).all()
     assert np.linalg.norm(surface.normal, axis=1) == pytest.approx(1)
@@ -42,9 +47,14 @@ def test_what_stands_behind_is_in_the_shadow(tmp_path):
 
 
 def test_frames_differ_in_their_noise_alone(tmp_path):
-    listed = {"effects": ["obliquity", "shadow_centre", "noise"], "noise": {"phase_noise_rad": 0.03}}
+    listed = {
+        "effects": ["obliquity", "shadow_centre", "noise"],
+        "noise": {"phase_noise_rad": 0.03},
+    }
     noisy = echoes(scene(tmp_path, ball(), **listed), frames=3).capture.samples
-    clean = echoes(scene(tmp_path, ball(), effects=["obliquity", "shadow_centre"]), frames=3).capture.samples
+    clean = echoes(
+        scene(tmp_path, ball(), effects=["obliquity", "shadow_centre"]), frames=3
+    ).capture.samples
     assert np.array_equal(clean[0], clean[2])
     deviation = noisy - clean
     assert not np.array_equal(deviation[0], deviation[1])
@@ -56,7 +66,8 @@ def test_frames_differ_in_their_noise_alone(tmp_path):
 
 def test_coarse_meshes_are_split_until_they_sample_the_wavelength(tmp_path):
     surface = visible_surface(scene(tmp_path, ball(resolution=10)))
-    # A quarter of the wavelength bounds the edges, and with them the facets' area: √3/4 · (0.915 mm)².
+    # A quarter of the wavelength bounds the edges, and with them the facets' area: √3/4 · (0.915
+    # mm)².
     assert surface.weight.max() < np.sqrt(3) / 4 * 0.000915**2 * 1.01
     fine = {"sweep": [], "tones_hz": [30e12]}
     with pytest.raises(HandbenchError, match="remesh"):
@@ -65,7 +76,9 @@ def test_coarse_meshes_are_split_until_they_sample_the_wavelength(tmp_path):
 
 def test_a_mesh_turned_inside_out_is_refused(tmp_path):
     inside_out = ball()
-    inside_out.triangles = load_open3d().utility.Vector3iVector(np.asarray(inside_out.triangles)[:, ::-1].copy())
+    inside_out.triangles = load_open3d().utility.Vector3iVector(
+        np.asarray(inside_out.triangles)[:, ::-1].copy()
+    )
     with pytest.raises(HandbenchError, match="no facet faces the array"):
         echoes(scene(tmp_path, inside_out, effects=["obliquity", "shadow_centre"]))
 
@@ -75,24 +88,32 @@ def test_tones_are_measured_in_the_order_of_the_file(tmp_path):
     sensor = {"sweep": sweep, "tones_hz": [82e9, 73e9, 81.8e9], "step_time_s": 2e-3}
     found = echo_scene(scene(tmp_path, ball(), sensor=sensor))
     assert found.frequencies_hz == pytest.approx([72e9, 73e9, 74e9, 81.8e9, 82e9])
-    assert found.time_s == pytest.approx([0, 2e-3, 4e-3, 10e-3, 6e-3])  # 73 GHz: the first time that it is measured
+    assert found.time_s == pytest.approx(
+        [0, 2e-3, 4e-3, 10e-3, 6e-3]
+    )  # 73 GHz: the first time that it is measured
 
 
 def test_the_stand_is_seen_where_it_reflects(tmp_path):
     assert echo_scene(scene(tmp_path, ball())).room == ()
-    seen = scene(tmp_path, ball(), stand={"reflectivity_db": -20.0, "empty": True}, effects=["clutter"])
+    seen = scene(
+        tmp_path, ball(), stand={"reflectivity_db": -20.0, "empty": True}, effects=["clutter"]
+    )
     [plate] = echo_scene(seen).room
     assert np.linalg.norm(plate.vertices_m[:, :2].max(axis=0) - [0.2, 0.15]) < 0.02
     assert plate.vertices_m[:, 2].min() > 0.37
     simulated = echoes(seen)
     assert np.abs(simulated.empty.samples).max() > 0
-    subtracted = seen.file.model_copy(update={"stand": seen.file.stand.model_copy(update={"subtract": True})})
+    subtracted = seen.file.model_copy(
+        update={"stand": seen.file.stand.model_copy(update={"subtract": True})}
+    )
     bare = echoes(dataclasses.replace(seen, file=subtracted)).capture.samples
     assert np.array_equal(bare, simulated.capture.samples - simulated.empty.samples[0])
 
 
 def test_the_calibration_targets_balls_sit_in_foam():
-    file = parse(SceneFile, {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}, "test")
+    file = parse(
+        SceneFile, {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}, "test"
+    )
     found = echo_scene(build(file))
     assert found.target is None and len(found.balls) == 5
     assert found.balls[0].radius_m == 0.005 and found.balls[0].foam_radius_m == 0.025
@@ -100,10 +121,14 @@ def test_the_calibration_targets_balls_sit_in_foam():
 
 def test_palms_are_palmar_and_backs_are_not():
     target = {"kind": "hand", "pose": "B", "edge_m": 4e-3, "material": {"kind": "skin"}}
-    body = echo_scene(build(parse(SceneFile, {"version": 1, "name": "b", "target": target}, "test"))).target
+    body = echo_scene(
+        build(parse(SceneFile, {"version": 1, "name": "b", "target": target}, "test"))
+    ).target
     triangles = body.vertices_m[body.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    not_forearm = triangles[:, 0, 1] > -0.06  # the palm's centre is at y = -0.03; B lays the thumb's back on the palm
+    not_forearm = (
+        triangles[:, 0, 1] > -0.06
+    )  # the palm's centre is at y = -0.03; B lays the thumb's back on the palm
     towards = (normal[:, 2] < -0.7 * np.linalg.norm(normal, axis=1)) & not_forearm
     away = (normal[:, 2] > 0.7 * np.linalg.norm(normal, axis=1)) & not_forearm
     assert body.material.kind == "skin"

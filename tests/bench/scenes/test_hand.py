@@ -1,4 +1,5 @@
-"""The parametric hand: a sound mesh on the true surface, a hand's size, in the pose asked for, not inside itself."""
+"""The parametric hand: a sound mesh on the true surface, a hand's size, in the pose asked for, not
+inside itself."""
 
 from __future__ import annotations
 
@@ -11,7 +12,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from handbench.bench.scenes.bones import HAND_AXES, LENGTHS_MM, PALMAR, RADIAL, hand_from_palm, skeleton
+from handbench.bench.scenes.bones import (
+    HAND_AXES,
+    LENGTHS_MM,
+    PALMAR,
+    RADIAL,
+    hand_from_palm,
+    skeleton,
+)
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, FingerPose, Pose, ThumbPose, WristPose
 from handbench.bench.scenes.implicit import triangle_quality
@@ -23,7 +31,13 @@ from tests.bench.scenes.hand_smoothness import crossing_faces
 if TYPE_CHECKING:
     import open3d as o3d
 
-COARSE_M = {"B": 2e-3, "F": 2e-3, "U": 2e-3, "open": 2e-3, "S": 3e-3}  # grooves of S are too narrow for longer edges
+COARSE_M = {
+    "B": 2e-3,
+    "F": 2e-3,
+    "U": 2e-3,
+    "open": 2e-3,
+    "S": 3e-3,
+}  # grooves of S are too narrow for longer edges
 COARSER_M = 4e-3  # of the others: enough for shape and topology
 PALM_M = np.array([0.0, -0.030, 0.310])  # in the scenes
 WRIST_M = -0.050  # the wrist's crease, where anthropometry starts to measure
@@ -34,7 +48,8 @@ def crossing_facets(surface) -> int:
 
 
 def seen_from_the_array(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
-    """Vertices [n, 3] that the array's centre sees when the palm is where scenes put it, radar frame."""
+    """Vertices [n, 3] that the array's centre sees when the palm is where scenes put it, radar
+    frame."""
     placed = load_open3d().geometry.TriangleMesh(surface).translate(PALM_M)
     vertices = np.asarray(placed.vertices)
     distance = np.linalg.norm(vertices, axis=1)
@@ -60,7 +75,9 @@ def test_mesh_is_sound(fine: o3d.geometry.TriangleMesh) -> None:
     assert crossing_facets(fine) == 0
     assert len(fine.cluster_connected_triangles()[1]) == 1
     triangles = np.asarray(fine.vertices)[np.asarray(fine.triangles)]
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
     assert 2.6e-4 < volume < 4.5e-4  # with its 38 mm of forearm; positive: outward-oriented
 
 
@@ -81,7 +98,9 @@ def test_vertices_lie_on_the_surface(fine: o3d.geometry.TriangleMesh) -> None:
 def test_size_is_a_hands() -> None:
     vertices = np.asarray(coarse("open").vertices)
     assert 0.170 < vertices[:, 1].max() - WRIST_M < 0.200
-    knuckles = vertices[(np.abs(vertices[:, 1] - 0.040) < 0.005) & (vertices[:, 0] > -0.045)]  # without the thumb
+    knuckles = vertices[
+        (np.abs(vertices[:, 1] - 0.040) < 0.005) & (vertices[:, 0] > -0.045)
+    ]  # without the thumb
     assert 0.075 < np.ptp(knuckles[:, 0]) < 0.090
     assert 0.022 < np.ptp(knuckles[:, 2]) < 0.035
     wrist = vertices[np.abs(vertices[:, 1] - WRIST_M) < 0.004]
@@ -91,7 +110,9 @@ def test_size_is_a_hands() -> None:
 def test_the_palm_faces_the_radar_and_the_thumb_is_a_right_hands() -> None:
     vertices = np.asarray(coarse("open").vertices)
     assert vertices[:, 0].min() < -0.06 and vertices[:, 0].max() < 0.055  # the thumb's side is -x
-    assert vertices[:, 2].min() < -0.04 and vertices[:, 2].max() < 0.02  # the thumb leans out of the palm, to -z
+    assert (
+        vertices[:, 2].min() < -0.04 and vertices[:, 2].max() < 0.02
+    )  # the thumb leans out of the palm, to -z
 
 
 @pytest.mark.parametrize("name", POSES)
@@ -100,14 +121,17 @@ def test_letters_are_one_body_that_fits_the_scene(name: str) -> None:
     assert surface.is_edge_manifold(allow_boundary_edges=False)
     assert len(surface.cluster_connected_triangles()[1]) == 1
     assert np.abs(hand_field(POSES[name])(np.asarray(surface.vertices))).max() < 1e-5
-    # A groove where digits touch is narrower than these facets; at the 1 mm of scenes none cross (docs/hand.md).
+    # A groove where digits touch is narrower than these facets; at the 1 mm of scenes none cross
+    # (docs/hand.md).
     assert crossing_facets(surface) < 2e-3 * len(surface.triangles)
     assert np.ptp(seen_from_the_array(surface)[:, 2]) < 0.080  # depth of the radar's volume
 
 
 @pytest.mark.parametrize("name", POSES)
 def test_bones_are_inside_the_skin(name: str) -> None:
-    joints = np.array([p for digit in skeleton(POSES[name]).values() for b in digit for p in (b.start_m, b.end_m)])
+    joints = np.array(
+        [p for digit in skeleton(POSES[name]).values() for b in digit for p in (b.start_m, b.end_m)]
+    )
     assert hand_field(POSES[name])(joints).max() < -1e-3
 
 
@@ -117,12 +141,22 @@ def test_turn_and_wrist() -> None:
     tip_m = skeleton(still)["index"][-1].end_m
     assert skeleton(turned)["index"][-1].end_m == pytest.approx(hand_from_palm(turned) @ tip_m)
     assert skeleton(turned)["middle"][0].axis @ RADIAL > 0.99  # from up to the viewer's right
-    arm = np.array([[0.0, -0.080, 0.0], [0.0, -0.070, -0.025], [0.025, -0.070, 0.0], [-0.025, -0.070, 0.0]])
-    inside = {flexion: hand_field(Pose(wrist=WristPose(flexion_deg=flexion)))(arm) < 0 for flexion in (0, 60)}
+    arm = np.array(
+        [[0.0, -0.080, 0.0], [0.0, -0.070, -0.025], [0.025, -0.070, 0.0], [-0.025, -0.070, 0.0]]
+    )
+    inside = {
+        flexion: hand_field(Pose(wrist=WristPose(flexion_deg=flexion)))(arm) < 0
+        for flexion in (0, 60)
+    }
     assert list(inside[0]) == [True, False, True, True]
-    assert list(inside[60][:2]) == [False, True]  # a flexed wrist has its forearm on the palm's side
+    assert list(inside[60][:2]) == [
+        False,
+        True,
+    ]  # a flexed wrist has its forearm on the palm's side
     towards_thumb = hand_field(Pose(wrist=WristPose(deviation_deg=25)))(arm)
-    assert towards_thumb[3] < 0 < towards_thumb[2]  # and the hand leans to the thumb where the forearm leaves that way
+    assert (
+        towards_thumb[3] < 0 < towards_thumb[2]
+    )  # and the hand leans to the thumb where the forearm leaves that way
 
 
 @pytest.mark.parametrize(
@@ -150,13 +184,17 @@ def test_what_no_hand_can_do_is_refused(bad: Callable[[], object]) -> None:
 
 @pytest.mark.parametrize("name", POSES)
 def test_skin_marks_follow_every_pose(name: str) -> None:
-    points_m, palm = np.asarray(coarse(name).vertices), POSES[name].model_copy(update={"turn_deg": (0.0, 0.0, 0.0)})
+    points_m, palm = (
+        np.asarray(coarse(name).vertices),
+        POSES[name].model_copy(update={"turn_deg": (0.0, 0.0, 0.0)}),
+    )
     marks = Skin(POSES[name], 1.0, 3)(points_m) / skin(points_m, 1.0, 3)
     still_m = points_m @ hand_from_palm(POSES[name])
     still = Skin(palm, 1.0, 3)(still_m) / skin(still_m, 1.0, 3)
     assert np.isfinite(marks).all() and marks.min() > 0.4
     assert (marks < 0.9).sum() > 20
-    # The marks wobble by a fraction of a millimetre with a noise that is fixed in space, not in the hand.
+    # The marks wobble by a fraction of a millimetre with a noise that is fixed in space, not in the
+    # hand.
     assert (marks < 0.9).sum() == pytest.approx((still < 0.9).sum(), rel=0.35)
 
 
@@ -179,7 +217,10 @@ def test_bones_keep_their_lengths_and_bend_to_the_palm() -> None:
 
 
 def test_poses_differ() -> None:
-    boxes = [np.r_[coarse(name).get_min_bound(), coarse(name).get_max_bound()] for name in ("B", "F", "U", "open")]
+    boxes = [
+        np.r_[coarse(name).get_min_bound(), coarse(name).get_max_bound()]
+        for name in ("B", "F", "U", "open")
+    ]
     for i, box in enumerate(boxes):
         for other in boxes[:i]:
             assert np.abs(box - other).max() > 5e-3

@@ -1,4 +1,5 @@
-"""What tells how smooth a mesh is: angles and crossings of known bodies, the radar's change under a known shift."""
+"""What tells how smooth a mesh is: angles and crossings of known bodies, the radar's change under a
+known shift."""
 
 from __future__ import annotations
 
@@ -24,7 +25,9 @@ from tests.bench.scenes.hand_smoothness import (
 def test_angles_of_a_box() -> None:
     box = load_open3d().geometry.TriangleMesh.create_box()
     angles_deg, ends = facet_angles(np.asarray(box.vertices), np.asarray(box.triangles))
-    assert sorted(angles_deg) == pytest.approx([0] * 6 + [90] * 12)  # the faces' diagonals and the box's edges
+    assert sorted(angles_deg) == pytest.approx(
+        [0] * 6 + [90] * 12
+    )  # the faces' diagonals and the box's edges
     lengths = np.linalg.norm(np.diff(np.asarray(box.vertices)[ends], axis=1)[:, 0], axis=1)
     assert lengths[angles_deg > 45] == pytest.approx(1)
 
@@ -36,7 +39,12 @@ def crossing_facets(surface) -> int:
 def test_crossing_facets_are_found() -> None:
     sphere = load_open3d().geometry.TriangleMesh.create_sphere(1.0)
     assert crossing_facets(sphere) == 0
-    assert crossing_facets(sphere + load_open3d().geometry.TriangleMesh(sphere).translate((0.5, 0.1, 0.0))) > 20
+    assert (
+        crossing_facets(
+            sphere + load_open3d().geometry.TriangleMesh(sphere).translate((0.5, 0.1, 0.0))
+        )
+        > 20
+    )
 
 
 def test_subdivision_lies_on_the_hand() -> None:
@@ -53,7 +61,9 @@ def test_a_shift_changes_echoes_and_depths_by_what_it_should() -> None:
     shift_m = 2e-5
     moved = load_open3d().geometry.TriangleMesh(ball).translate((0.0, 0.0, shift_m))
     echo_change, depth_change_m = radar_change(ball, moved)
-    assert echo_change == pytest.approx(4 * np.pi * shift_m * TONES_HZ.mean() / SPEED_OF_LIGHT_M_S, rel=0.05)
+    assert echo_change == pytest.approx(
+        4 * np.pi * shift_m * TONES_HZ.mean() / SPEED_OF_LIGHT_M_S, rel=0.05
+    )
     assert depth_change_m == pytest.approx(shift_m, rel=0.1)
     assert radar_change(ball, ball) == pytest.approx((0.0, 0.0), abs=1e-9)
 

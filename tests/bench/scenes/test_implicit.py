@@ -27,15 +27,20 @@ def test_equal_radii_make_a_capsule(point: np.ndarray, end: np.ndarray, radius_m
     t = np.clip((point - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
     expected = np.linalg.norm(point - start - t * (end - start)) - radius_m
     got = round_cone(start, end, radius_m, radius_m)(point[None])
-    assert got == pytest.approx(expected, abs=1e-9)  # the square root loses half the digits on the axis
+    assert got == pytest.approx(
+        expected, abs=1e-9
+    )  # the square root loses half the digits on the axis
 
 
 @given(POINT)
 def test_a_round_cone_is_the_hull_of_its_spheres(point: np.ndarray) -> None:
     start, end, radii = np.array([0.0, -0.02, 0.0]), np.array([0.01, 0.03, 0.0]), (0.012, 0.005)
     t = np.linspace(0, 1, 2001)[:, None]
-    spheres = np.linalg.norm(point - start - t * (end - start), axis=1) - (radii[0] + t[:, 0] * (radii[1] - radii[0]))
-    # The hull is the union of all spheres between the ends; sampling them costs less than a micrometre.
+    spheres = np.linalg.norm(point - start - t * (end - start), axis=1) - (
+        radii[0] + t[:, 0] * (radii[1] - radii[0])
+    )
+    # The hull is the union of all spheres between the ends; sampling them costs less than a
+    # micrometre.
     assert round_cone(start, end, *radii)(point[None])[0] == pytest.approx(spheres.min(), abs=1e-6)
 
 
@@ -59,8 +64,11 @@ def test_zero_set_of_a_sphere() -> None:
     vertices, faces = zero_set(sphere, np.full(3, -0.025), np.full(3, 0.025), edge_m)
     assert np.abs(np.linalg.norm(vertices, axis=1) - radius_m).max() < 1e-6
     triangles = vertices[faces]
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
-    # Flat triangles cut (edge / radius)² / 5 or so of the volume off; the sign says that they face outwards.
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
+    # Flat triangles cut (edge / radius)² / 5 or so of the volume off; the sign says that they face
+    # outwards.
     assert volume == pytest.approx(4 / 3 * np.pi * radius_m**3, rel=5e-3)
     edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
     assert edges.mean() == pytest.approx(edge_m, rel=0.1)
@@ -68,7 +76,11 @@ def test_zero_set_of_a_sphere() -> None:
 
 def test_zero_set_keeps_the_largest_body_alone() -> None:
     body = smooth_union(
-        [round_cone([0, 0, 0], [0.01, 0, 0], 0.01, 0.01), round_cone([0.035, 0, 0], [0.036, 0, 0], 0.004, 0.004)], 1e-3
+        [
+            round_cone([0, 0, 0], [0.01, 0, 0], 0.01, 0.01),
+            round_cone([0.035, 0, 0], [0.036, 0, 0], 0.004, 0.004),
+        ],
+        1e-3,
     )
     vertices, _ = zero_set(body, np.full(3, -0.015), np.array([0.045, 0.015, 0.015]), 2e-3)
     assert vertices[:, 0].max() < 0.021
@@ -83,4 +95,6 @@ def test_neighbour_mean_of_a_tetrahedron() -> None:
 def test_triangle_quality() -> None:
     equilateral = np.array([(0.0, 0, 0), (1, 0, 0), (0.5, np.sqrt(0.75), 0)])
     needle = np.array([(0.0, 0, 0), (1, 0, 0), (0.5, 1e-9, 0)])
-    assert triangle_quality(np.stack([equilateral, 3 * equilateral, needle])) == pytest.approx([1, 1, 0], abs=1e-8)
+    assert triangle_quality(np.stack([equilateral, 3 * equilateral, needle])) == pytest.approx(
+        [1, 1, 0], abs=1e-8
+    )

@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.lens import ThinLens, blur_by_discs, disc_kernel, line_kernel, near_edges
+from handbench.bench.scenes.lens import (
+    ThinLens,
+    blur_by_discs,
+    disc_kernel,
+    line_kernel,
+    near_edges,
+)
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.scenes.scene_file import Photos
 
@@ -49,7 +55,9 @@ def test_rays_meet_in_the_plane_in_focus_and_fill_the_circle_elsewhere(ball: Bal
 
 @pytest.mark.parametrize("size_px", [0.7, 1.0, 3.3, 12.0])
 def test_kernels_keep_light_and_have_the_right_width(size_px: float) -> None:
-    assert moments(disc_kernel(size_px)) == pytest.approx((1, size_px**2 / 16, size_px**2 / 16, 0), rel=0.01, abs=1e-6)
+    assert moments(disc_kernel(size_px)) == pytest.approx(
+        (1, size_px**2 / 16, size_px**2 / 16, 0), rel=0.01, abs=1e-6
+    )
     total, x, y, xy = moments(line_kernel(size_px, np.radians(30)))
     across = x * 0.25 + y * 0.75 - xy * np.sqrt(0.75)
     assert (total, x + y) == pytest.approx((1, size_px**2 / 12), rel=0.01)
@@ -62,8 +70,12 @@ def test_a_point_out_of_focus_becomes_its_circle(diameter_px: float) -> None:
     point[20, 20] = 1
     blurred = blur_by_discs(point, np.full((41, 41), diameter_px))
     variance = diameter_px**2 / 16
-    assert moments(blurred[..., 0])[:3] == pytest.approx((1, variance, variance), rel=0.01, abs=1e-6)
-    assert cv2.filter2D(point, -1, line_kernel(5.0, 1.0)).sum(axis=(0, 1)) == pytest.approx([1, 1, 1])
+    assert moments(blurred[..., 0])[:3] == pytest.approx(
+        (1, variance, variance), rel=0.01, abs=1e-6
+    )
+    assert cv2.filter2D(point, -1, line_kernel(5.0, 1.0)).sum(axis=(0, 1)) == pytest.approx(
+        [1, 1, 1]
+    )
 
 
 def test_edges_reach_as_far_as_the_larger_circle_beside_them() -> None:
@@ -78,10 +90,15 @@ def test_blurred_picture_is_that_of_the_lens(ball: Ball) -> None:
     camera = ball.scene().cameras[0]
     directions = camera.ray_directions()
     everywhere = np.ones(directions.shape[:2], bool)
-    exact = studio._through_lens(camera, studio.lens(camera), directions, everywhere).reshape(directions.shape)
+    exact = studio._through_lens(camera, studio.lens(camera), directions, everywhere).reshape(
+        directions.shape
+    )
     inside = (slice(8, -8), slice(8, -8))
     fast, sharp = studio.expose(camera), studio.shoot(camera.centre_m, directions)[0]
-    error, effect = np.sqrt(((fast - exact)[inside] ** 2).mean()), np.sqrt(((sharp - exact)[inside] ** 2).mean())
+    error, effect = (
+        np.sqrt(((fast - exact)[inside] ** 2).mean()),
+        np.sqrt(((sharp - exact)[inside] ** 2).mean()),
+    )
     assert error < 0.01 < 0.1 < effect
     assert fast[inside].mean() == pytest.approx(exact[inside].mean(), rel=2e-3)
 

@@ -1,4 +1,5 @@
-"""The letters of the manual alphabet: the right fingers raised, contacts where asked for, no digit inside another."""
+"""The letters of the manual alphabet: the right fingers raised, contacts where asked for, no digit
+inside another."""
 
 from __future__ import annotations
 
@@ -7,7 +8,16 @@ import itertools
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.bones import DISTAL, FINGERS, PALMAR, RADIAL, RADII_MM, Bone, skeleton, skeleton_of_palm
+from handbench.bench.scenes.bones import (
+    DISTAL,
+    FINGERS,
+    PALMAR,
+    RADIAL,
+    RADII_MM,
+    Bone,
+    skeleton,
+    skeleton_of_palm,
+)
 from handbench.bench.scenes.hand import TIP_TISSUE_MM
 from handbench.bench.scenes.hand_pose import POSES, FingerPose, Pose
 from tests.bench.scenes.hand_field import hand_field
@@ -30,7 +40,8 @@ APART_M = {"C": 0.030, "G": 0.005, "L": 0.020, "Q": 0.005, "Y": 0.020}  # thumb 
 
 
 def flesh(name: str, digit: tuple[Bone, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Centres [n, 3] and radii [n] of balls along each phalanx, metres: an independent, plainer hand."""
+    """Centres [n, 3] and radii [n] of balls along each phalanx, metres: an independent, plainer
+    hand."""
     radii_m, balls = 1e-3 * np.array(RADII_MM[name]), []
     t = np.linspace(0, 1, 20)
     for number, bone in enumerate(digit[1:]):
@@ -41,9 +52,12 @@ def flesh(name: str, digit: tuple[Bone, ...]) -> list[tuple[np.ndarray, np.ndarr
 
 
 def clearance_m(pose: Pose, one: str, other: str) -> tuple[float, np.ndarray]:
-    """Smallest distance between two digits' flesh, negative where they overlap, and the place. Webs do not count."""
+    """Smallest distance between two digits' flesh, negative where they overlap, and the place. Webs
+    do not count."""
     bones = skeleton(pose)
-    neighbours = one in FINGERS and other in FINGERS and abs(FINGERS.index(one) - FINGERS.index(other)) == 1
+    neighbours = (
+        one in FINGERS and other in FINGERS and abs(FINGERS.index(one) - FINGERS.index(other)) == 1
+    )
     smallest, place = np.inf, np.zeros(3)
     for i, (a, ra) in enumerate(flesh(one, bones[one])):
         for j, (b, rb) in enumerate(flesh(other, bones[other])):
@@ -57,15 +71,21 @@ def clearance_m(pose: Pose, one: str, other: str) -> tuple[float, np.ndarray]:
 
 
 def overlap_m(pose: Pose) -> float:
-    """Greatest depth to which two digits, a fingertip and its base, or a tip and the metacarpals overlap."""
+    """Greatest depth to which two digits, a fingertip and its base, or a tip and the metacarpals
+    overlap."""
     bones = skeleton(pose)
     gaps = [clearance_m(pose, one, other)[0] for one, other in itertools.combinations(DIGITS, 2)]
     t = np.linspace(0, 0.9, 20)
-    metacarpals = np.concatenate([np.array([bones[f][0].at(x * bones[f][0].length_m) for x in t]) for f in FINGERS])
+    metacarpals = np.concatenate(
+        [np.array([bones[f][0].at(x * bones[f][0].length_m) for x in t]) for f in FINGERS]
+    )
     palm = metacarpals, np.full(len(metacarpals), 9e-3)
     for name in DIGITS:
         balls = flesh(name, bones[name])
-        for (a, ra), (b, rb) in ((balls[-1], palm), *([(balls[0], balls[2])] if name in FINGERS else [])):
+        for (a, ra), (b, rb) in (
+            (balls[-1], palm),
+            *([(balls[0], balls[2])] if name in FINGERS else []),
+        ):
             gaps.append((np.linalg.norm(a[:, None] - b, axis=2) - ra[:, None] - rb).min())
     return -min(gaps)
 
@@ -102,7 +122,9 @@ def test_the_thumb_touches_what_the_letter_asks_for(letter: str) -> None:
     for finger in TOUCHING[letter]:
         gap_m, place_m = clearance_m(POSES[letter], "thumb", finger)
         assert abs(gap_m) < CONTACT_M, finger
-        assert hand_field(POSES[letter])(place_m[None])[0] < 5e-4, finger  # the skin closes there, or nearly
+        assert hand_field(POSES[letter])(place_m[None])[0] < 5e-4, (
+            finger
+        )  # the skin closes there, or nearly
 
 
 @pytest.mark.parametrize("letter", APART_M)
@@ -127,11 +149,16 @@ def test_r_crosses_the_middle_finger_behind_the_index() -> None:
 
 
 @pytest.mark.parametrize(
-    ("letter", "fingers"), [("M", ("index", "middle", "ring")), ("N", ("index", "middle")), ("T", ("index",))]
+    ("letter", "fingers"),
+    [("M", ("index", "middle", "ring")), ("N", ("index", "middle")), ("T", ("index",))],
 )
-def test_the_thumb_is_under_as_many_fingers_as_the_letter_asks_for(letter: str, fingers: tuple[str, ...]) -> None:
+def test_the_thumb_is_under_as_many_fingers_as_the_letter_asks_for(
+    letter: str, fingers: tuple[str, ...]
+) -> None:
     bones = skeleton(POSES[letter])
-    thumb = np.concatenate([bone.at(t * bone.length_m)[None] for bone in bones["thumb"][1:] for t in (0, 0.5, 1)])
+    thumb = np.concatenate(
+        [bone.at(t * bone.length_m)[None] for bone in bones["thumb"][1:] for t in (0, 0.5, 1)]
+    )
     for name in FINGERS:
         tip = bones[name][-1].end_m
         over = (tip - thumb[np.linalg.norm((thumb - tip)[:, :2], axis=1).argmin()]) @ PALMAR
@@ -144,12 +171,19 @@ def test_pointing_letters_point_as_the_viewer_sees_them() -> None:
         assert skeleton(POSES[letter])["index"][-1].axis @ right > 0.9
     for letter in "PQ":
         assert skeleton(POSES[letter])["index"][-1].axis @ down > 0.7
-        assert skeleton(POSES[letter])["middle"][0].palmar @ PALMAR < -0.7  # the viewer sees the back of the hand
+        assert (
+            skeleton(POSES[letter])["middle"][0].palmar @ PALMAR < -0.7
+        )  # the viewer sees the back of the hand
     for letter in "CO":
-        assert skeleton(POSES[letter])["middle"][0].palmar @ right > 0.6  # open to the right, as the printed letters
+        assert (
+            skeleton(POSES[letter])["middle"][0].palmar @ right > 0.6
+        )  # open to the right, as the printed letters
 
 
 def test_letters_differ() -> None:
-    joints_m = [np.array([b.end_m for digit in skeleton(pose).values() for b in digit]) for pose in POSES.values()]
+    joints_m = [
+        np.array([b.end_m for digit in skeleton(pose).values() for b in digit])
+        for pose in POSES.values()
+    ]
     for one, other in itertools.combinations(joints_m, 2):
         assert np.abs(one - other).max() > 5e-3

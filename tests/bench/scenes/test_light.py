@@ -1,4 +1,5 @@
-"""Highlights and speckle: physics of the lobe, what moves with the camera and what does not, the projector's shadow."""
+"""Highlights and speckle: physics of the lobe, what moves with the camera and what does not, the
+projector's shadow."""
 
 from __future__ import annotations
 
@@ -18,7 +19,10 @@ Ball = Callable[..., Studio]
 def seen_from(studio: Studio, point_m: np.ndarray, cameras: tuple) -> np.ndarray:
     """Radiance [camera, 3] of a surface point [3]."""
     towards = [point_m - camera.centre_m for camera in cameras]
-    rays = [(camera.centre_m, ray / np.linalg.norm(ray)) for camera, ray in zip(cameras, towards, strict=True)]
+    rays = [
+        (camera.centre_m, ray / np.linalg.norm(ray))
+        for camera, ray in zip(cameras, towards, strict=True)
+    ]
     return np.array([studio.shoot(centre_m, ray[None])[0][0] for centre_m, ray in rays])
 
 
@@ -40,22 +44,29 @@ def test_highlight_is_brightest_where_the_normal_halves_light_and_eye() -> None:
 
 
 def test_a_rough_mirror_keeps_nearly_all_light() -> None:
-    angle, step = np.linspace(0, np.pi / 2, 2000, retstep=True)  # light from above, the eye at `angle`
+    angle, step = np.linspace(
+        0, np.pi / 2, 2000, retstep=True
+    )  # light from above, the eye at `angle`
     half, eye = np.cos(angle / 2), np.maximum(np.cos(angle), 1e-6)
     brdf = np.array([ggx(h, 1.0, e, h, 0.1, 1.0) for h, e in zip(half, eye, strict=True)])
-    assert 0.97 < (brdf * eye * 2 * np.pi * np.sin(angle)).sum() * step <= 1  # single scattering loses a little
+    assert (
+        0.97 < (brdf * eye * 2 * np.pi * np.sin(angle)).sum() * step <= 1
+    )  # single scattering loses a little
 
 
 def test_fresnel_and_reciprocity() -> None:
-    assert ggx(1.0, 0.5, 0.5, 0.5, 0.3, SKIN_REFLECTANCE) / ggx(1.0, 0.5, 0.5, 0.5, 0.3, 1.0) == pytest.approx(
-        SKIN_REFLECTANCE + (1 - SKIN_REFLECTANCE) / 32
-    )
+    assert ggx(1.0, 0.5, 0.5, 0.5, 0.3, SKIN_REFLECTANCE) / ggx(
+        1.0, 0.5, 0.5, 0.5, 0.3, 1.0
+    ) == pytest.approx(SKIN_REFLECTANCE + (1 - SKIN_REFLECTANCE) / 32)
     assert ggx(0.9, 0.4, 0.7, 0.8, 0.3, 0.03) == pytest.approx(ggx(0.9, 0.7, 0.4, 0.8, 0.3, 0.03))
 
 
 def test_only_highlights_depend_on_the_camera(ball: Ball) -> None:
     cameras = ball.scene().cameras
-    for photos, changes in (({"speckle": 0.8}, False), ({"highlights": 3.0, "roughness": 0.15}, True)):
+    for photos, changes in (
+        ({"speckle": 0.8}, False),
+        ({"highlights": 3.0, "roughness": 0.15}, True),
+    ):
         studio = ball(**photos)
         seen = seen_from(studio, front_m(studio), cameras)
         assert (np.ptp(seen, axis=0) > 0.02).all() == changes
@@ -66,18 +77,26 @@ def test_only_highlights_depend_on_the_camera(ball: Ball) -> None:
 def test_highlights_add_light_to_skin_alone(ball: Ball) -> None:
     camera = ball.scene().cameras[0]
     directions = camera.ray_directions()
-    (matt, _, label), (shiny, _, _) = (ball(highlights=h).shoot(camera.centre_m, directions) for h in (0.0, 2.0))
+    (matt, _, label), (shiny, _, _) = (
+        ball(highlights=h).shoot(camera.centre_m, directions) for h in (0.0, 2.0)
+    )
     assert (shiny >= matt).all() and (shiny[label == 0] > matt[label == 0] + 1e-3).mean() > 0.3
     assert np.array_equal(shiny[label != 0], matt[label != 0])
 
 
 def test_dots_are_fixed_in_direction_and_have_their_size() -> None:
     projector = Projector(np.array([0.0, 0.2, 0.4]), np.zeros(3), 0.5, 2e-3, 3)
-    across_m, along_m = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1, 4001), indexing="ij")
+    across_m, along_m = np.meshgrid(
+        np.linspace(-0.1, 0.1, 21), np.linspace(-0.1, 0.1, 4001), indexing="ij"
+    )
     screen_m = across_m.reshape(-1, 1) * projector.right + along_m.reshape(-1, 1) * projector.down
     picture = projector.pattern(screen_m)
-    assert picture == pytest.approx(projector.pattern(0.3 * screen_m + 0.7 * projector.position_m), abs=1e-4)
-    assert picture.min() >= 0 and picture.max() <= 1 and picture.mean() == pytest.approx(0.5, abs=0.02)
+    assert picture == pytest.approx(
+        projector.pattern(0.3 * screen_m + 0.7 * projector.position_m), abs=1e-4
+    )
+    assert (
+        picture.min() >= 0 and picture.max() <= 1 and picture.mean() == pytest.approx(0.5, abs=0.02)
+    )
     borders = np.count_nonzero(np.diff(picture.reshape(across_m.shape) > 0.5, axis=1))
     assert 21 * 0.2 / borders == pytest.approx(2e-3, rel=0.07)
     assert (projector.pattern(projector.position_m - 0.1 * projector.axis[None]) == 0).all()

@@ -1,4 +1,5 @@
-"""People's hands: the mean one unchanged, sizes as published, one sound body each, letters held with own bones."""
+"""People's hands: the mean one unchanged, sizes as published, one sound body each, letters held
+with own bones."""
 
 from __future__ import annotations
 
@@ -45,11 +46,14 @@ def test_a_person_is_a_person_again_and_no_other(number: int) -> None:
 
 def test_sizes_and_proportions_are_the_published_ones() -> None:
     people = [person(number) for number in range(1, 801)]
-    bones = {name: np.array(own) * [p.bones[name] for p in people] for name, own in LENGTHS_MM.items()}
+    bones = {
+        name: np.array(own) * [p.bones[name] for p in people] for name, own in LENGTHS_MM.items()
+    }
     palm_mm = 189.2 - sum(LENGTHS_MM["middle"][1:])
     length_mm = palm_mm * np.array([p.palm[1] for p in people]) + bones["middle"][:, 1:].sum(axis=1)
     breadth_mm = 83.4 * np.array([p.palm[0] for p in people])
-    # Both sexes of the 1988 survey together; the tails that are cut take a tenth of the deviation within each.
+    # Both sexes of the 1988 survey together; the tails that are cut take a tenth of the deviation
+    # within each.
     assert length_mm.mean() == pytest.approx((193.8 + 180.5) / 2, abs=1.5)
     assert np.hypot(9.75 * 0.9, 6.65) == pytest.approx(length_mm.std(), rel=0.12)
     assert breadth_mm.mean() == pytest.approx((90.4 + 79.4) / 2, abs=1)
@@ -58,7 +62,9 @@ def test_sizes_and_proportions_are_the_published_ones() -> None:
     ratio = bones["index"][:, 1:].sum(axis=1) / bones["ring"][:, 1:].sum(axis=1)
     assert 0.02 < ratio.std() < 0.04  # of index and ring finger, Manning et al.
     spread = np.concatenate([own.std(axis=0) / own.mean(axis=0) for own in bones.values()])
-    assert spread.min() > 0.05 and spread.max() < 0.12  # Buryanov & Kotiuk: 0.08 to 0.15, with the radiographs' error
+    assert (
+        spread.min() > 0.05 and spread.max() < 0.12
+    )  # Buryanov & Kotiuk: 0.08 to 0.15, with the radiographs' error
 
 
 @settings(max_examples=4, deadline=None)
@@ -71,9 +77,13 @@ def test_every_person_has_one_sound_hand(number: int, letter: str) -> None:
     assert len(surface.cluster_connected_triangles()[1]) == 1
     vertices = np.asarray(surface.vertices)
     triangles = vertices[np.asarray(surface.triangles)]
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
     assert 1.5e-4 < volume < 7e-4
-    joints = np.array([p for digit in skeleton(pose, own).values() for b in digit for p in (b.start_m, b.end_m)])
+    joints = np.array(
+        [p for digit in skeleton(pose, own).values() for b in digit for p in (b.start_m, b.end_m)]
+    )
     assert hand_field(pose, own)(joints).max() < -5e-4
 
 
@@ -89,13 +99,15 @@ def test_an_open_hand_is_of_human_length_and_breadth(number: int) -> None:
 
 
 def depth_of_contact_m(pose: Pose, one: str, other: str, number: int) -> float:
-    """How far the bones' middle lines keep apart, less the flesh: negative where digits overlap. Independent of the
-    chains that `held` uses: sampled densely, with the radii of joints alone."""
+    """How far the bones' middle lines keep apart, less the flesh: negative where digits overlap.
+    Independent of the chains that `held` uses: sampled densely, with the radii of joints alone."""
     own, found = skeleton(pose, person(number)), np.inf
     t = np.linspace(0, 1, 40)[:, None]
     for i, a in enumerate(own[one][1:]):
         for j, b in enumerate(own[other][1:]):
-            ra, rb = (radii_m(name, person(number))[k : k + 2] for name, k in ((one, i), (other, j)))
+            ra, rb = (
+                radii_m(name, person(number))[k : k + 2] for name, k in ((one, i), (other, j))
+            )
             pa, pb = (bone.start_m + t * bone.length_m * bone.axis for bone in (a, b))
             flesh = (ra[0] + t * (ra[1] - ra[0])) + (rb[0] + t * (rb[1] - rb[0])).T
             found = min(found, float((np.linalg.norm(pa[:, None] - pb, axis=2) - flesh).min()))
@@ -104,14 +116,17 @@ def depth_of_contact_m(pose: Pose, one: str, other: str, number: int) -> float:
 
 @pytest.mark.parametrize("number", [2, 12, 66, 177])
 @pytest.mark.parametrize(("letter", "finger"), [("F", "index"), ("U", "ring"), ("O", "middle")])
-def test_digits_that_touch_in_a_letter_touch_in_every_hand(letter: str, finger: str, number: int) -> None:
+def test_digits_that_touch_in_a_letter_touch_in_every_hand(
+    letter: str, finger: str, number: int
+) -> None:
     mean_m = depth_of_contact_m(POSES[letter], "thumb", finger, 0)
     own_m = depth_of_contact_m(held(POSES[letter], number), "thumb", finger, number)
     assert own_m == pytest.approx(mean_m, abs=1e-3)
 
 
 def test_a_hand_that_is_larger_by_one_factor_is_the_mean_hand_scaled() -> None:
-    """Places and radii all follow: nothing of palm, thumb and wrist was left behind but blends and pads of a few mm."""
+    """Places and radii all follow: nothing of palm, thumb and wrist was left behind but blends and
+    pads of a few mm."""
     scale = 1.15
     large = replace(
         MEAN, palm=(scale,) * 3, bones={n: (scale,) * len(own) for n, own in LENGTHS_MM.items()},
@@ -130,4 +145,6 @@ def test_marks_follow_the_person() -> None:
     own = person(11)
     vertices = np.asarray(hand_mesh(POSES["B"], COARSE_M, own).vertices)
     marks = Skin(POSES["B"], 1.0, 3, own)(vertices)
-    assert np.isfinite(marks).all() and np.abs(marks - Skin(POSES["B"], 1.0, 3)(vertices)).max() > 0.05
+    assert (
+        np.isfinite(marks).all() and np.abs(marks - Skin(POSES["B"], 1.0, 3)(vertices)).max() > 0.05
+    )

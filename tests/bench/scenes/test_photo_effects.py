@@ -28,7 +28,11 @@ photos = {cameras = 3, width = 600, height = 400}
 @pytest.mark.parametrize("effects", ["all", "auto"])
 def test_what_is_named_is_on(effects: str) -> None:
     rows = {row.effect: row for row in photo_effects(Photos(effects=effects, motion_px=1.0))}
-    assert [name for name, row in rows.items() if row.on] == ["photos.blur", "photos.motion", "photos.noise"]
+    assert [name for name, row in rows.items() if row.on] == [
+        "photos.blur",
+        "photos.motion",
+        "photos.noise",
+    ]
     assert rows["photos.defocus"].why == "needs photos.f_number"
     ideal = {key: value for keys in IDEAL.values() for key, value in keys.items()}
     assert not any(row.on for row in photo_effects(Photos(**ideal)))
@@ -36,7 +40,9 @@ def test_what_is_named_is_on(effects: str) -> None:
 
 def test_auto_takes_the_same_photographs(ball: Callable[..., Studio]) -> None:
     camera = ball().scene.cameras[0]
-    first, second = (ball(effects=effects, motion_px=0.01).photograph(camera, 0) for effects in ("all", "auto"))
+    first, second = (
+        ball(effects=effects, motion_px=0.01).photograph(camera, 0) for effects in ("all", "auto")
+    )
     assert (first == second).all()
 
 
@@ -44,11 +50,16 @@ def test_the_capture_has_the_rows(ball: Callable[..., Studio], tmp_path: Path) -
     scene = ball.scene(cameras=3, width=300, height=200, motion_px=0.01)
     rows = write_photos(scene, tmp_path, (Choice(effect="obliquity", on=True, why="called for"),))
     assert [row.effect for row in rows[:2]] == ["obliquity", "photos.highlights"]
-    assert tomllib.loads((tmp_path / "capture.toml").read_text())["effects"][0]["effect"] == "obliquity"
+    assert (
+        tomllib.loads((tmp_path / "capture.toml").read_text())["effects"][0]["effect"]
+        == "obliquity"
+    )
     assert NativeCapture(tmp_path).about.effects == rows
 
 
-def test_one_table_explains_echoes_and_photographs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_table_explains_echoes_and_photographs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "ball.toml"
     file.write_text(SCENE)
     simulate.run(Namespace(scene=file, explain=True))

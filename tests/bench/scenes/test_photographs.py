@@ -1,4 +1,5 @@
-"""Photographs: geometry against the true cameras, repeatability, the sensor's exposure and noise, textures."""
+"""Photographs: geometry against the true cameras, repeatability, the sensor's exposure and noise,
+textures."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
 
 
 def linear(image: np.ndarray) -> np.ndarray:
-    """An sRGB photograph made proportional to the light again, 1 at white: sRGB's own curve moves blurred edges into
-    the dark."""
+    """An sRGB photograph made proportional to the light again, 1 at white: sRGB's own curve moves
+    blurred edges into the dark."""
     value = image / 255
     return np.where(value < 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -68,7 +69,9 @@ def test_markers_are_where_the_true_camera_projects_them(scene: Scene, image: np
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     light = np.round(255 * linear(image)).astype(np.uint8)
-    found, ids, _ = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters).detectMarkers(light)
+    found, ids, _ = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters).detectMarkers(
+        light
+    )
     assert len(ids) >= 10
     corners_m = scene.board.corners_m()
     error = np.stack(
@@ -77,8 +80,8 @@ def test_markers_are_where_the_true_camera_projects_them(scene: Scene, image: np
             for corners, number in zip(found, ids.ravel(), strict=True)
         ]
     )
-    # OpenCV draws the corners of a blurred marker 0.15 to 0.3 px inwards, evenly: its centre stays. Medians, since
-    # spheres hide some corners.
+    # OpenCV draws the corners of a blurred marker 0.15 to 0.3 px inwards, evenly: its centre stays.
+    # Medians, since spheres hide some corners.
     assert np.median(np.linalg.norm(error, axis=2)) < 0.35
     assert np.median(np.linalg.norm(error.mean(axis=1), axis=1)) < 0.06
     assert np.abs(np.median(error, axis=(0, 1))).max() < 0.05
@@ -89,7 +92,9 @@ def test_spheres_are_where_the_true_camera_projects_them(studio: Studio, scene: 
     centres_m = scene.radar_from_photo.inverse().points(scene.balls_m)
     directions = camera.ray_directions()
     _, depth, label = studio.shoot(camera.centre_m, directions)
-    for centre_m, element, pixel in zip(centres_m, scene.target.element, camera.project(centres_m), strict=True):
+    for centre_m, element, pixel in zip(
+        centres_m, scene.target.element, camera.project(centres_m), strict=True
+    ):
         column, row = np.floor(pixel).astype(int)
         assert label[row, column] == 0
         expected_m = np.linalg.norm(centre_m - camera.centre_m) - element.sphere_radius_m
@@ -100,7 +105,9 @@ def test_spheres_are_where_the_true_camera_projects_them(studio: Studio, scene: 
 def test_same_seed_same_photograph(image: np.ndarray, scene: Scene) -> None:
     again = Studio(make_scene())
     assert np.array_equal(again.photograph(scene.cameras[0], 0), image)
-    assert not np.array_equal(again.photograph(scene.cameras[0], 1), image)  # another camera, other noise
+    assert not np.array_equal(
+        again.photograph(scene.cameras[0], 1), image
+    )  # another camera, other noise
 
 
 def test_effects_are_off_unless_told(ball: Callable[..., Studio]) -> None:
@@ -136,9 +143,12 @@ def test_noise_has_the_stated_level() -> None:
     clean, noisy = (make_scene(full_well_e=electrons, **quiet) for electrons in (1e9, 2000.0))
     first = Studio(clean).photograph(clean.cameras[0], 0).astype(float)
     second = Studio(noisy).photograph(noisy.cameras[0], 0).astype(float)
-    grey = (np.abs(first - 128) < 3).all(axis=2)  # sRGB 128 is 0.216 of white; there the tone's slope is 255 · 0.87
+    grey = (np.abs(first - 128) < 3).all(
+        axis=2
+    )  # sRGB 128 is 0.216 of white; there the tone's slope is 255 · 0.87
     spread = (second - first)[grey].std()
-    # Slope of sRGB at 0.216: 1.055 / 2.4 · 0.216^(1/2.4 - 1) = 1.075; photon noise sqrt(0.216 / 2000).
+    # Slope of sRGB at 0.216: 1.055 / 2.4 · 0.216^(1/2.4 - 1) = 1.075; photon noise sqrt(0.216 /
+    # 2000).
     assert spread == pytest.approx(255 * 1.075 * np.sqrt(0.216 / 2000), rel=0.1)
 
 
@@ -148,7 +158,9 @@ def test_exposure_uses_the_range(image: np.ndarray) -> None:
 
 
 def test_an_exposure_scales_the_light() -> None:
-    radiance = np.broadcast_to(np.linspace(0.05, 0.3, 40, dtype=np.float32)[None, :, None], (2, 40, 3))
+    radiance = np.broadcast_to(
+        np.linspace(0.05, 0.3, 40, dtype=np.float32)[None, :, None], (2, 40, 3)
+    )
     for number in range(3):
         image = linear(develop(radiance, Photos(exposure_spread=0.5, **QUIET), 7, number))
         gain = exposure(0.5, generator(7, EXPOSURE, number))
@@ -158,7 +170,9 @@ def test_an_exposure_scales_the_light() -> None:
 def test_spreads_are_standard_deviations_in_stops() -> None:
     stops = [np.log2(exposure(0.3, generator(1, EXPOSURE, number))) for number in range(2000)]
     assert np.std(stops) == pytest.approx(0.3, rel=0.05) and abs(np.mean(stops)) < 0.03
-    gains = np.log2([white_balance(0.2, generator(1, WHITE_BALANCE, number)) for number in range(2000)])
+    gains = np.log2(
+        [white_balance(0.2, generator(1, WHITE_BALANCE, number)) for number in range(2000)]
+    )
     assert np.std(gains[:, [0, 2]] - gains[:, 1:2], axis=0) == pytest.approx([0.2, 0.2], rel=0.06)
     assert exposure(0.0, generator(1, EXPOSURE, 0)) == 1
 

@@ -1,5 +1,5 @@
-"""Rounding of a scene's places, by 1e-14 of them, moves its echoes by rounding: each effect by itself, on a hand and
-small bodies. The references are the same scenes unmoved."""
+"""Rounding of a scene's places, by 1e-14 of them, moves its echoes by rounding: each effect by
+itself, on a hand and small bodies. The references are the same scenes unmoved."""
 
 from dataclasses import replace
 
@@ -21,12 +21,21 @@ from handbench.support.config import parse
 from tests.radar.samples import relative_error
 
 SHARE = 1e-14  # of each coordinate: 4e-15 m on a hand
-# Samples are sums of thousands of echoes in float32: 2e-7 was measured at most, on plates, and 2e-8 on hands.
+# Samples are sums of thousands of echoes in float32: 2e-7 was measured at most, on plates, and 2e-8
+# on hands.
 ROUNDING = 5e-7
-# A ray that just misses an outline hits it: one vertex of thousands changes sides for one antenna (measured: 1e-4).
+# A ray that just misses an outline hits it: one vertex of thousands changes sides for one antenna
+# (measured: 1e-4).
 ONE_RAY = 1e-3
 CASTING = ("shadow_centre", "shadow_antennas", "shadow_diffraction", "multipath", "clutter")
-SURFACE = {"skin", "dielectric", "shadow_antennas", "shadow_diffraction", "multipath", "roughness"}  # on every body
+SURFACE = {
+    "skin",
+    "dielectric",
+    "shadow_antennas",
+    "shadow_diffraction",
+    "multipath",
+    "roughness",
+}  # on every body
 ROUGH = {"roughness": {"rms_m": 2e-5}}
 TARGETS = {
     "hand B": {"kind": "hand", "pose": "B", "edge_m": 4e-3, "material": {"kind": "skin"}, **ROUGH},
@@ -55,7 +64,8 @@ SENSOR = {
 
 
 def rounded_scenes(target: dict) -> tuple[EchoScene, EchoScene]:
-    """A scene before every eighth antenna, and the same once all vertices are multiplied by 1 + SHARE."""
+    """A scene before every eighth antenna, and the same once all vertices are multiplied by 1 +
+    SHARE."""
     values = {"version": 1, "name": "s", "target": {"distance_m": 0.3, **target}, "sensor": SENSOR}
     values |= {"noise": {"phase_noise_rad": 0.03}}
     values |= {"stand": {"reflectivity_db": -10.0}} if target["kind"] == "plate" else {}
@@ -76,13 +86,21 @@ def test_rounding_stays_rounding_with_each_effect(name):
     chosen = there if name == "plate" else [effect for effect in there if effect in SURFACE]
     for effect in [*chosen, *([] if name == "hand B" else ["all"])]:  # all of a hand take 15 s
         listed = tuple(there) if effect == "all" else tuple(dict.fromkeys(["obliquity", effect]))
-        one, other = (simulate_scene(scene, choose(scene, listed, 0.1)).capture.samples for scene in (before, after))
+        one, other = (
+            simulate_scene(scene, choose(scene, listed, 0.1)).capture.samples
+            for scene in (before, after)
+        )
         bound = ONE_RAY if effect in (*CASTING, "all") else ROUNDING
         assert relative_error(other, one) < bound, effect
 
 
 @pytest.mark.parametrize("letter", ["A", "B", "F", "T", "U", "X"])
 def test_rounding_does_not_decide_what_is_palm(letter):
-    """Points all around a hand: outside bent joints two bones are as near, and rounding once told which was nearer."""
-    points_m = np.random.default_rng(0).uniform([-0.08, -0.12, -0.08], [0.08, 0.13, 0.08], (20_000, 3))
-    assert np.array_equal(palmar(POSES[letter], points_m), palmar(POSES[letter], points_m * (1 + SHARE)))
+    """Points all around a hand: outside bent joints two bones are as near, and rounding once told
+    which was nearer."""
+    points_m = np.random.default_rng(0).uniform(
+        [-0.08, -0.12, -0.08], [0.08, 0.13, 0.08], (20_000, 3)
+    )
+    assert np.array_equal(
+        palmar(POSES[letter], points_m), palmar(POSES[letter], points_m * (1 + SHARE))
+    )

@@ -20,7 +20,12 @@ from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
-HAND = {"version": 1, "name": "b", "target": {"kind": "hand", "pose": "B", "edge_m": 4e-3}, "photos": {}}
+HAND = {
+    "version": 1,
+    "name": "b",
+    "target": {"kind": "hand", "pose": "B", "edge_m": 4e-3},
+    "photos": {},
+}
 TARGET = {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}
 
 
@@ -49,7 +54,10 @@ def scene_file(values: dict) -> SceneFile:
         ({"tolerance_mm": 0}, "greater than 0"),
         ({"sensor": {"converter": {"bit": 12}}}, "did you mean 'bits'"),
         ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
-        ({"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 300}}}}, "less than or equal to"),
+        (
+            {"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 300}}}},
+            "less than or equal to",
+        ),
         ({"target": {"kind": "hand", "pose": "B", "material": {"kind": "gold"}}}, "'gold'"),
         ({"target": {"kind": "sphere", "radius_m": -1}}, "greater than 0"),
     ],
@@ -92,7 +100,9 @@ def test_cameras_stand_around_the_radar_and_see_the_target() -> None:
         centre = scene.radar_from_photo.points(camera.centre_m)
         assert np.hypot(*centre[:2]) > 0.12
         line = np.array([0, 0, 0.3]) - centre
-        at_aperture = centre - centre[2] / line[2] * line  # where the line of sight passes the array's plane
+        at_aperture = (
+            centre - centre[2] / line[2] * line
+        )  # where the line of sight passes the array's plane
         assert np.hypot(*at_aperture[:2]) > 0.10  # outside the 14 cm aperture's corners
         pixels = camera.project(vertices)
         assert (pixels > 0).all() and (pixels < [camera.width, camera.height]).all()
@@ -105,7 +115,9 @@ def test_cameras_stand_around_the_radar_and_see_the_target() -> None:
 
 
 def test_the_seed_alone_moves_the_cameras() -> None:
-    first, again, other = (build(scene_file(TARGET | {"photos": {}, "seed": s})).cameras for s in (1, 1, 2))
+    first, again, other = (
+        build(scene_file(TARGET | {"photos": {}, "seed": s})).cameras for s in (1, 1, 2)
+    )
     assert first == again
     assert first != other
 
@@ -126,7 +138,8 @@ def test_mesh_target_from_a_file_in_millimetres(tmp_path: Path) -> None:
     surface = spheres(default_target()).scale(1e3, np.zeros(3))
     write_mesh(tmp_path / "part.ply", surface)
     (tmp_path / "scene.toml").write_text(
-        'version = 1\nname = "part"\n[target]\nkind = "mesh"\npath = "part.ply"\nunit = "mm"\ndistance_m = 0.29\n'
+        'version = 1\nname = "part"\n[target]\nkind = "mesh"\npath = "part.ply"\nunit = '
+        '"mm"\ndistance_m = 0.29\n'
     )
     scene = load_scene(tmp_path / "scene.toml")
     assert np.asarray(scene.target_mesh.vertices)[:, 2].mean() == pytest.approx(0.29, abs=0.005)
@@ -134,7 +147,9 @@ def test_mesh_target_from_a_file_in_millimetres(tmp_path: Path) -> None:
 
 
 def test_files_of_a_scene_stay_in_its_folder(tmp_path: Path) -> None:
-    file = scene_file({"version": 1, "name": "x", "target": {"kind": "mesh", "path": "../secret.ply"}})
+    file = scene_file(
+        {"version": 1, "name": "x", "target": {"kind": "mesh", "path": "../secret.ply"}}
+    )
     with pytest.raises(HandbenchError, match="leaves the folder"):
         build(file, tmp_path)
 
@@ -153,13 +168,29 @@ def test_a_target_in_the_plate_is_refused() -> None:
     ],
 )
 def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> None:
-    scene = build(scene_file({"version": 1, "name": "s", "target": {**target, "edge_m": 2e-3, "distance_m": 0.3}}))
-    assert np.asarray(scene.target_mesh.vertices).mean(axis=0)[:2] == pytest.approx([0, 0], abs=1e-3)
-    assert scene.target_mesh.get_max_bound() - scene.target_mesh.get_min_bound() == pytest.approx(size_m, rel=0.01)
-    triangles = np.asarray(scene.target_mesh.vertices)[np.asarray(scene.target_mesh.triangles)] - [0, 0, 0.3]
-    flux = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]).sum(axis=0)
+    scene = build(
+        scene_file(
+            {"version": 1, "name": "s", "target": {**target, "edge_m": 2e-3, "distance_m": 0.3}}
+        )
+    )
+    assert np.asarray(scene.target_mesh.vertices).mean(axis=0)[:2] == pytest.approx(
+        [0, 0], abs=1e-3
+    )
+    assert scene.target_mesh.get_max_bound() - scene.target_mesh.get_min_bound() == pytest.approx(
+        size_m, rel=0.01
+    )
+    triangles = np.asarray(scene.target_mesh.vertices)[np.asarray(scene.target_mesh.triangles)] - [
+        0,
+        0,
+        0.3,
+    ]
+    flux = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]).sum(
+        axis=0
+    )
     assert np.abs(flux).max() < 1e-12  # closed
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
     assert volume > 0  # outwards
 
 
@@ -191,7 +222,9 @@ def test_plate_carries_its_markers() -> None:
 def test_cuboid_is_closed_and_outward() -> None:
     vertices, faces = cuboid(np.array([[0.0, 0, 0], [0.03, 0.02, 0.01]]), 4e-3)
     triangles = vertices[faces]
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
     assert volume == pytest.approx(6e-6)
 
 
@@ -207,7 +240,10 @@ def test_capture_folder(tmp_path: Path) -> None:
     assert load_board(tmp_path / "photos" / "board.toml") == scene.board
     assert all(camera.R is None for camera in load_cameras(tmp_path / "photos" / "cameras.json"))
     assert load_cameras(tmp_path / "photos" / "truth_cameras.json") == scene.cameras
-    assert np.allclose(load_transform(tmp_path / "truth_radar_from_photo.json").matrix, scene.radar_from_photo.matrix)
+    assert np.allclose(
+        load_transform(tmp_path / "truth_radar_from_photo.json").matrix,
+        scene.radar_from_photo.matrix,
+    )
     assert len(read_mesh(tmp_path / "truth.ply").triangles) == len(scene.target_mesh.triangles)
 
 
@@ -223,7 +259,10 @@ def test_photos_can_be_absent(tmp_path: Path) -> None:
     [
         ({"sensor": {"sweep": []}}, "the radar measures nothing"),
         ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
-        ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "expected a direction"),
+        (
+            {"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}},
+            "expected a direction",
+        ),
         ({"target": {"kind": "calibration_target", "material": {"kind": "skin"}}}, "unknown key"),
         ({"noise": {"snr_db": -1e4}}, "greater than or equal to -200"),
         ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
@@ -240,9 +279,16 @@ def test_what_cannot_be_simulated_is_refused(change: dict, message: str) -> None
     [
         ({"kind": "sphere", "radius_m": 0.25, "distance_m": 0.1}, "behind the array's plane"),
         ({"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
-        ({"kind": "plate", "width_m": 1, "height_m": 1, "edge_m": 1e-4, "distance_m": 1}, "triangles"),
+        (
+            {"kind": "plate", "width_m": 1, "height_m": 1, "edge_m": 1e-4, "distance_m": 1},
+            "triangles",
+        ),
     ],
 )
 def test_targets_that_no_scene_can_have_are_refused(target: dict, message: str) -> None:
     with pytest.raises(HandbenchError, match=message):
-        build(scene_file({"version": 1, "name": "s", "target": target, "mount": {"offset_m": [0, 0, 3]}}))
+        build(
+            scene_file(
+                {"version": 1, "name": "s", "target": target, "mount": {"offset_m": [0, 0, 3]}}
+            )
+        )

@@ -1,10 +1,11 @@
 """The one fitted number: the phase noise at which 2-FSK has a given precision.
 
-The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for draw, so that its
-table shows the fitted value; --repeats takes more draws than the benchmark does and shows how far its few are from
-many.
+The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for
+draw, so that its table shows the fitted value; --repeats takes more draws than the benchmark does
+and shows how far its few are from many.
 
-python -m tests.bench.studies.measure_noise_fit BENCH.toml [--precision-mm 3.6] [--repeats N] [-o DIR]
+python -m tests.bench.studies.measure_noise_fit BENCH.toml [--precision-mm 3.6] [--repeats N] [-o
+DIR]
 """
 
 from __future__ import annotations
@@ -37,13 +38,26 @@ STEPS = 3  # of the fixed-point iteration: precision is nearly proportional to t
 STEP = "of the iteration, from the closed form of a point scatterer, σ_z = c/(4πΔf)·σ_φ"
 COLUMNS = (
     Column("step", str, STEP, heading="step"),
-    Column("phase_noise_rad", float, "standard deviation of the phase noise", heading="phase_noise_rad", form="{:.5f}"),
-    Column("precision_mm", float, "precision of 2-FSK at this noise", heading="precision mm", form="{:.3f}"),
+    Column(
+        "phase_noise_rad",
+        float,
+        "standard deviation of the phase noise",
+        heading="phase_noise_rad",
+        form="{:.5f}",
+    ),
+    Column(
+        "precision_mm",
+        float,
+        "precision of 2-FSK at this noise",
+        heading="precision mm",
+        form="{:.3f}",
+    ),
 )
 
 
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
-    """The fixed-point iteration over a benchmark's scenes of the precision: one case, a record a step."""
+    """The fixed-point iteration over a benchmark's scenes of the precision: one case, a record a
+    step."""
     return Study(
         "noise-fit",
         f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
@@ -54,41 +68,62 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
 
 
 def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
-    """The steps, each with the precision that it has, and last the fitted noise. A benchmark of which no scene measures
-    the precision is a HandbenchError."""
+    """The steps, each with the precision that it has, and last the fitted noise. A benchmark of
+    which no scene measures the precision is a HandbenchError."""
     config = TwoToneConfig()
     bench, base = load_benchmark(benchmark)
-    files = [base / source.scene for source in bench.capture if source.scene and "precision" in source.measures]
+    files = [
+        base / source.scene
+        for source in bench.capture
+        if source.scene and "precision" in source.measures
+    ]
     if not files:
-        raise HandbenchError(f"{benchmark}: no scene measures the precision, to which the noise is fitted; add one")
+        raise HandbenchError(
+            f"{benchmark}: no scene measures the precision, to which the noise is fitted; add one"
+        )
     scenes = []
     for file in (load(SceneFile, path, "a scene description") for path in files):
         sensor = Sensor(array=file.sensor.array, sweep=(), tones_hz=(config.f1_hz, config.f2_hz))
         scenes.append(build(file.model_copy(update={"sensor": sensor, "photos": None}), base))
-    phase_noise_rad = 4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * wanted_mm
+    phase_noise_rad = (
+        4 * np.pi * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S * 1e-3 * wanted_mm
+    )
     found = []
     for step in track(["closed form", *map(str, range(2, STEPS + 1))], "noise fit"):
         measured_mm = precision_mm(scenes, config, phase_noise_rad, repeats or bench.repeats)
-        found.append({"step": step, "phase_noise_rad": phase_noise_rad, "precision_mm": measured_mm})
+        found.append(
+            {"step": step, "phase_noise_rad": phase_noise_rad, "precision_mm": measured_mm}
+        )
         phase_noise_rad *= wanted_mm / measured_mm
     return [*found, {"step": "fitted", "phase_noise_rad": phase_noise_rad}]
 
 
-def precision_mm(scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: float, repeats: int) -> float:
+def precision_mm(
+    scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: float, repeats: int
+) -> float:
     """Precision of 2-FSK over the scenes at this noise, mm."""
     hands = []
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
         capture = echoes(replace(scene, file=file), repeats).capture
-        hands.append(strongest_z_m([fsk_with_uncertainty(capture, config, frame) for frame in range(repeats)]))
+        hands.append(
+            strongest_z_m(
+                [fsk_with_uncertainty(capture, config, frame) for frame in range(repeats)]
+            )
+        )
     return float(precision(hands)["precision_mm"])
 
 
 def main() -> None:
     """Fit, write the files of a study, print the steps."""
-    prog, purpose = "python -m tests.bench.studies.measure_noise_fit", (__doc__ or "").partition("\n")[0]
+    prog, purpose = (
+        "python -m tests.bench.studies.measure_noise_fit",
+        (__doc__ or "").partition("\n")[0],
+    )
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("benchmark", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one")
+    parser.add_argument(
+        "benchmark", metavar="BENCH.toml", help="benchmark file, or the name of an embedded one"
+    )
     parser.add_argument("--precision-mm", type=float, default=3.6, help="default 3.6, the paper's")
     parser.add_argument("--repeats", type=int, help="draws of the noise (default: the benchmark's)")
     measured(parser, study, "noise-fit")

@@ -1,10 +1,13 @@
-"""Cameras against a survey: ours and plain COLMAP's from the same photographs, with the same knowledge.
+"""Cameras against a survey: ours and plain COLMAP's from the same photographs, with the same
+knowledge.
 
-The photographs are those of fountain-P11 (Strecha et al., CVPR 2008) or laid out as they: `images/`, `K.txt` and
-`cameras/NAME.camera`. Both are given the same files. Plain COLMAP is pycolmap with its default options and a seed, save
-that a model may have three images; with K its lens is PINHOLE and nothing of it is refined.
+The photographs are those of fountain-P11 (Strecha et al., CVPR 2008) or laid out as they:
+`images/`, `K.txt` and `cameras/NAME.camera`. Both are given the same files. Plain COLMAP is
+pycolmap with its default options and a seed, save that a model may have three images; with K its
+lens is PINHOLE and nothing of it is refined.
 
-python -m tests.bench.studies.measure_survey FOLDER [--counts 11,8,6,5] [--shrinks 1,2] [--choices first] [--seeds 1]
+python -m tests.bench.studies.measure_survey FOLDER [--counts 11,8,6,5] [--shrinks 1,2] [--choices
+first] [--seeds 1]
 """
 
 from __future__ import annotations
@@ -54,7 +57,8 @@ class Case:
 
 
 def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
-    """Each count of photographs, first ones or evenly spread, at each resolution, with K and without."""
+    """Each count of photographs, first ones or evenly spread, at each resolution, with K and
+    without."""
     centres_m = surveyed_centres_m(photos / "cameras")
     images = require_folder(photos / "images", "photographs")
     named = sorted(path.name for path in images.iterdir() if path.name in centres_m)
@@ -65,7 +69,9 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
         for known, seed in product((True, False), range(seeds))
     ]
     title = "Camera centres against a survey"
-    return Study("survey", title, cases, lambda case: measure(case, photos, centres_m, work), tables)
+    return Study(
+        "survey", title, cases, lambda case: measure(case, photos, centres_m, work), tables
+    )
 
 
 def tables(records: list[Record]) -> list[Table]:
@@ -73,7 +79,9 @@ def tables(records: list[Record]) -> list[Table]:
     return [Table("rows", SCHEMAS["rows"].columns, records)]
 
 
-def _chosen(names: list[str], count: int, choices: list[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _chosen(
+    names: list[str], count: int, choices: list[str]
+) -> Iterator[tuple[str, tuple[str, ...]]]:
     if count >= len(names):
         yield "all", tuple(names)
         return
@@ -86,13 +94,20 @@ def _chosen(names: list[str], count: int, choices: list[str]) -> Iterator[tuple[
 
 
 def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
-    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows), centre, size."""
+    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows),
+    centre, size."""
     files = sorted(require_folder(folder, "surveyed *.camera files").glob("*.camera"))
-    return {f.name.removesuffix(".camera"): np.array(f.read_text().split(), float)[CENTRE] for f in files}
+    return {
+        f.name.removesuffix(".camera"): np.array(f.read_text().split(), float)[CENTRE]
+        for f in files
+    }
 
 
-def centre_errors_m(model: pycolmap.Reconstruction, surveyed_m: dict[str, np.ndarray]) -> np.ndarray:
-    """Distance [n] of each registered camera's centre from the surveyed one, after one similarity."""
+def centre_errors_m(
+    model: pycolmap.Reconstruction, surveyed_m: dict[str, np.ndarray]
+) -> np.ndarray:
+    """Distance [n] of each registered camera's centre from the surveyed one, after one
+    similarity."""
     ours = np.array([image.projection_center() for image in registered(model)])
     theirs = np.array([surveyed_m[image.name] for image in registered(model)])
     matrix = umeyama(ours, theirs, with_scale=True)
@@ -100,8 +115,9 @@ def centre_errors_m(model: pycolmap.Reconstruction, surveyed_m: dict[str, np.nda
 
 
 def measure(case: Case, photos: Path, centres_m: dict[str, np.ndarray], work: Path) -> list[Record]:
-    """Both ways' errors; plain COLMAP without K once with one camera, and once with its default, one a photograph. Its
-    features are found once for each resolution, and kept in `work`, with the shrunk photographs."""
+    """Both ways' errors; plain COLMAP without K once with one camera, and once with its default,
+    one a photograph. Its features are found once for each resolution, and kept in `work`, with the
+    shrunk photographs."""
     K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
     intrinsics = (K[0], K[4], K[2], K[5]) if case.known else None
     kept = work / f"1-{case.shrink}"
@@ -115,14 +131,19 @@ def measure(case: Case, photos: Path, centres_m: dict[str, np.ndarray], work: Pa
             (folder / name).symlink_to((kept / name).resolve())
         models = {"handbench": ours(folder, intrinsics, case.seed)}
         for shared in (True,) if case.known else (True, False):
-            way = "plain COLMAP" if case.known else f"plain COLMAP, {'one camera' if shared else 'a camera each'}"
+            way = (
+                "plain COLMAP"
+                if case.known
+                else f"plain COLMAP, {'one camera' if shared else 'a camera each'}"
+            )
             database = Path(scratch) / f"{shared}.db"
             models[way] = plain(kept / FEATURES, folder, database, intrinsics, shared, case.seed)
         return [_record(case, way, model, centres_m) for way, model in models.items()]
 
 
 def _prepare(pictures: Path, names: list[str], shrink: int, folder: Path) -> None:
-    """Write the photographs in this size, and the features that pycolmap finds in them by default."""
+    """Write the photographs in this size, and the features that pycolmap finds in them by
+    default."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         if shrink == 1:
@@ -140,7 +161,12 @@ def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Rec
 
 
 def plain(
-    features: Path, folder: Path, database: Path, intrinsics: Intrinsics | None, shared: bool, seed: int
+    features: Path,
+    folder: Path,
+    database: Path,
+    intrinsics: Intrinsics | None,
+    shared: bool,
+    seed: int,
 ) -> pycolmap.Reconstruction:
     """The largest model of pycolmap's own steps."""
     pycolmap.set_random_seed(seed)
@@ -148,12 +174,17 @@ def plain(
     reader = pycolmap.ImageReaderOptions()
     options = pycolmap.IncrementalPipelineOptions(min_model_size=3, random_seed=seed)
     if intrinsics is not None:
-        reader.camera_model, reader.camera_params = "PINHOLE", ",".join(map(repr, map(float, intrinsics)))
+        reader.camera_model, reader.camera_params = (
+            "PINHOLE",
+            ",".join(map(repr, map(float, intrinsics))),
+        )
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = False
         options.ba_refine_extra_params = options.mapper.abs_pose_refine_extra_params = False
     mode = pycolmap.CameraMode.SINGLE if shared else pycolmap.CameraMode.PER_IMAGE
     options.num_threads = 1  # sums over threads would not repeat bit for bit
-    copied = shutil.copy(features, database.with_suffix(".features"))  # a database changes when it is opened
+    copied = shutil.copy(
+        features, database.with_suffix(".features")
+    )  # a database changes when it is opened
     pycolmap.Database.open(database).close()
     pycolmap.import_images(database, folder, mode, options=reader)
     with pycolmap.Database.open(copied) as found, pycolmap.Database.open(database) as stored:
@@ -163,13 +194,19 @@ def plain(
             stored.write_descriptors(image.image_id, found.read_descriptors(number[image.name]))
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
-    matching = pycolmap.FeatureMatchingOptions(num_threads=1)  # with more, the index of descriptors does not repeat
-    pycolmap.match_exhaustive(database, matching, verification_options=verification, device=pycolmap.Device.cpu)
+    matching = pycolmap.FeatureMatchingOptions(
+        num_threads=1
+    )  # with more, the index of descriptors does not repeat
+    pycolmap.match_exhaustive(
+        database, matching, verification_options=verification, device=pycolmap.Device.cpu
+    )
     models = pycolmap.incremental_mapping(database, folder, database.parent, options)
     return max(models.values(), key=lambda model: model.num_reg_images())
 
 
-def _record(case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dict[str, np.ndarray]) -> Record:
+def _record(
+    case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dict[str, np.ndarray]
+) -> Record:
     error_m = centre_errors_m(model, centres_m)
     return {
         "photos": f"{len(case.names)} {case.choice}",
@@ -187,13 +224,26 @@ def _record(case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dic
 
 def main() -> None:
     """Measure, write the files of a study, print the table."""
-    prog, purpose = "python -m tests.bench.studies.measure_survey", (__doc__ or "").partition("\n")[0]
+    prog, purpose = (
+        "python -m tests.bench.studies.measure_survey",
+        (__doc__ or "").partition("\n")[0],
+    )
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("photos", type=Path, metavar="FOLDER", help="holds images/, K.txt and cameras/NAME.camera")
+    parser.add_argument(
+        "photos", type=Path, metavar="FOLDER", help="holds images/, K.txt and cameras/NAME.camera"
+    )
     parser.add_argument("--counts", default="11,8,6,5", help="of photographs (default 11,8,6,5)")
-    parser.add_argument("--shrinks", default="1,2", help="of their sides (default 1,2: whole and half)")
-    parser.add_argument("--choices", default="first", help="of first, last, spread: which photographs (default first)")
-    parser.add_argument("--seeds", type=int, default=1, help="repeats, each with a seed of its own (default 1)")
+    parser.add_argument(
+        "--shrinks", default="1,2", help="of their sides (default 1,2: whole and half)"
+    )
+    parser.add_argument(
+        "--choices",
+        default="first",
+        help="of first, last, spread: which photographs (default first)",
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=1, help="repeats, each with a seed of its own (default 1)"
+    )
     measured(parser, study, "survey")
 
 

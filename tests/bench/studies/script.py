@@ -21,12 +21,16 @@ def measured(
     name: str,
     check: Callable[[dict[str, pd.DataFrame]], None] = lambda frames: None,
 ) -> None:
-    """Parse the command line, measure, write the files into -o (default runs/NAME), and print the tables. The parser's
-    options are the arguments of `study`, which may give several, after the folder for its work; `check` raises
-    HandbenchError where figures, the tables by name, are not good enough. Known errors and failed cases are one line
-    and exit code 2."""
-    parser.add_argument("-o", "--out", type=Path, default=Path("runs") / name, help=f"default runs/{name}")
-    parser.add_argument("--only", default="", metavar="TEXT", help="the cases whose name holds TEXT")
+    """Parse the command line, measure, write the files into -o (default runs/NAME), and print the
+    tables. The parser's options are the arguments of `study`, which may give several, after the
+    folder for its work; `check` raises HandbenchError where figures, the tables by name, are not
+    good enough. Known errors and failed cases are one line and exit code 2."""
+    parser.add_argument(
+        "-o", "--out", type=Path, default=Path("runs") / name, help=f"default runs/{name}"
+    )
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="the cases whose name holds TEXT"
+    )
     given = vars(parser.parse_args())
     out, only = given.pop("out"), given.pop("only")
     work = (out.parent if out.suffix == ".json" else out) / "work"
@@ -39,7 +43,11 @@ def measured(
                 found = run(part, out, command, only)
                 print(found.markdown())
                 check(found.frames)
-                failed += [f"{len(found.failures)} of {len(part.cases)} cases failed"] if found.failures else []
+                failed += (
+                    [f"{len(found.failures)} of {len(part.cases)} cases failed"]
+                    if found.failures
+                    else []
+                )
         if failed:
             raise HandbenchError("; ".join(failed))
     except HandbenchError as error:

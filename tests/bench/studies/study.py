@@ -1,7 +1,8 @@
 """One study: cases → measure(case) → tables, a figure and a page, with what they stand on.
 
-A study's folder holds what is its own: cases.py (data) and measure.py (a function of one case, the columns of what it
-returns, the figure). `run` does the rest: progress, the failures of single cases, and the files.
+A study's folder holds what is its own: cases.py (data) and measure.py (a function of one case, the
+columns of what it returns, the figure). `run` does the rest: progress, the failures of single
+cases, and the files.
 
 STEM.csv         the first table, values as they are
 STEM.json        study, command, seed, minutes, load, machine, versions, definitions of columns, every table, failures
@@ -30,15 +31,26 @@ from handbench.support.progress import say, track
 from handbench.support.store import versions
 from tests.bench.studies.columns import Record, Table
 
-STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.linewidth": 0.6, "savefig.dpi": 160, "pdf.fonttype": 42}
-BLUE, VERMILION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"  # of Okabe and Ito's palette
+STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.linewidth": 0.6,
+    "savefig.dpi": 160,
+    "pdf.fonttype": 42,
+}
+BLUE, VERMILION, GREEN, ORANGE = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+)  # of Okabe and Ito's palette
 GREY = "0.35"
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study. name: of its files; measure: a case's record or records; tables: of all records, the first one for the
-    CSV file; figure: of the tables by name; label: a case in words."""
+    """A study. name: of its files; measure: a case's record or records; tables: of all records, the
+    first one for the CSV file; figure: of the tables by name; label: a case in words."""
 
     name: str
     title: str
@@ -68,12 +80,14 @@ class Found:
     def markdown(self) -> str:
         """The tables that are shown, and the failures."""
         parts = [table.markdown() for table in self.tables if table.shown and len(table.records)]
-        return "\n".join([*parts, *(f"- {case} failed: {message}\n" for case, message in self.failures.items())])
+        return "\n".join(
+            [*parts, *(f"- {case} failed: {message}\n" for case, message in self.failures.items())]
+        )
 
 
 def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
-    """Measure the cases whose label holds `only`, and write the files: `out` is a folder, or the JSON file that the
-    others stand beside. Raises HandbenchError where every case fails."""
+    """Measure the cases whose label holds `only`, and write the files: `out` is a folder, or the
+    JSON file that the others stand beside. Raises HandbenchError where every case fails."""
     start, load = time.perf_counter(), {"before": os.getloadavg()}
     compile_kernels()
     cases = [case for case in study.cases if only in study.label(case)]
@@ -83,9 +97,16 @@ def run(study: Study, out: Path, command: str = "", only: str = "") -> Found:
     measured, failures = carried_out(cases, study.measure, study.label, study.name)
     if not measured:
         raise HandbenchError(f"every case failed; the first: {next(iter(failures.values()))}")
-    found = [record for _, given in measured for record in (given if isinstance(given, list) else [given])]
+    found = [
+        record
+        for _, given in measured
+        for record in (given if isinstance(given, list) else [given])
+    ]
     facts = {"study": study.name, "command": command, "seed": study.seed, **stand()}
-    facts |= {"minutes": (time.perf_counter() - start) / 60, "load": {**load, "after": os.getloadavg()}}
+    facts |= {
+        "minutes": (time.perf_counter() - start) / 60,
+        "load": {**load, "after": os.getloadavg()},
+    }
     result = Found(study, study.tables(found), facts, failures)
     write(result, out)
     return result
@@ -96,8 +117,8 @@ def carried_out(
 ) -> tuple[list[tuple[Any, Any]], dict[str, str]]:
     """Measure every case.
 
-    Returns (case, result) of those that succeed, and label → message of those that fail. A failure is printed, with
-    the traceback of an unknown error, and the other cases go on.
+    Returns (case, result) of those that succeed, and label → message of those that fail. A failure
+    is printed, with the traceback of an unknown error, and the other cases go on.
     """
     measured = []
     failures = {}
@@ -114,8 +135,12 @@ def carried_out(
 
 
 def stand() -> dict[str, Any]:
-    """Facts of the machine, its rate of float32 matrix products and its imaging device, and versions of libraries."""
-    return {"machine": {**calibrated_machine(), "imaging_device": describe()}, "versions": versions()}
+    """Facts of the machine, its rate of float32 matrix products and its imaging device, and
+    versions of libraries."""
+    return {
+        "machine": {**calibrated_machine(), "imaging_device": describe()},
+        "versions": versions(),
+    }
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
@@ -138,9 +163,12 @@ def write(found: Found, out: Path) -> Path:
                 with atomic_path(stem.with_suffix(suffix)) as temporary:
                     figure.savefig(temporary, metadata=metadata)
     content = {table.name: table.plain() for table in found.tables}
-    definitions = {column.name: column.meaning for table in found.tables for column in table.columns}
+    definitions = {
+        column.name: column.meaning for table in found.tables for column in table.columns
+    }
     write_json(
-        stem.with_suffix(".json"), {**found.facts, "definitions": definitions, **content, "failures": found.failures}
+        stem.with_suffix(".json"),
+        {**found.facts, "definitions": definitions, **content, "failures": found.failures},
     )
     write_text(stem.with_suffix(".md"), page(found, f"{stem.name}.png" if figure else ""))
     return stem.with_suffix(".md")
@@ -152,7 +180,8 @@ def page(found: Found, picture: str = "") -> str:
     stood = {
         "command": f"`{facts['command']}`" if facts["command"] else None,
         "seed": facts["seed"],
-        "time": f"{facts['minutes']:.1f} minutes; load average {facts['load']['before'][0]:.1f} before",
+        "time": f"{facts['minutes']:.1f} minutes; load average {facts['load']['before'][0]:.1f} "
+        "before",
         "machine": f"{machine['processor']}, {machine['cores']} cores, {machine['memory_gb']:g} GB",
         "system": f"{machine['system']}, Python {machine['python']}",
         "float32 matrix product": f"{machine['gemm_gflops']:g} GFLOP/s",
@@ -160,8 +189,17 @@ def page(found: Found, picture: str = "") -> str:
         "versions": ", ".join(f"{name} {version}" for name, version in facts["versions"].items()),
     }
     lines = "".join(f"- {name}: {value}\n" for name, value in stood.items() if value is not None)
-    defined = {c.heading: c.meaning for t in found.tables if t.shown for c in t.columns if c.heading}
+    defined = {
+        c.heading: c.meaning for t in found.tables if t.shown for c in t.columns if c.heading
+    }
     columns = "".join(f"- *{heading}*: {text}\n" for heading, text in defined.items())
     shown = [f"![{study.title}]({picture})\n"] if picture else []
-    parts = [f"# {study.title}\n", *([study.text + "\n"] if study.text else []), found.markdown(), *shown]
-    return "\n".join([*parts, *([f"## Columns\n\n{columns}"] if columns else []), f"## Stands on\n\n{lines}"])
+    parts = [
+        f"# {study.title}\n",
+        *([study.text + "\n"] if study.text else []),
+        found.markdown(),
+        *shown,
+    ]
+    return "\n".join(
+        [*parts, *([f"## Columns\n\n{columns}"] if columns else []), f"## Stands on\n\n{lines}"]
+    )

@@ -1,4 +1,5 @@
-"""The commands that measure, from the command line to their files, at the smallest size that they take."""
+"""The commands that measure, from the command line to their files, at the smallest size that they
+take."""
 
 from __future__ import annotations
 
@@ -13,12 +14,17 @@ from tests.bench.studies.exact import measure_exact
 
 @pytest.mark.slow
 def test_the_engine_s_benchmark_runs(tmp_path, capsys, monkeypatch):
-    """As `make bench` does, of its sections one, on a small volume, and the figures that the bars ask for."""
+    """As `make bench` does, of its sections one, on a small volume, and the figures that the bars
+    ask for."""
     out = tmp_path / "bench.json"
-    monkeypatch.setattr("sys.argv", ["measure_engine", "--quick", "--only", "3-FSK", "-o", str(out)])
+    monkeypatch.setattr(
+        "sys.argv", ["measure_engine", "--quick", "--only", "3-FSK", "-o", str(out)]
+    )
     measure_engine.main()
     result = json.loads(out.read_text())
-    assert result["failures"] == {} and {row["section"] for row in result["rows"]} == {"3-FSK frame"}
+    assert result["failures"] == {} and {row["section"] for row in result["rows"]} == {
+        "3-FSK frame"
+    }
     expected = {"method", "seconds", "ratio_to_exact", "relative_error", "gflops", "peak_memory_mb"}
     assert all(expected <= set(row) for row in result["rows"])
     assert all(row["met"] for row in result["rows"] if "met" in row)

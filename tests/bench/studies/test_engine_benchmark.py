@@ -13,8 +13,11 @@ from tests.radar.samples import relative_error
 TONES_HZ = np.linspace(72e9, 82e9, 64)
 
 
-# Range profiles are interpolated linearly between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's edges.
-@pytest.mark.parametrize(("image", "error"), [(numpy_sum, 1e-12), (numba_sum, 1e-12), (range_compressed, 1e-3)])
+# Range profiles are interpolated linearly between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's
+# edges.
+@pytest.mark.parametrize(
+    ("image", "error"), [(numpy_sum, 1e-12), (numba_sum, 1e-12), (range_compressed, 1e-3)]
+)
 def test_yardsticks_agree_with_the_direct_sum(image, error):
     array = AntennaArray(qar50().tx_m[::31], qar50().rx_m[::31])
     samples = white_noise((64, *array.channels))
@@ -47,7 +50,12 @@ def test_grown_grids_have_the_voxels_they_promise():
 
 
 def records(ratio: float, met: bool, compile_s: float) -> list[dict]:
-    fast = {"depth_deviation_mm": 0.002, "mask_difference_px": 0, "met": met, "ratio_to_exact": ratio}
+    fast = {
+        "depth_deviation_mm": 0.002,
+        "mask_difference_px": 0,
+        "met": met,
+        "ratio_to_exact": ratio,
+    }
     return [
         {"section": "volume", "method": "exact", "seconds": 400.0, "share_of_gemm": 0.7},
         {"section": "volume", "method": "fast projection, 1e-3", "seconds": 400 / ratio, **fast},

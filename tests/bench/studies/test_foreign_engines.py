@@ -1,4 +1,5 @@
-"""The comparison with packages of others: they image what the direct sum does, and equal error is read off a front."""
+"""The comparison with packages of others: they image what the direct sum does, and equal error is
+read off a front."""
 
 from functools import partial
 
@@ -7,7 +8,14 @@ import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.support.errors import HandbenchError
-from tests.bench.studies.engine.foreign_engines import ENGINE, LEVELS, equal, measured, of_volume, seconds_at
+from tests.bench.studies.engine.foreign_engines import (
+    ENGINE,
+    LEVELS,
+    equal,
+    measured,
+    of_volume,
+    seconds_at,
+)
 from tests.bench.studies.engine.foreign_paths import Contender, fastsar_sum, finufft_sum
 from tests.bench.studies.engine.scope import white_noise
 from tests.radar.direct_sums import direct_sum
@@ -16,8 +24,8 @@ from tests.radar.samples import relative_error
 TONES_HZ = np.linspace(72e9, 82e9, 64)
 
 
-# The NUFFT is made to its eps, which the rounding of single precision adds to. Profiles are interpolated linearly
-# between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's edges.
+# The NUFFT is made to its eps, which the rounding of single precision adds to. Profiles are
+# interpolated linearly between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's edges.
 @pytest.mark.parametrize(
     ("package", "image", "error"),
     [
@@ -38,7 +46,8 @@ def test_packages_of_others_agree_with_the_direct_sum(package, image, error):
 
 
 def test_equal_error_is_between_settings_that_nothing_beats():
-    """A front written by hand: seconds grow as error^(−1/2); the third setting is beaten and does not count."""
+    """A front written by hand: seconds grow as error^(−1/2); the third setting is beaten and does
+    not count."""
     error, seconds = np.array([1e-1, 1e-3, 1e-2, 1e-5]), np.array([1.0, 10.0, 50.0, 100.0])
     assert seconds_at(1e-2, error, seconds) == pytest.approx(np.sqrt(10))
     assert seconds_at(1e-4, error, seconds) == pytest.approx(np.sqrt(1000))
@@ -57,13 +66,18 @@ def test_paths_stand_beside_the_engine_or_do_not_reach_an_error():
     assert len(found) == 2 * len(LEVELS)
     assert found["error 1e-2", "other"]["ratio_to_engine"] == pytest.approx(200)
     assert found["error 1e-3", "other"]["points_per_second"] == pytest.approx(78141 / 20)
-    assert not found["error 1e-4", "other"]["reached"] and "seconds" not in found["error 1e-4", "other"]
+    assert (
+        not found["error 1e-4", "other"]["reached"]
+        and "seconds" not in found["error 1e-4", "other"]
+    )
 
 
 def test_a_volume_is_extrapolated_from_its_part(monkeypatch):
     """Clocks by hand: 1 s for the samples and 2 s for a quarter of the voxels make 9 s."""
     took = iter([np.array([1.0, 1.0]), np.array([3.0, 5.0])])
-    monkeypatch.setattr("tests.bench.studies.engine.foreign_engines.clocked", lambda work: next(took))
+    monkeypatch.setattr(
+        "tests.bench.studies.engine.foreign_engines.clocked", lambda work: next(took)
+    )
     nothing = Contender("", "", lambda voxels, samples: samples, lambda: None, 0.25, lambda: None)
     assert of_volume(nothing) == pytest.approx([9.0, 17.0])
 

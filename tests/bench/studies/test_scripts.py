@@ -1,4 +1,5 @@
-"""Studies that lie with the tests are imported and made, and refuse what no case has before they measure."""
+"""Studies that lie with the tests are imported and made, and refuse what no case has before they
+measure."""
 
 from __future__ import annotations
 
@@ -37,7 +38,9 @@ def survey(tmp_path, monkeypatch):
 @pytest.mark.parametrize("script", NEEDED)
 def test_a_script_makes_its_study(script, monkeypatch, capsys):
     module = import_module(f"tests.bench.studies.{script}")
-    monkeypatch.setattr("sys.argv", [script, *NEEDED[script], "--only", "no such case", "-o", "out"])
+    monkeypatch.setattr(
+        "sys.argv", [script, *NEEDED[script], "--only", "no such case", "-o", "out"]
+    )
     with pytest.raises(SystemExit) as ended:
         module.main()
     assert ended.value.code == 2

@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.results import Section, Setting, Tradeoff, TradeoffFacts, load_tradeoff, write_tradeoff
+from handbench.bench.results import (
+    Section,
+    Setting,
+    Tradeoff,
+    TradeoffFacts,
+    load_tradeoff,
+    write_tradeoff,
+)
 from handbench.bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_settings
 from handbench.bench.tradeoff.imaging import counted_factor
 from handbench.bench.tradeoff.settings import answer, dominates, front, rank, with_acquisition
@@ -20,7 +27,9 @@ from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
 
-def line(name: str, error: float | None, seconds: float | None, method: str = "2fsk", **known: float) -> Setting:
+def line(
+    name: str, error: float | None, seconds: float | None, method: str = "2fsk", **known: float
+) -> Setting:
     figures = {
         "low": error and 0.8 * error,
         "high": error and 1.2 * error,
@@ -61,11 +70,17 @@ def folder_with(settings: list[Setting], folder: Path) -> Tradeoff:
         reference=settings[0].name,
     )
     folder.mkdir()
-    write_tradeoff(folder, TradeoffFacts(name="t", scored_against="truth", sections=(section,)), settings)
+    write_tradeoff(
+        folder, TradeoffFacts(name="t", scored_against="truth", sections=(section,)), settings
+    )
     return load_tradeoff(folder)
 
 
-SLOW, FAST, WORSE = line("slow", 0.5, 0.3, "broadband"), line("fast", 5.0, 0.02), line("worse", 6.0, 0.4, "broadband")
+SLOW, FAST, WORSE = (
+    line("slow", 0.5, 0.3, "broadband"),
+    line("fast", 5.0, 0.02),
+    line("worse", 6.0, 0.4, "broadband"),
+)
 UNKNOWN = line("unknown", None, 0.01)
 
 
@@ -84,7 +99,10 @@ def test_a_method_s_own_front_survives_another_method():
 
 
 def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():
-    whole, half = line("whole", 2.0, 0.5, seen_percent=30.0), line("half", 1.0, 0.1, seen_percent=15.0)
+    whole, half = (
+        line("whole", 2.0, 0.5, seen_percent=30.0),
+        line("half", 1.0, 0.1, seen_percent=15.0),
+    )
     assert {s.name for s in front([whole, half])} == {"whole", "half"}
     assert not dominates(whole, half) and dominates(replace(half, seen_percent=30.0), whole)
 
@@ -112,24 +130,33 @@ def test_answers_hold_settings_to_their_worst(tmp_path):
     assert answer(found, max_error_mm=2.0)[0].name == "slow"
     assert answer(found, max_error_mm=2.3)[0].name == "near"
     assert answer(found, max_seconds=0.3)[0].name == "near"  # 'slow' takes 0.3 s, but up to 0.33 s
-    assert answer(found, max_seconds=0.34)[0].name == "near"  # and a later run may take a tenth more
+    assert (
+        answer(found, max_seconds=0.34)[0].name == "near"
+    )  # and a later run may take a tenth more
     assert answer(found, max_seconds=0.37)[0].name == "slow"
     assert answer(found, max_error_mm=6.1, max_seconds=0.37)[0].name == "near"
 
 
 def test_no_answer_names_the_nearest(tmp_path):
     found = folder_with([SLOW, FAST, UNKNOWN], tmp_path / "t")
-    with pytest.raises(HandbenchError, match=r"MAE ≤ 0.1 mm; the nearest, 'slow', has 0.5 mm \(up to 0.6 mm\)"):
+    with pytest.raises(
+        HandbenchError, match=r"MAE ≤ 0.1 mm; the nearest, 'slow', has 0.5 mm \(up to 0.6 mm\)"
+    ):
         answer(found, max_error_mm=0.1)
     unsure = folder_with([replace(SLOW, low=None, high=None)], tmp_path / "u")
     with pytest.raises(HandbenchError, match=r"0.5 mm \(on these captures\)"):
         answer(unsure, max_error_mm=0.1)
-    assert answer(unsure, max_error_mm=0.5)[1].endswith("on these captures, too few to promise it for others")
+    assert answer(unsure, max_error_mm=0.5)[1].endswith(
+        "on these captures, too few to promise it for others"
+    )
     assert "these captures" not in answer(found, max_error_mm=10.0)[1]
 
 
 def test_the_acquisition_is_counted_when_asked_for(tmp_path):
-    many, few = line("many", 0.5, 0.02, acquisition_s=0.128), line("few", 1.0, 0.03, acquisition_s=0.002)
+    many, few = (
+        line("many", 0.5, 0.02, acquisition_s=0.128),
+        line("few", 1.0, 0.03, acquisition_s=0.002),
+    )
     found = folder_with([many, few], tmp_path / "t")
     assert answer(found, max_seconds=0.05)[0].name == "many"
     counted = answer(found, max_seconds=0.05, count_acquisition=True)[0]
@@ -172,7 +199,9 @@ def test_knobs_multiply_and_go_into_tables():
     assert len(settings) == len({s.name for s in settings}) == 2 * 3 * 2
     last = settings[-1]
     assert last.name == "broadband-tolerance-1e-3-xy.step-2mm-count-128-every_nth_antenna-2"
-    assert last.config["x"] == {"start_m": -0.15, "stop_m": 0.15, "step_m": 2e-3} == last.config["y"]
+    assert (
+        last.config["x"] == {"start_m": -0.15, "stop_m": 0.15, "step_m": 2e-3} == last.config["y"]
+    )
     assert last.every_nth_antenna == 2 and "z" not in last.config
 
 
@@ -222,7 +251,11 @@ def test_the_default_sweep_is_whole():
     assert {"2fsk", "3fsk", "broadband", "narrowband"} <= {s.method for s in settings}
     assert completed(None) == default()
     own = completed(Sweep(repeats=7))
-    assert own.repeats == 7 and own.imaging == default().imaging and own.reference == default().reference
+    assert (
+        own.repeats == 7
+        and own.imaging == default().imaging
+        and own.reference == default().reference
+    )
 
 
 def test_an_unknown_reference_is_refused():
@@ -233,6 +266,8 @@ def test_an_unknown_reference_is_refused():
 def test_a_trade_off_of_before_reads_without_its_last_column(tmp_path):
     found = folder_with([SLOW], tmp_path / "t")
     file = found.folder / "tradeoff.csv"
-    file.write_text("\n".join(row.rpartition(",")[0] for row in file.read_text().splitlines()) + "\n")
+    file.write_text(
+        "\n".join(row.rpartition(",")[0] for row in file.read_text().splitlines()) + "\n"
+    )
     [setting] = load_tradeoff(found.folder).settings
     assert setting == SLOW and np.isclose(setting.error, 0.5)

@@ -46,7 +46,8 @@ def sweep(bench_file: Path, folder: Path, **options: bool) -> Tradeoff:
 
 
 def declare(small_bench: Path, more: str = SWEEP, broadband: bool = True) -> Path:
-    """The small benchmark with a sweep; its sensor steps four more tones, if broadband is to be possible."""
+    """The small benchmark with a sweep; its sensor steps four more tones, if broadband is to be
+    possible."""
     small_bench.write_text(small_bench.read_text() + more)
     if broadband:
         scene = small_bench.parent / "ball.toml"
@@ -58,17 +59,26 @@ def declare(small_bench: Path, more: str = SWEEP, broadband: bool = True) -> Pat
 def test_a_sweep_measures_ranks_and_claims(small_bench, tmp_path):
     found = sweep(declare(small_bench), tmp_path / "out")
     lines = {s.name: s for s in found.section("imaging")}
-    assert len(lines) == 6 and found.facts.scored_against == "truth" and "left_out" not in found.facts.facts
+    assert (
+        len(lines) == 6
+        and found.facts.scored_against == "truth"
+        and "left_out" not in found.facts.facts
+    )
     for s in lines.values():
         assert s.error > 0 and s.low is s.high is None  # of one capture
         assert 0 < s.seconds_low <= s.seconds <= s.seconds_high
-        assert s.imaging_s + s.extraction_s == pytest.approx(s.seconds) and s.extraction_s >= 0 and s.imaging_s > 0
+        assert (
+            s.imaging_s + s.extraction_s == pytest.approx(s.seconds)
+            and s.extraction_s >= 0
+            and s.imaging_s > 0
+        )
         assert s.on_front == (not s.dominated_by)
     assert lines[found.facts.sections[0].reference].ratio == 1.0
     tones = {json.loads(s.knobs)["method"]: s.acquisition_s for s in lines.values()}
     assert tones == {"2fsk": 0.004, "3fsk": 0.006, "broadband": 0.008}
     half, full = (lines[f"2fsk-tolerance-1e-2{more}"] for more in ("-every_nth_antenna-2", ""))
-    # Pixels, passes and tones alike, a quarter of the channels; the look for focus has few points, by the aperture.
+    # Pixels, passes and tones alike, a quarter of the channels; the look for focus has few points,
+    # by the aperture.
     assert full.operations == pytest.approx(4 * half.operations, rel=0.01)
     claim = found.facts.claims[0]
     assert claim.counted == pytest.approx(4 * 21 * 21 * 11 / (7 * 21 * 21))
@@ -82,7 +92,9 @@ def test_settings_run_and_give_the_same_error_wherever_they_lie(small_bench, tmp
     moved = (tmp_path / "out").rename(tmp_path / "moved")
     for name in ("2fsk-tolerance-1e-4", found.section("imaging")[-1].name):
         bench, base = load_benchmark(str(setting_path(moved, name)))
-        again = run_benchmark(bench, base, tmp_path / name).row("mae_mm", bench.method[0].id, "truth")
+        again = run_benchmark(bench, base, tmp_path / name).row(
+            "mae_mm", bench.method[0].id, "truth"
+        )
         [measured] = [s for s in found.section("imaging") if s.name == name]
         assert again.value == pytest.approx(measured.error)
 
@@ -95,12 +107,17 @@ def test_what_a_setting_cannot_do_is_left_out_and_said(small_bench, tmp_path, ca
     assert found.facts.claims == ()
     alone = '[tradeoff]\nsections = ["imaging"]' + BROADBAND
     small_bench.write_text(small_bench.read_text().split("[tradeoff]")[0] + alone)
-    with pytest.raises(HandbenchError, match="every section failed; the first: every capture failed"):
+    with pytest.raises(
+        HandbenchError, match="every section failed; the first: every capture failed"
+    ):
         sweep(small_bench, tmp_path / "none")
 
 
 def test_the_same_trade_off_is_read_and_another_refused(small_bench, tmp_path, capsys):
-    few = SWEEP.split("[[tradeoff.imaging]]")[0] + f'[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ {AXES} }}\n'
+    few = (
+        SWEEP.split("[[tradeoff.imaging]]")[0]
+        + f'[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ {AXES} }}\n'
+    )
     first = sweep(declare(small_bench, few, broadband=False), tmp_path / "out")
     assert sweep(small_bench, tmp_path / "out").settings == first.settings
     assert "--overwrite measures anew" in capsys.readouterr().err
@@ -137,7 +154,11 @@ def test_unknown_sections_are_refused(small_bench, tmp_path):
 
 def random_capture(aperture: AntennaArray | PlanarScan) -> RadarCapture:
     random = np.random.default_rng(0)
-    samples = random.normal(size=(1, 2, *aperture.channels, 2)).view(np.complex128)[..., 0].astype(np.complex64)
+    samples = (
+        random.normal(size=(1, 2, *aperture.channels, 2))
+        .view(np.complex128)[..., 0]
+        .astype(np.complex64)
+    )
     return RadarCapture(samples, np.array([80e9, 82e9]), aperture)
 
 
@@ -172,7 +193,9 @@ def test_the_stopwatch_counts_terms_once_and_only_when_asked():
 
 
 def test_the_command_sweeps_then_answers_or_says_what_is_nearest(small_bench, tmp_path, capsys):
-    few = f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ {AXES} }}\n'
+    few = (
+        f'\n[tradeoff]\nrepeats = 1\n[[tradeoff.imaging]]\nmethod = "3fsk"\nconfig = {{ {AXES} }}\n'
+    )
     command = [
         "tradeoff",
         str(declare(small_bench, few, broadband=False)),
@@ -183,7 +206,9 @@ def test_the_command_sweeps_then_answers_or_says_what_is_nearest(small_bench, tm
     ]
     assert main([*command, "--max-mae", "1m"]) == 0
     printed = capsys.readouterr().out
-    assert printed.rstrip().endswith(f"handbench run {tmp_path / 'out' / 'settings' / '3fsk.toml'} -o RESULTS")
+    assert printed.rstrip().endswith(
+        f"handbench run {tmp_path / 'out' / 'settings' / '3fsk.toml'} -o RESULTS"
+    )
     assert main([*command, "--max-time", "1us"]) == 2
     assert "the nearest, '3fsk'" in capsys.readouterr().err
     assert main([*command, "--max-mae", "2"]) == 2

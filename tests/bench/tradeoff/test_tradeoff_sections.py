@@ -1,4 +1,5 @@
-"""The trade-off of photogrammetry, simulation and registration: what each section counts, and one small real run."""
+"""The trade-off of photogrammetry, simulation and registration: what each section counts, and one
+small real run."""
 
 from __future__ import annotations
 
@@ -22,7 +23,11 @@ from handbench.bench.scenes.target_placements import placements
 from handbench.bench.tradeoff import groundtruth, simulated_sections
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.settings import Inputs
-from handbench.bench.tradeoff.simulated_sections import Way, measure_registration, measure_simulation
+from handbench.bench.tradeoff.simulated_sections import (
+    Way,
+    measure_registration,
+    measure_simulation,
+)
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import load_transform
@@ -34,7 +39,9 @@ from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
 ANY = tuple(range(5))
-MEASURED_S = 1e4  # that a stand-in for a capture of the target says: far more than any machine takes
+MEASURED_S = (
+    1e4  # that a stand-in for a capture of the target says: far more than any machine takes
+)
 NO_SHADOWS = ("shadow_diffraction", "shadow_antennas", "shadow_centre")
 BALL = {
     "version": 1,
@@ -53,20 +60,34 @@ def ball(tmp_path_factory) -> Capture:
     return Capture(folder, "", open_capture(folder).about)
 
 
-def inputs(folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict) -> Inputs:
+def inputs(
+    folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict
+) -> Inputs:
     """The inputs of a section with these knobs; every capture has a true surface."""
     sweep = parse(Sweep, {"repeats": repeats, **knobs}, "tradeoff")
-    known = {"version": 1, "name": "swept", "capture": (Source(path="ball"),), "method": ({"id": "2fsk"},)}
+    known = {
+        "version": 1,
+        "name": "swept",
+        "capture": (Source(path="ball"),),
+        "method": ({"id": "2fsk"},),
+    }
     bench = BenchFile(**known, seed=seed, tradeoff=sweep)
-    references = {capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures}
+    references = {
+        capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures
+    }
     return Inputs(bench, folder, folder, Outcome(bench, list(captures), [], references=references))
 
 
-# --- ground truth ---------------------------------------------------------------------------------------------------
+# --- ground truth
+# ---------------------------------------------------------------------------------------------------
 
 
 def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    knobs = {"views": (4, 9), "long_px": (5000,), "quality": ("normal",)}  # there are 4 photographs of 600 px
+    knobs = {
+        "views": (4, 9),
+        "long_px": (5000,),
+        "quality": ("normal",),
+    }  # there are 4 photographs of 600 px
     found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
     [setting] = found.lines
     assert setting.name == found.section.reference == "4-views-600-px-normal"
@@ -79,8 +100,8 @@ def test_a_ball_is_photographed_and_measured(ball, tmp_path):
 
 @pytest.fixture
 def shifted(monkeypatch):
-    """In place of reconstructions: the true surface, 0.2 mm too small in radius but for its lower half, which was not
-    seen. Keeps what was asked for; draft is refused when `refuse` is set."""
+    """In place of reconstructions: the true surface, 0.2 mm too small in radius but for its lower
+    half, which was not seen. Keeps what was asked for; draft is refused when `refuse` is set."""
     asked = []
 
     def reconstruct(photos, options, work):
@@ -94,7 +115,9 @@ def shifted(monkeypatch):
         )
         if options.quality == "draft" and reconstruct.refuse:
             raise HandbenchError("too blurred")
-        return SimpleNamespace(surface=reconstruct.surface, seconds={"sparse": 2.0, "dense": 3.0, "mesh": 0.5})
+        return SimpleNamespace(
+            surface=reconstruct.surface, seconds={"sparse": 2.0, "dense": 3.0, "mesh": 0.5}
+        )
 
     reconstruct.refuse, reconstruct.asked = False, asked
     monkeypatch.setattr(groundtruth, "reconstruct", reconstruct)
@@ -103,7 +126,9 @@ def shifted(monkeypatch):
 
 def too_small(ball: Capture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
-    scene = build(parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball"))
+    scene = build(
+        parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball")
+    )
     vertices_m = np.asarray(scene.target_mesh.vertices)
     centre_m = np.array([0, 0, 0.3])
     vertices_m = centre_m + (vertices_m - centre_m) * (1 - 2e-4 / 0.03)
@@ -122,10 +147,14 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
     ]
     assert section.reference == settings[-1].name
     for setting in settings:
-        assert setting.error == pytest.approx(0.2, abs=0.06)  # the true surface has edges of 4 mm: flat to 0.06 mm
+        assert setting.error == pytest.approx(
+            0.2, abs=0.06
+        )  # the true surface has edges of 4 mm: flat to 0.06 mm
         share = setting.seen_percent
         assert share == pytest.approx(49, abs=2)  # half the disc, less the rim
-    assert all(s.seconds == 5.5 for s in settings)  # with the cameras' poses, which two qualities share:
+    assert all(
+        s.seconds == 5.5 for s in settings
+    )  # with the cameras' poses, which two qualities share:
     assert len({asked.work for asked in shifted.asked}) == 4
 
 
@@ -136,7 +165,9 @@ def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
     [timed] = shifted.asked
     assert [photo.name for photo in timed.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
     assert {(photo.width, photo.height) for photo in timed.photos} == {(300, 200)}
-    whole = {camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")}
+    whole = {
+        camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")
+    }
     for camera in timed.cameras:
         before = whole[camera.name]
         assert (camera.width, camera.height) == (300, 200)
@@ -160,11 +191,14 @@ def test_without_a_known_surface_there_is_nothing_to_measure(tmp_path):
 
 def test_views_are_spread_over_the_rig(ball):
     photos = find_photos(ball.folder / "photos") * 2
-    assert [photo.name for photo in groundtruth.spread(photos, 5)] == [f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)]
+    assert [photo.name for photo in groundtruth.spread(photos, 5)] == [
+        f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)
+    ]
     assert groundtruth.spread(photos, 8) == photos
 
 
-# --- simulation -----------------------------------------------------------------------------------------------------
+# --- simulation
+# -----------------------------------------------------------------------------------------------------
 
 
 def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
@@ -178,11 +212,20 @@ def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
     measured = measure_simulation(inputs(tmp_path, repeats=2, simulation=knobs))
     section, settings = measured.section, measured.lines
     found = {setting.name: setting for setting in settings}
-    assert section.definition.startswith("mean |Δz|") and "5 mm, metal): all effects." in section.definition
+    assert (
+        section.definition.startswith("mean |Δz|")
+        and "5 mm, metal): all effects." in section.definition
+    )
     assert found["all-effects"].error == 0  # the finest itself
     assert section.reference == settings[0].name == "all-effects"
-    assert {"1-facets-1-mirrors-all-effects", "nodes-2-times-as-far-apart-all-effects", "auto-at-0.1-mm"} <= set(found)
-    assert 0 < found["without-multipath-shadow_diffraction-shadow_antennas-shadow_centre"].error < 0.05
+    assert {
+        "1-facets-1-mirrors-all-effects",
+        "nodes-2-times-as-far-apart-all-effects",
+        "auto-at-0.1-mm",
+    } <= set(found)
+    assert (
+        0 < found["without-multipath-shadow_diffraction-shadow_antennas-shadow_centre"].error < 0.05
+    )
     assert all(0 < setting.seen_percent <= 100 for setting in settings)
     assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in settings)
 
@@ -196,8 +239,8 @@ def test_sampling_is_of_facets(small_bench):
 
 
 def test_what_another_does_is_not_listed_beside_it(small_bench):
-    """Diffracted shadows contain each antenna's sharp ones, and these the centre's, which are on where the former are
-    left out."""
+    """Diffracted shadows contain each antenna's sharp ones, and these the centre's, which are on
+    where the former are left out."""
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
@@ -219,22 +262,29 @@ def test_pixels_that_one_map_has_are_told():
 
 
 def test_an_unknown_scene_is_refused():
-    with pytest.raises(HandbenchError, match="no scene of fingers; did you mean 'one finger, skin'"):
+    with pytest.raises(
+        HandbenchError, match="no scene of fingers; did you mean 'one finger, skin'"
+    ):
         parse(SimulationKnobs, {"scenes": ["one fingr, skin"]}, "tradeoff.simulation")
 
 
 def test_an_unknown_effect_is_refused():
-    with pytest.raises(HandbenchError, match="'multipth' is not an effect; did you mean 'multipath'"):
+    with pytest.raises(
+        HandbenchError, match="'multipth' is not an effect; did you mean 'multipath'"
+    ):
         parse(SimulationKnobs, {"without": [["multipth"]]}, "tradeoff.simulation")
 
 
-# --- registration ---------------------------------------------------------------------------------------------------
+# --- registration
+# ---------------------------------------------------------------------------------------------------
 
 
 def test_the_target_is_registered(tmp_path, monkeypatch):
-    """With the echoes' first, coarse centres: fitting them to the samples takes most of the time."""
+    """With the echoes' first, coarse centres: fitting them to the samples takes most of the
+    time."""
     monkeypatch.setattr(
-        "handbench.calibration.registration.register.fit_balls", lambda capture, target, found, balls: found
+        "handbench.calibration.registration.register.fit_balls",
+        lambda capture, target, found, balls: found,
     )
     found = measure_registration(inputs(tmp_path, registration={"captures": (1,), "trials": 1}))
     [setting] = found.lines
@@ -250,10 +300,14 @@ def test_the_rig_stands_still_while_the_target_moves(tmp_path):
     first, *others = placements(300, 3, tmp_path)
     for case in others:
         scene = case.scene
-        np.testing.assert_array_equal(scene.radar_from_photo.matrix, first.scene.radar_from_photo.matrix)
+        np.testing.assert_array_equal(
+            scene.radar_from_photo.matrix, first.scene.radar_from_photo.matrix
+        )
         assert scene.target == first.scene.target  # made once
         assert scene.file.sensor == first.scene.file.sensor
-        shift_m = scene.radar_from_target.matrix[:3, 3] - first.scene.radar_from_target.matrix[:3, 3]
+        shift_m = (
+            scene.radar_from_target.matrix[:3, 3] - first.scene.radar_from_target.matrix[:3, 3]
+        )
         assert np.linalg.norm(shift_m) > 1e-3
         assert scene.file.seed != first.scene.file.seed  # for its noise
 
@@ -271,7 +325,10 @@ def drawn(monkeypatch):
         radar_m = scene.radar_from_target.points(scene.target.centres_m)
         photo_m = scene.radar_from_photo.inverse().points(radar_m)
         sides = (
-            [Candidate(p, sigma_m**2 * np.eye(3), ANY) for p in side + sigma_m * rng.standard_normal(side.shape)]
+            [
+                Candidate(p, sigma_m**2 * np.eye(3), ANY)
+                for p in side + sigma_m * rng.standard_normal(side.shape)
+            ]
             for side in (photo_m, radar_m)
         )
         return simulated_sections.Registered(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
@@ -281,7 +338,9 @@ def drawn(monkeypatch):
 
 
 def test_independent_errors_average_out(drawn, tmp_path):
-    found = measure_registration(inputs(tmp_path, registration={"captures": (1, 4, 16), "trials": 6}))
+    found = measure_registration(
+        inputs(tmp_path, registration={"captures": (1, 4, 16), "trials": 6})
+    )
     section, settings = found.section, found.lines
     one, four, sixteen = (setting.error for setting in settings)
     assert section.reference == "1-capture"
@@ -295,7 +354,8 @@ def test_independent_errors_average_out(drawn, tmp_path):
 def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
     knobs = {"captures": (2,), "trials": 2}
     once, again, other = (
-        measure_registration(inputs(tmp_path, seed=seed, registration=knobs)).lines[0].error for seed in (1, 1, 2)
+        measure_registration(inputs(tmp_path, seed=seed, registration=knobs)).lines[0].error
+        for seed in (1, 1, 2)
     )
     assert once == again != other
 
@@ -303,14 +363,16 @@ def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
 def test_refused_captures_are_done_without(drawn, tmp_path):
     first = 100 * 100
     drawn |= {first, first + 1, first + 2}
-    one, four = measure_registration(inputs(tmp_path, registration={"captures": (1, 4), "trials": 1})).lines
+    one, four = measure_registration(
+        inputs(tmp_path, registration={"captures": (1, 4), "trials": 1})
+    ).lines
     assert one.error is not None
     assert four.error is None and four.seconds is None
 
 
 def test_the_interval_of_a_root_mean_square_holds_it():
-    """Of mean squares of 3 degrees of freedom over 8 rigs: 95 % of 2000 intervals, less what the jackknife's own lack
-    of so small a sample takes (it is measured, 92 %)."""
+    """Of mean squares of 3 degrees of freedom over 8 rigs: 95 % of 2000 intervals, less what the
+    jackknife's own lack of so small a sample takes (it is measured, 92 %)."""
     rng = np.random.default_rng(5)
     held = 0
     for _ in range(2000):

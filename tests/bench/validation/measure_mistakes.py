@@ -1,11 +1,12 @@
-"""Share of mistakes that `handbench inspect` tells with the right cure, over random scenes, and of right data that it
-doubts. The mistakes are written into files, and the typed command reads these.
+"""Share of mistakes that `handbench inspect` tells with the right cure, over random scenes, and of
+right data that it doubts. The mistakes are written into files, and the typed command reads these.
 
     python -m tests.bench.validation.measure_mistakes [--scenes 20] [--right 200] -o FOLDER
 
-A cure is right if it undoes the mistake: of a frame, if the surface with the mistake and the cure lies on the true
-one. Where the surface with the mistake lies there already, as that of a mirrored ball does, there is nothing that data
-could show; this is decided beforehand, by the true surface alone, and counted apart.
+A cure is right if it undoes the mistake: of a frame, if the surface with the mistake and the cure
+lies on the true one. Where the surface with the mistake lies there already, as that of a mirrored
+ball does, there is nothing that data could show; this is decided beforehand, by the true surface
+alone, and counted apart.
 """
 
 import argparse
@@ -38,10 +39,18 @@ from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES = {"sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 16}], "tones_hz": [81.8e9, 79.5e9]}
-SLOW = {"shadow_antennas", "shadow_diffraction", "multipath", "roughness", "clutter"}  # in all, hours of simulation
+SLOW = {
+    "shadow_antennas",
+    "shadow_diffraction",
+    "multipath",
+    "roughness",
+    "clutter",
+}  # in all, hours of simulation
 RIGHT = 1000  # seed of the first capture without a mistake
 REACH_M = 0.825  # of 2-FSK at 200 MHz, c/(4Δf) = 0.375 m, which begins at 0.45 m
-ALIKE_M = 3e-3  # a surface's median distance to its moved self under which nothing tells the two apart
+ALIKE_M = (
+    3e-3  # a surface's median distance to its moved self under which nothing tells the two apart
+)
 FINE = "nothing looks wrong"
 UNSCORED = "nothing to score against"
 
@@ -58,15 +67,17 @@ FRAMES = {  # a cure's words → what it does to the surface
     "in centimetres": 1e-2 * NOTHING,
     "ten times too large": 0.1 * NOTHING,
     "ten times too small": 10 * NOTHING,
-    "tx and rx exchanged": XY,  # the array's rx_m is its tx_m with x and y exchanged, to half a step
+    # the array's rx_m is its tx_m with x and y exchanged, to half a step
+    "tx and rx exchanged": XY,
 }
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """A mistake: what it does to a capture, or to the surface; cure: words that must be said. Without a cure it is one
-    of frames, that `moved` undoes where it undoes anything. unit: what the frequencies in the file are multiplied by;
-    path: which the phases were made with, over the way there and back."""
+    """A mistake: what it does to a capture, or to the surface; cure: words that must be said.
+    Without a cure it is one of frames, that `moved` undoes where it undoes anything. unit: what the
+    frequencies in the file are multiplied by; path: which the phases were made with, over the way
+    there and back."""
 
     echoes: Callable[[RadarCapture], RadarCapture] | None = None
     surface: np.ndarray | None = None
@@ -78,7 +89,9 @@ class Mistake:
 
 def placed(change: np.ndarray) -> Callable[[RadarCapture], RadarCapture]:
     """Antennas elsewhere."""
-    return lambda c: replace(c, aperture=AntennaArray(c.aperture.tx_m @ change.T, c.aperture.rx_m @ change.T))
+    return lambda c: replace(
+        c, aperture=AntennaArray(c.aperture.tx_m @ change.T, c.aperture.rx_m @ change.T)
+    )
 
 
 def twice(capture: RadarCapture) -> RadarCapture:
@@ -89,18 +102,24 @@ def twice(capture: RadarCapture) -> RadarCapture:
 
 
 MISTAKES = {
-    "conjugated": Mistake(lambda c: replace(c, samples=c.samples.conj()), cure="conjugate the samples"),
+    "conjugated": Mistake(
+        lambda c: replace(c, samples=c.samples.conj()), cure="conjugate the samples"
+    ),
     "tx and rx exchanged": Mistake(
-        lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)), cure="exchange tx_m and rx_m"
+        lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)),
+        cure="exchange tx_m and rx_m",
     ),
     "tones in reverse order": Mistake(
-        lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1].copy()), cure="reverse frequencies_hz"
+        lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1].copy()),
+        cure="reverse frequencies_hz",
     ),
     "tones duplicated": Mistake(twice, cure="4 of 18 tones are there twice: leave them out"),
     "x negated": Mistake(placed(X), moved=X),
     "y negated": Mistake(placed(Y), moved=Y),
     "x and y exchanged": Mistake(placed(XY), moved=XY),
-    "y and z exchanged": Mistake(placed(np.eye(3)[[0, 2, 1]]), cure="looks along y: z is to point away from it"),
+    "y and z exchanged": Mistake(
+        placed(np.eye(3)[[0, 2, 1]]), cure="looks along y: z is to point away from it"
+    ),
     "positions in mm": Mistake(placed(1e3 * NOTHING), cure=r"millimetres\? multiply them by 1e-3"),
     "positions in cm": Mistake(placed(1e2 * NOTHING), cure=r"centimetres\? multiply them by 1e-2"),
     "positions in km": Mistake(placed(1e-3 * NOTHING), cure=r"kilometres\? multiply them by 1e3"),
@@ -109,7 +128,9 @@ MISTAKES = {
     "frequencies in kHz": Mistake(unit=1e-3, cure=r"kilohertz\? multiply them by 1e3"),
     "frequencies × 1000": Mistake(unit=1e3, cure="multiply them,? as by 1e-3"),
     "path one way only": Mistake(path=0.5, cure="counted one way only.*it is there and back"),
-    "path twice there and back": Mistake(path=2.0, cure="there and back twice.*it is there and back, once"),
+    "path twice there and back": Mistake(
+        path=2.0, cure="there and back twice.*it is there and back, once"
+    ),
     "mesh upside down": Mistake(surface=X @ Y, moved=X @ Y),
     "mesh mirrored in x": Mistake(surface=X, moved=X),
     "mesh z negated": Mistake(surface=Z, moved=Z),
@@ -122,8 +143,9 @@ MISTAKES = {
 
 
 def recorded(seed: int, folder: Path, path: float = 1.0) -> tuple[RadarCapture, Surface]:
-    """The echoes of the scene of a seed, with its sensor's faults and noise, and its true surface. path: what a wave's
-    way is multiplied by: its phases are those of tones that many times higher."""
+    """The echoes of the scene of a seed, with its sensor's faults and noise, and its true surface.
+    path: what a wave's way is multiplied by: its phases are those of tones that many times
+    higher."""
     (sweep,), tones_hz = TONES["sweep"], TONES["tones_hz"]
     sweep = {key: value if key == "count" else value * path for key, value in sweep.items()}
     assorted_scenes.TONES = {"sweep": [sweep], "tones_hz": [value * path for value in tones_hz]}
@@ -154,14 +176,20 @@ def written(folder: Path, capture: RadarCapture, surface: Surface, unit: float =
 
 
 def lies_on(surface: Surface, other: Surface) -> bool:
-    """True if what an array sees of a surface, and could shine there, lies on another: nothing then tells them apart.
-    Of the surface counts what turns to the array (within 20°), since the rest of it is dark."""
-    (left, low, _), (right, high, _) = surface.vertices_m.min(axis=0), surface.vertices_m.max(axis=0)
+    """True if what an array sees of a surface, and could shine there, lies on another: nothing then
+    tells them apart. Of the surface counts what turns to the array (within 20°), since the rest of
+    it is dark."""
+    (left, low, _), (right, high, _) = (
+        surface.vertices_m.min(axis=0),
+        surface.vertices_m.max(axis=0),
+    )
     x_m, y_m = np.linspace(left, right, 150), np.linspace(low, high, 150)
     z_m, z_other_m = (depth_on_grid(each.mesh, x_m, y_m) for each in (surface, other))
     slope_y, slope_x = np.gradient(z_m, y_m, x_m)
     x, y = np.meshgrid(x_m, y_m)
-    away = np.hypot(slope_x + x / z_m, slope_y + y / z_m)  # tangent between normal and line of sight
+    away = np.hypot(
+        slope_x + x / z_m, slope_y + y / z_m
+    )  # tangent between normal and line of sight
     bright = away < np.tan(np.radians(20))
     off_m = np.where(np.isnan(z_other_m), np.inf, np.abs(z_m - z_other_m))[bright]
     return bool(off_m.size and np.median(off_m) < ALIKE_M)
@@ -212,7 +240,10 @@ def measure(seeds: range, chosen: list[str], log: Callable[[str], None]) -> dict
                 said = inspected(written(Path(scratch) / name, wrong, other, mistake.unit))
                 found[name][outcome := verdict(mistake, said, surface)] += 1
                 spent_s = time.process_time() - start
-                log(f"{seed} | {name} | {outcome} | {spent_s:.1f} s | {' / '.join(said.splitlines())}")
+                log(
+                    f"{seed} | {name} | {outcome} | {spent_s:.1f} s | "
+                    f"{' / '.join(said.splitlines())}"
+                )
     return found
 
 
@@ -232,8 +263,9 @@ def measure_photographs(number: int, log: Callable[[str], None]) -> dict[str, Co
 
 
 def accused(seeds: range, log: Callable[[str], None]) -> tuple[int, int]:
-    """Right captures, of other seeds than the mistakes', of which anything is doubted; and of these those where the
-    doubt is right: the target stands where the method, with its defaults, does not look."""
+    """Right captures, of other seeds than the mistakes', of which anything is doubted; and of these
+    those where the doubt is right: the target stands where the method, with its defaults, does not
+    look."""
     doubted, reached = 0, 0
     for seed in seeds:
         with tempfile.TemporaryDirectory() as scratch:
@@ -243,10 +275,17 @@ def accused(seeds: range, log: Callable[[str], None]) -> tuple[int, int]:
             said = inspected(folder)
             (folder / "truth.ply").unlink()  # what then is left to tell by is focus
             said += inspected(folder)
-            doubted += any("warning: " in line and UNSCORED not in line for line in said.splitlines())
-            reached += "misses a surface" in said and float(np.median(surface.vertices_m[:, 2])) > REACH_M
+            doubted += any(
+                "warning: " in line and UNSCORED not in line for line in said.splitlines()
+            )
+            reached += (
+                "misses a surface" in said and float(np.median(surface.vertices_m[:, 2])) > REACH_M
+            )
             kind = assorted_scenes.KINDS[seed % len(assorted_scenes.KINDS)]
-            log(f"{seed} {kind} | right | {time.process_time() - start:.1f} s | {' / '.join(said.splitlines())}")
+            log(
+                f"{seed} {kind} | right | {time.process_time() - start:.1f} s | "
+                f"{' / '.join(said.splitlines())}"
+            )
     return doubted, reached
 
 
@@ -259,7 +298,9 @@ def table(found: dict[str, Counter[str]]) -> str:
     for name, of in found.items():
         able = of.total() - of["hidden"]
         share = f"{of['told']} ({100 * of['told'] / able:.0f} %)" if able else "–"
-        lines.append(f"| {name} | {share} | {of['otherwise']} | {of['silent']} | {able} | {of['hidden']} |")
+        lines.append(
+            f"| {name} | {share} | {of['otherwise']} | {of['silent']} | {able} | {of['hidden']} |"
+        )
     return "\n".join(lines)
 
 
@@ -281,7 +322,9 @@ def run() -> None:
 
         found = measure(range(options.first, options.first + options.scenes), options.mistakes, log)
         found |= measure_photographs(options.photographs, log)
-        doubted, beyond = accused(range(RIGHT + options.first, RIGHT + options.first + options.right), log)
+        doubted, beyond = accused(
+            range(RIGHT + options.first, RIGHT + options.first + options.right), log
+        )
     text = f"{table(found)}\n\nRight captures that are doubted: {doubted} of {options.right}"
     text += f", of which {beyond} stand further than the method, as it is, can reach.\n"
     (options.out / "table.md").write_text(text)

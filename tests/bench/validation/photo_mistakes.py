@@ -20,7 +20,8 @@ def photographs(folder: Path, seed: int, mistake: str) -> Path:
     side_m, columns, rows = draw.uniform(0.015, 0.06), *draw.integers(2, 5, 2)
     step_m = side_m * draw.uniform(1.25, 1.8)
     corners_m = [
-        np.array([(0, 0, 0), (side_m, 0, 0), (side_m, -side_m, 0), (0, -side_m, 0)]) + (step_m * c, -step_m * r, 0)
+        np.array([(0, 0, 0), (side_m, 0, 0), (side_m, -side_m, 0), (0, -side_m, 0)])
+        + (step_m * c, -step_m * r, 0)
         for r in range(rows)
         for c in range(columns)
     ]
@@ -28,7 +29,10 @@ def photographs(folder: Path, seed: int, mistake: str) -> Path:
     if draw.random() < 0.3:
         width, height = height, width
     focal_px = float(draw.uniform(0.8, 1.8) * max(width, height))
-    middle_m, extent_m = np.mean(np.concatenate(corners_m), axis=0), np.ptp(np.concatenate(corners_m), axis=0).max()
+    middle_m, extent_m = (
+        np.mean(np.concatenate(corners_m), axis=0),
+        np.ptp(np.concatenate(corners_m), axis=0).max(),
+    )
     cameras = []
     for number in range(3):
         distance_m = max(draw.uniform(0.3, 1.0), 1.3 * extent_m * focal_px / min(width, height))
@@ -43,7 +47,9 @@ def photographs(folder: Path, seed: int, mistake: str) -> Path:
         cv2.imwrite(str(folder / name), noisy.clip(0, 255).astype(np.uint8))
         size = (height, width) if mistake.startswith("width") else (width, height)
         params = [focal_px, focal_px, width / 2, height / 2, 0, 0, 0, 0]
-        cameras.append({"name": name, "width": size[0], "height": size[1], "model": "OPENCV", "params": params})
+        cameras.append(
+            {"name": name, "width": size[0], "height": size[1], "model": "OPENCV", "params": params}
+        )
     (folder / "cameras.json").write_text(json.dumps({"cameras": cameras}))
     scale = 10 if mistake.startswith("board") else 1
     lines = [f'dictionary = "{DICTIONARY}"']
@@ -55,7 +61,9 @@ def photographs(folder: Path, seed: int, mistake: str) -> Path:
 
 def _draw(picture: np.ndarray, id: int, quad_m: np.ndarray, K: np.ndarray) -> None:
     """A marker with its white rim, seen from the origin along z."""
-    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY)), id, 240)
+    marker = cv2.aruco.generateImageMarker(
+        cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY)), id, 240
+    )
     print_ = cv2.copyMakeBorder(marker, 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255)
     pixels = quad_m @ K.T
     pixels = (pixels[:, :2] / pixels[:, 2:]).astype(np.float32) - 0.5

@@ -1,7 +1,7 @@
 """Mistakes that every reader takes, and the cure that `handbench inspect` names.
 
-The echoes are sums of exponentials over points of an L-shaped plate, written here, and the mistakes are put into the
-files: nothing is shared with the check."""
+The echoes are sums of exponentials over points of an L-shaped plate, written here, and the mistakes
+are put into the files: nothing is shared with the check."""
 
 from __future__ import annotations
 
@@ -49,21 +49,34 @@ def right() -> RadarCapture:
 
 
 def echoes_of(array: AntennaArray, share: float = 1.0) -> np.ndarray:
-    """Samples [f, t, r] of 150 points of the plate. share: of the way there and back that the phases count."""
+    """Samples [f, t, r] of 150 points of the plate. share: of the way there and back that the
+    phases count."""
     samples = np.zeros((len(TONES_HZ), len(array.tx_m), len(array.rx_m)), complex)
     for point_m in on_the_plate(150):
-        path_m = np.linalg.norm(point_m - array.tx_m, axis=1)[:, None] + np.linalg.norm(point_m - array.rx_m, axis=1)
-        samples += np.exp(-2j * np.pi * TONES_HZ[:, None, None] * share * path_m / SPEED_OF_LIGHT_M_S)
+        path_m = np.linalg.norm(point_m - array.tx_m, axis=1)[:, None] + np.linalg.norm(
+            point_m - array.rx_m, axis=1
+        )
+        samples += np.exp(
+            -2j * np.pi * TONES_HZ[:, None, None] * share * path_m / SPEED_OF_LIGHT_M_S
+        )
     return samples.astype(np.complex64)
 
 
-def written(folder: Path, capture: RadarCapture, scale: float = 1.0, turned: tuple[int, int, int] = (1, 1, 1)) -> Path:
+def written(
+    folder: Path,
+    capture: RadarCapture,
+    scale: float = 1.0,
+    turned: tuple[int, int, int] = (1, 1, 1),
+) -> Path:
     """A capture's folder, with the plate's surface scaled and mirrored."""
     folder.mkdir(parents=True)
     save_capture(folder / "echoes.h5", capture)
     (folder / "capture.toml").write_text('version = 1\nname = "plate"\nkind = "other"\n')
     vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)]) * turned * scale
-    write_mesh(folder / "truth.ply", mesh(vertices_m, np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)])))
+    write_mesh(
+        folder / "truth.ply",
+        mesh(vertices_m, np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)])),
+    )
     return folder
 
 
@@ -75,21 +88,42 @@ def placed(capture: RadarCapture, change: np.ndarray) -> RadarCapture:
 
 MISTAKES = {
     "conjugated": (lambda c: replace(c, samples=c.samples.conj()), "m, conjugate the samples"),
-    "tones": (lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1]), "reverse frequencies_hz"),
+    "tones": (
+        lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1]),
+        "reverse frequencies_hz",
+    ),
     "swapped": (
         lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)),
         "exchange tx_m and rx_m",
     ),
-    "x negated": (lambda c: placed(c, np.diag([-1.0, 1, 1])), "mirrored in x: undone, the median error falls from"),
+    "x negated": (
+        lambda c: placed(c, np.diag([-1.0, 1, 1])),
+        "mirrored in x: undone, the median error falls from",
+    ),
     "millimetres": (lambda c: placed(c, 1e3 * np.eye(3)), "multiply them by 1e-3"),
     "centimetres": (lambda c: placed(c, 1e2 * np.eye(3)), "multiply them by 1e-2"),
     "y and z": (lambda c: placed(c, np.eye(3)[[0, 2, 1]]), "looks along y"),
-    "gigahertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e9), "multiply them by 1e9"),
-    "megahertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e6), "multiply them by 1e6"),
-    "kilohertz": (lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e3), "kilohertz? multiply them by 1e3"),
+    "gigahertz": (
+        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e9),
+        "multiply them by 1e9",
+    ),
+    "megahertz": (
+        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e6),
+        "multiply them by 1e6",
+    ),
+    "kilohertz": (
+        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e3),
+        "kilohertz? multiply them by 1e3",
+    ),
     "kilometres": (lambda c: placed(c, 1e-3 * np.eye(3)), "kilometres? multiply them by 1e3"),
-    "one way": (lambda c: replace(c, samples=echoes_of(c.aperture, 0.5)[None]), "one way only the median error falls"),
-    "twice": (lambda c: replace(c, frequencies_hz=np.r_[c.frequencies_hz[1], c.frequencies_hz[1:]]), "there twice"),
+    "one way": (
+        lambda c: replace(c, samples=echoes_of(c.aperture, 0.5)[None]),
+        "one way only the median error falls",
+    ),
+    "twice": (
+        lambda c: replace(c, frequencies_hz=np.r_[c.frequencies_hz[1], c.frequencies_hz[1:]]),
+        "there twice",
+    ),
 }
 SURFACES = {
     "upside down": ({"turned": (-1, -1, 1)}, "upside down"),
@@ -134,10 +168,18 @@ BANDS_HZ = {
 }
 
 
-def points_before(array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray, noise: float = 0.0) -> RadarCapture:
+def points_before(
+    array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray, noise: float = 0.0
+) -> RadarCapture:
     """The echoes of points, in noise over the strongest sample."""
-    path_m = [np.linalg.norm(points_m[:, None] - places_m, axis=2) for places_m in (array.tx_m, array.rx_m)]
-    waves = [np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None] * length_m) for length_m in path_m]
+    path_m = [
+        np.linalg.norm(points_m[:, None] - places_m, axis=2)
+        for places_m in (array.tx_m, array.rx_m)
+    ]
+    waves = [
+        np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None] * length_m)
+        for length_m in path_m
+    ]
     samples = np.einsum("fpt,fpr->ftr", *waves)
     draws = np.random.default_rng(1).standard_normal((2, *samples.shape))
     samples += noise * np.abs(samples).max() * (draws[0] + 1j * draws[1])
@@ -149,7 +191,11 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
     draw = np.random.default_rng(2)
     for number in range(8):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
-        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m + [0, 0, distance_m]
+        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m + [
+            0,
+            0,
+            distance_m,
+        ]
         capture = points_before(CROSS, BANDS_HZ[band], points_m, noise=0.1 * (number % 2))
         assert conjugated(capture) == []
 
@@ -161,7 +207,9 @@ def test_arrays_with_missing_columns_and_scans_are_looked_at():
     right.samples[:, :, ::2] = 0
     [text] = conjugated(replace(right, samples=right.samples.conj()))
     assert conjugated(right) == [] and "conjugate" in text
-    places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(
+        -1, 3
+    )
     path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
     samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * BANDS_HZ["26 GHz"][:, None] * path_m)[None]
     scan = RadarCapture(samples.astype(np.complex64), BANDS_HZ["26 GHz"], PlanarScan(places_m))
@@ -194,16 +242,29 @@ def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
     assert [text.split()[0:2] for text in checks.map_warnings(full)] == [["100", "%"], ["100", "%"]]
     z_m[:, 3:] = np.nan
     assert list(checks.map_warnings(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
-    cropped = replace(full, x_m=axis / 10, y_m=axis / 10, z_m=np.full_like(z_m, 0.3), p_gross=np.full_like(z_m, 0.1))
+    cropped = replace(
+        full,
+        x_m=axis / 10,
+        y_m=axis / 10,
+        z_m=np.full_like(z_m, 0.3),
+        p_gross=np.full_like(z_m, 0.1),
+    )
     assert list(checks.map_warnings(cropped)) == []
 
 
 def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):
     folder = written(tmp_path / "plate", right)
-    assert main(["reconstruct", str(folder), "--method", "3fsk", "-o", str(tmp_path / "depth.npz")]) == 0
-    assert "nothing looks wrong" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply"))
+    assert (
+        main(["reconstruct", str(folder), "--method", "3fsk", "-o", str(tmp_path / "depth.npz")])
+        == 0
+    )
+    assert "nothing looks wrong" in said(
+        capsys, str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")
+    )
     wrong = written(tmp_path / "wrong", right, turned=(-1, 1, 1))
-    assert "mirrored in x" in said(capsys, str(tmp_path / "depth.npz"), "--mesh", str(wrong / "truth.ply"))
+    assert "mirrored in x" in said(
+        capsys, str(tmp_path / "depth.npz"), "--mesh", str(wrong / "truth.ply")
+    )
     (tmp_path / "t.json").write_text('{"from": "photo"}')
     command = ["inspect", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]
     assert main([*command, "--transform", str(tmp_path / "t.json")]) == 2
@@ -217,7 +278,14 @@ def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
     depth = tmp_path / "depth.npz"
     assert main(["reconstruct", str(mistaken), "--method", "3fsk", "-o", str(depth)]) == 0
     assert "conjugate the samples" in capsys.readouterr().err
-    again = [str(written(tmp_path / "right", right)), "--method", "3fsk", "-o", str(depth), "--overwrite"]
+    again = [
+        str(written(tmp_path / "right", right)),
+        "--method",
+        "3fsk",
+        "-o",
+        str(depth),
+        "--overwrite",
+    ]
     assert main(["reconstruct", *again]) == 0
     assert "sharper" not in capsys.readouterr().err
     behind = written(tmp_path / "behind", right, turned=(1, 1, -1))
@@ -231,7 +299,11 @@ def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
 @pytest.mark.parametrize("name", PHOTO_MISTAKES)
 def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, capsys, name):
     text = said(capsys, str(photographs(tmp_path, 3, name)))
-    assert PHOTO_MISTAKES[name] in text if PHOTO_MISTAKES[name] else text.strip() == f"{tmp_path}: nothing looks wrong"
+    assert (
+        PHOTO_MISTAKES[name] in text
+        if PHOTO_MISTAKES[name]
+        else text.strip() == f"{tmp_path}: nothing looks wrong"
+    )
 
 
 def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
@@ -248,12 +320,17 @@ def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
 
 def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, capsys):
     written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
-    table = 'version = 1\nname = "b"\n[[capture]]\npath = "plate"\nmeasures = ["accuracy"]\n[[method]]\nid = "2fsk"\n'
+    table = (
+        'version = 1\nname = "b"\n[[capture]]\npath = "plate"\nmeasures = '
+        '["accuracy"]\n[[method]]\nid = "2fsk"\n'
+    )
     (tmp_path / "bench.toml").write_text(table)
     for seen in (True, False):  # a resumed run does not look again
         assert main(["run", str(tmp_path / "bench.toml"), "-o", str(tmp_path / "out")]) == 0
         assert ("conjugate the samples" in capsys.readouterr().err) == seen
-        [told] = json.loads((tmp_path / "out" / "result.json").read_text())["facts"]["doubts"]["plate"]
+        [told] = json.loads((tmp_path / "out" / "result.json").read_text())["facts"]["doubts"][
+            "plate"
+        ]
         assert "conjugate the samples" in told
     assert "plate: the echoes focus better" in said(capsys, str(tmp_path / "out"))
     assert "conjugate the samples" in said(capsys, str(tmp_path / "bench.toml"))

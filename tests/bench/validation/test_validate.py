@@ -24,10 +24,14 @@ VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])
 
 
-def make_capture(folder: Path, name="ball", frames=1, scale=1.0, tones_hz=TONES_HZ, **about) -> Path:
+def make_capture(
+    folder: Path, name="ball", frames=1, scale=1.0, tones_hz=TONES_HZ, **about
+) -> Path:
     folder.mkdir(parents=True)
     generator = np.random.default_rng(0)
-    array = AntennaArray(0.1 * scale * generator.uniform(size=(3, 3)), 0.1 * scale * generator.uniform(size=(4, 3)))
+    array = AntennaArray(
+        0.1 * scale * generator.uniform(size=(3, 3)), 0.1 * scale * generator.uniform(size=(4, 3))
+    )
     samples = np.ones((frames, len(tones_hz), 3, 4), np.complex64)
     save_capture(folder / "echoes.h5", RadarCapture(samples, tones_hz, array))
     write_mesh(folder / "truth.ply", mesh(scale * VERTICES_M, [(0, 2, 1)]))
@@ -38,7 +42,10 @@ def make_capture(folder: Path, name="ball", frames=1, scale=1.0, tones_hz=TONES_
 def told(name) -> list[str]:
     """The problems without the folder that they lie in."""
     base = Path(name) if Path(name).is_dir() else Path(name).parent
-    return [str(problem).replace(f"{base}/", "").replace(str(base), ".") for problem in problems_of(str(name))]
+    return [
+        str(problem).replace(f"{base}/", "").replace(str(base), ".")
+        for problem in problems_of(str(name))
+    ]
 
 
 def same(found: list[str], *expected: tuple[str, str]) -> None:
@@ -88,7 +95,14 @@ def test_every_key_has_its_line():
 def test_what_is_fine_is_said_to_be(tmp_path, small_bench, capsys):
     make_capture(tmp_path / "data" / "a", "a")
     make_capture(tmp_path / "data" / "b", "b")
-    show([str(tmp_path / "data"), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
+    show(
+        [
+            str(tmp_path / "data"),
+            str(small_bench),
+            str(small_bench.parent / "ball.toml"),
+            "paper_table",
+        ]
+    )
     assert capsys.readouterr().out.count(": nothing looks wrong\n") == 4
 
 
@@ -129,10 +143,14 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
     save_target(target, default_target())
     lines = target.read_text().splitlines()
     wrong = next(number for number, line in enumerate(lines) if line.startswith("sphere_radius_m"))
-    target.write_text("\n".join([*lines[:wrong], "sphere_radius_m = 0", "colour = 'white'", *lines[wrong + 1 :]]))
+    target.write_text(
+        "\n".join([*lines[:wrong], "sphere_radius_m = 0", "colour = 'white'", *lines[wrong + 1 :]])
+    )
     (folder / "photos").mkdir()
     (folder / "photos" / "board.toml").write_text("[[marker]]\nid = 1\n")
-    (folder / "photos" / "cameras.json").write_text('{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}')
+    (folder / "photos" / "cameras.json").write_text(
+        '{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}'
+    )
     found = told(folder)
     places = {problem.split(": ")[0] for problem in found}
     assert places >= {
@@ -140,11 +158,15 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
         "photos", "photos/board.toml:1", "photos/cameras.json:2", "photos/cameras.json:3",
     }  # fmt: skip
     assert any("found 0 photographs" in problem for problem in found)
-    assert sum(problem.startswith("photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'")
+    assert sum(problem.startswith("photos/cameras.json:3: unknown key 'cameras.1.nome'; did you "
+                                  "mean 'name'")
                for problem in found) == 1  # fmt: skip
     assert "echoes.h5" in places
     shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
-    assert {problem.split(": ")[0] for problem in told(folder)} >= {"array.json", "empty.h5"}  # they need the echoes
+    assert {problem.split(": ")[0] for problem in told(folder)} >= {
+        "array.json",
+        "empty.h5",
+    }  # they need the echoes
 
 
 def test_a_capture_without_its_parts_is_named(tmp_path):
@@ -152,8 +174,15 @@ def test_a_capture_without_its_parts_is_named(tmp_path):
     same(told(folder), (".", "target's capture without target.toml"))
     for name in ("capture.toml", "truth.ply"):
         (folder / name).unlink()
-    same(told(folder), ("capture.toml", "expected a capture description"), (".", "nothing to score against"))
-    assert len(told(tmp_path / "nowhere.toml")) == 1 and "found nothing" in told(tmp_path / "nowhere.toml")[0]
+    same(
+        told(folder),
+        ("capture.toml", "expected a capture description"),
+        (".", "nothing to score against"),
+    )
+    assert (
+        len(told(tmp_path / "nowhere.toml")) == 1
+        and "found nothing" in told(tmp_path / "nowhere.toml")[0]
+    )
     (tmp_path / "none").mkdir()
     assert len(told(tmp_path / "none")) == 1
 
@@ -166,7 +195,14 @@ def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
     Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
     found = told(folder)
     assert len(found) == 6 and all(": warning: " in problem for problem in found)
-    words = "distance_m is 300", "box_m reaches 90", "an antenna lies", "gigahertz", "is 100 m long", "moves by 400 m"
+    words = (
+        "distance_m is 300",
+        "box_m reaches 90",
+        "an antenna lies",
+        "gigahertz",
+        "is 100 m long",
+        "moves by 400 m",
+    )
     for word in words:
         assert sum(word in problem for problem in found) == 1
     show([str(folder)])
@@ -219,7 +255,9 @@ def test_every_problem_of_a_benchmark(tmp_path):
     unregistered = make_capture(base / "unregistered", name="u", frames=3)
     (unregistered / "truth.ply").rename(unregistered / "mesh.ply")
     (unregistered / "capture.toml").write_text('version = 1\nname = "u"\n')
-    (base / "scene.toml").write_text('version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = "x.ply"\nradius_m = 1\n')
+    (base / "scene.toml").write_text(
+        'version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = "x.ply"\nradius_m = 1\n'
+    )
     (base / "b.toml").write_text(BENCH)
     same(
         told(base / "b.toml"),
@@ -242,29 +280,48 @@ def test_every_problem_of_a_benchmark(tmp_path):
 
 def test_a_scene_s_files_are_checked_where_it_names_them(tmp_path):
     (tmp_path / "x.ply").write_text("ply")
-    for name, words in (("x.ply", "holds no triangles"), ("../x.ply", "leaves the folder"), ("y.ply", "nothing")):
-        text = f'version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = "{name}"\n[sensor]\narray = "radar"\n'
+    for name, words in (
+        ("x.ply", "holds no triangles"),
+        ("../x.ply", "leaves the folder"),
+        ("y.ply", "nothing"),
+    ):
+        text = (
+            'version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = '
+            f'"{name}"\n[sensor]\narray = "radar"\n'
+        )
         (tmp_path / "scene.toml").write_text(text)
-        same(told(tmp_path / "scene.toml"), ("scene.toml:5", words), ("scene.toml:7", "tx"), ("scene.toml:7", "rx"))
+        same(
+            told(tmp_path / "scene.toml"),
+            ("scene.toml:5", words),
+            ("scene.toml:7", "tx"),
+            ("scene.toml:7", "rx"),
+        )
 
 
 def test_a_method_needs_measured_tones(tmp_path):
     base = tmp_path / "bench"
     make_capture(base / "a")
     (base / "s.toml").write_text(
-        'version = 1\nname = "s"\n[target]\nkind = "sphere"\n[sensor]\nsweep = []\ntones_hz = [82e9, 81.8e9]\n'
+        'version = 1\nname = "s"\n[target]\nkind = "sphere"\n[sensor]\nsweep = []\ntones_hz = '
+        "[82e9, 81.8e9]\n"
     )
     (base / "b.toml").write_text(
         'version = 1\nname = "b"\n[[capture]]\npath = "a"\n[[capture]]\nscene = "s.toml"\n'
-        '[[method]]\nid = "3fsk"\n[[method]]\nid = "nfsk"\nconfig = { tones_hz = [82e9, 81.8e9, 79.5e9] }\n'
+        '[[method]]\nid = "3fsk"\n[[method]]\nid = "nfsk"\nconfig = { tones_hz = [82e9, 81.8e9, '
+        "79.5e9] }\n"
     )
     same(
         told(base / "b.toml"),
         ("b.toml:5", "'s' with method '3fsk': frequencies: the method asks for 79.5000 GHz"),
         ("b.toml:5", "'s' with method 'nfsk': frequencies: the method asks for 79.5000 GHz"),
     )
-    (base / "a" / "capture.toml").write_text('version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n')
-    assert any("'a' with method '3fsk': frequencies: the method asks for 72" in line for line in told(base / "b.toml"))
+    (base / "a" / "capture.toml").write_text(
+        'version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n'
+    )
+    assert any(
+        "'a' with method '3fsk': frequencies: the method asks for 72" in line
+        for line in told(base / "b.toml")
+    )
 
 
 def test_the_command_counts_and_fails(tmp_path, capsys):

@@ -1,4 +1,5 @@
-"""An array's errors from the echoes of the calibration target, by every second antenna of the paper's and 32 tones."""
+"""An array's errors from the echoes of the calibration target, by every second antenna of the
+paper's and 32 tones."""
 
 from __future__ import annotations
 
@@ -28,35 +29,53 @@ PAPER_RAD, QUIET_RAD = 0.0281, 0.001  # phase noise between two tones at the str
 
 
 class Imperfect:
-    """An array whose antennas err by 1 dB, 30° and 50 µm per axis (times `size`); transmitter 3 is dead."""
+    """An array whose antennas err by 1 dB, 30° and 50 µm per axis (times `size`); transmitter 3 is
+    dead."""
 
     def __init__(self, seed: int, size: float = 1.0, dead: bool = True) -> None:
         self.random = np.random.default_rng(seed)
         normal = self.random.standard_normal
         self.gains = [
-            10 ** (size * normal(n) / 20) * np.exp(1j * np.radians(30) * size * normal(n)) for n in NOMINAL.channels
+            10 ** (size * normal(n) / 20) * np.exp(1j * np.radians(30) * size * normal(n))
+            for n in NOMINAL.channels
         ]
         self.gains[0][3] *= 0.0 if dead else 1.0
         self.offsets_m = [5e-5 * size * normal((n, 3)) for n in NOMINAL.channels]
-        self.array = AntennaArray(NOMINAL.tx_m + self.offsets_m[0], NOMINAL.rx_m + self.offsets_m[1])
+        self.array = AntennaArray(
+            NOMINAL.tx_m + self.offsets_m[0], NOMINAL.rx_m + self.offsets_m[1]
+        )
 
-    def capture(self, echoes: np.ndarray, phase_noise_rad: float, tones_hz: np.ndarray = TONES_HZ) -> RadarCapture:
-        """Echoes [f, t, r] at the true places, with gains and noise (σ = σ_φ·√N·a: see radar.simulation.effects;
-        a is the mean amplitude of five balls' echo over √5, which is that of one)."""
-        level = phase_noise_rad * np.sqrt(echoes[0].size) * np.sqrt(np.mean(np.abs(echoes) ** 2) / 5)
+    def capture(
+        self, echoes: np.ndarray, phase_noise_rad: float, tones_hz: np.ndarray = TONES_HZ
+    ) -> RadarCapture:
+        """Echoes [f, t, r] at the true places, with gains and noise (σ = σ_φ·√N·a: see
+        radar.simulation.effects; a is the mean amplitude of five balls' echo over √5, which is that
+        of one)."""
+        level = (
+            phase_noise_rad * np.sqrt(echoes[0].size) * np.sqrt(np.mean(np.abs(echoes) ** 2) / 5)
+        )
         noise = self.random.standard_normal((*echoes.shape, 2)) @ [1, 1j] * level / np.sqrt(2)
         samples = echoes * np.multiply.outer(*self.gains) + noise
         return RadarCapture(samples[None].astype(np.complex64), tones_hz, NOMINAL)
 
-    def of_target(self, target: Target, centres_m: np.ndarray, phase_noise_rad: float) -> RadarCapture:
+    def of_target(
+        self, target: Target, centres_m: np.ndarray, phase_noise_rad: float
+    ) -> RadarCapture:
         balls = zip(centres_m, target.element, target.foam_delay_m, strict=True)
-        echoes = [sphere_echo(centre_m, e.ball_radius_m, d, TONES_HZ, self.array) for centre_m, e, d in balls]
+        echoes = [
+            sphere_echo(centre_m, e.ball_radius_m, d, TONES_HZ, self.array)
+            for centre_m, e, d in balls
+        ]
         return self.capture(sum(echoes), phase_noise_rad)
 
 
 @pytest.fixture(scope="module")
 def centres_m(target) -> np.ndarray:
-    return target.centres_m @ Rotation.from_euler("xyz", [0.1, -0.15, 0.2]).as_matrix().T + [0.01, -0.01, 0.31]
+    return target.centres_m @ Rotation.from_euler("xyz", [0.1, -0.15, 0.2]).as_matrix().T + [
+        0.01,
+        -0.01,
+        0.31,
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +97,16 @@ class Miss:
         level, phase, toward, offset, true, position = [], [], [], [], [], []
         k = 2 * np.pi * found.reference_hz / C
         sides = found.tx, found.rx
-        for side, gain, off_m, leg in zip(sides, truth.gains, truth.offsets_m, NOMINAL.legs, strict=True):
+        for side, gain, off_m, leg in zip(
+            sides, truth.gains, truth.offsets_m, NOMINAL.legs, strict=True
+        ):
             live = gain != 0
             away = leg.position_m - centres_m.mean(axis=0)
             away /= np.linalg.norm(away, axis=1, keepdims=True)
             miss_m = np.array(side.offset_m) - off_m
-            seen = side.gains[live] / gain[live] * np.exp(-1j * k * (miss_m * away).sum(axis=1)[live])
+            seen = (
+                side.gains[live] / gain[live] * np.exp(-1j * k * (miss_m * away).sum(axis=1)[live])
+            )
             seen /= np.mean(seen / np.abs(seen))
             level.append(np.log(np.abs(seen)) - np.log(np.abs(seen)).mean())
             phase.append(np.angle(seen))
@@ -93,8 +116,13 @@ class Miss:
             position.append(leg.position_m[live])
         self.level, self.phase = np.concatenate(level), np.concatenate(phase)
         self._toward, position_m = np.concatenate(toward), np.concatenate(position)
-        self._rigid = perturbation_jacobian(position_m - position_m.mean(axis=0))[:, :, :6].reshape(-1, 6)
-        self.offset_m, self.true_m = self._in_gauge(np.concatenate(offset)), self._in_gauge(np.concatenate(true))
+        self._rigid = perturbation_jacobian(position_m - position_m.mean(axis=0))[:, :, :6].reshape(
+            -1, 6
+        )
+        self.offset_m, self.true_m = (
+            self._in_gauge(np.concatenate(offset)),
+            self._in_gauge(np.concatenate(true)),
+        )
 
     def _in_gauge(self, values_m: np.ndarray) -> np.ndarray:
         """Without what a motion of the whole array would do, which no echo can tell."""
@@ -109,14 +137,17 @@ class Miss:
 
 def sigmas(found: ArrayCalibration, name: str) -> np.ndarray:
     """Standard deviations of the living antennas, both sides."""
-    return np.concatenate([np.array(getattr(side, name))[side.gains != 0] for side in (found.tx, found.rx)])
+    return np.concatenate(
+        [np.array(getattr(side, name))[side.gains != 0] for side in (found.tx, found.rx)]
+    )
 
 
 def rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-# --- what is found --------------------------------------------------------------------------------------------------
+# --- what is found
+# --------------------------------------------------------------------------------------------------
 
 
 def test_gains_come_back_at_the_papers_noise(noisy, centres_m):
@@ -127,8 +158,9 @@ def test_gains_come_back_at_the_papers_noise(noisy, centres_m):
 
 
 def test_places_across_the_line_of_sight_come_back(noisy, quiet, centres_m):
-    """x and y turn the phases of five balls differently: of 50 µm, 36 are left in one noisy frame, and 10 with little
-    noise. z turns them alike, as a phase does, and is hardly told at the paper's noise: it stays near 0."""
+    """x and y turn the phases of five balls differently: of 50 µm, 36 are left in one noisy frame,
+    and 10 with little noise. z turns them alike, as a phase does, and is hardly told at the paper's
+    noise: it stays near 0."""
     few = Miss(*noisy, centres_m)
     assert (rms(few.offset_m)[:2] < 0.8 * rms(few.true_m)[:2]).all()
     assert rms(few.offset_m)[2] < 1.05 * rms(few.true_m)[2]
@@ -139,8 +171,9 @@ def test_places_across_the_line_of_sight_come_back(noisy, quiet, centres_m):
 
 @pytest.mark.parametrize("capture", ["noisy", "quiet"])
 def test_the_standard_deviations_are_honest(capture, request, centres_m):
-    """Normalised errors of 93 antennas average 1: ± 0.25 is three standard errors of independent ones. Phases and
-    places share what the whole array has in common (a slope, say), one draw that may be small, but not 2.5 σ."""
+    """Normalised errors of 93 antennas average 1: ± 0.25 is three standard errors of independent
+    ones. Phases and places share what the whole array has in common (a slope, say), one draw that
+    may be small, but not 2.5 σ."""
     truth, found = request.getfixturevalue(capture)
     miss = Miss(truth, found, centres_m)
     assert rms(miss.level / sigmas(found, "level_sigma")) == pytest.approx(1, abs=0.25)
@@ -168,27 +201,39 @@ def test_a_perfect_array_stays_so_within_its_uncertainty(target, centres_m):
     miss = Miss(truth, found, centres_m)
     assert rms(miss.level / sigmas(found, "level_sigma")) < 1.25
     assert rms(miss.phase / sigmas(found, "phase_sigma_rad")) < 2.5
-    assert (rms(miss.offset_m / sigmas(found, "offset_sigma_m")) < 1.1).all()  # the prior is right about them
+    assert (
+        rms(miss.offset_m / sigmas(found, "offset_sigma_m")) < 1.1
+    ).all()  # the prior is right about them
     assert rms(miss.sharpness_rad) < 0.02
 
 
-# --- what it is good for --------------------------------------------------------------------------------------------
+# --- what it is good for
+# --------------------------------------------------------------------------------------------
 
 
 def test_another_capture_becomes_sharp(noisy):
-    """A point elsewhere: 30° leave e^{-σ²}, three quarters, of the amplitude that its echoes could have together, and
-    raise the side lobes; the calibrated image has all of it but 2 %, and the side lobes of a perfect array but 5 %."""
+    """A point elsewhere: 30° leave e^{-σ²}, three quarters, of the amplitude that its echoes could
+    have together, and raise the side lobes; the calibrated image has all of it but 2 %, and the
+    side lobes of a perfect array but 5 %."""
     truth, found = noisy
     point_m = np.array([[-0.03, 0.04, 0.36]])
     raw = truth.capture(sphere_echo(point_m[0], 1e-3, 0.0, TONES_HZ, truth.array), 0.0)
-    perfect = np.abs(truth.gains[0] != 0)[:, None] * sphere_echo(point_m[0], 1e-3, 0.0, TONES_HZ, NOMINAL)
+    perfect = np.abs(truth.gains[0] != 0)[:, None] * sphere_echo(
+        point_m[0], 1e-3, 0.0, TONES_HZ, NOMINAL
+    )
     x, y = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(-0.1, 0.1, 41))
     plane_m = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.359)])
     aside = np.linalg.norm(plane_m - point_m, axis=1) > 0.02
-    near_m = point_m - [0, 0, 1e-3] + 2e-4 * np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3), axis=-1).reshape(-1, 3)
+    near_m = (
+        point_m
+        - [0, 0, 1e-3]
+        + 2e-4 * np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3), axis=-1).reshape(-1, 3)
+    )
 
     def seen(samples: np.ndarray, array: AntennaArray) -> tuple[float, float]:
-        peak, lobes = (np.abs(backproject(samples, TONES_HZ, array, p)) for p in (near_m, plane_m[aside]))
+        peak, lobes = (
+            np.abs(backproject(samples, TONES_HZ, array, p)) for p in (near_m, plane_m[aside])
+        )
         return float(peak.max() / np.abs(samples).sum()), float(rms(lobes) / peak.max())
 
     ideal, before = seen(perfect, NOMINAL), seen(raw.samples[0], NOMINAL)
@@ -201,11 +246,14 @@ def test_another_capture_becomes_sharp(noisy):
 
 
 def test_depths_by_frequency_shift_keying_come_back(noisy):
-    """Many scatterers on a plate: through side lobes each other's phases depend on the tone. The calibrated array's
-    depths differ by less than a third of what the raw array's do from those of a perfect one."""
+    """Many scatterers on a plate: through side lobes each other's phases depend on the tone. The
+    calibrated array's depths differ by less than a third of what the raw array's do from those of a
+    perfect one."""
     truth, found = noisy
     random, tones_hz = np.random.default_rng(8), np.array([79.5e9, 82e9])
-    points_m = np.column_stack([random.uniform(-0.04, 0.04, (60, 2)), random.uniform(0.30, 0.31, 60)])
+    points_m = np.column_stack(
+        [random.uniform(-0.04, 0.04, (60, 2)), random.uniform(0.30, 0.31, 60)]
+    )
 
     def depths_m(samples: np.ndarray, array: AntennaArray) -> np.ndarray:
         low, high = tone_images(samples, tones_hz, array, points_m)
@@ -213,7 +261,8 @@ def test_depths_by_frequency_shift_keying_come_back(noisy):
         return depth_step_m(low, high, -2.5e9)[strong]
 
     perfect, echoes = (
-        sum(sphere_echo(p, 1e-3, 0.0, tones_hz, array) for p in points_m) for array in (NOMINAL, truth.array)
+        sum(sphere_echo(p, 1e-3, 0.0, tones_hz, array) for p in points_m)
+        for array in (NOMINAL, truth.array)
     )
     perfect_images = tone_images(perfect, tones_hz, NOMINAL, points_m)
     raw = truth.capture(echoes, 0.0, tones_hz)
@@ -224,13 +273,19 @@ def test_depths_by_frequency_shift_keying_come_back(noisy):
     assert after_m < before_m / 3
 
 
-# --- what is refused ------------------------------------------------------------------------------------------------
+# --- what is refused
+# ------------------------------------------------------------------------------------------------
 
 
 def test_a_missing_ball_is_refused(target, centres_m):
     truth = Imperfect(5)
-    balls = [(centres_m[i], target.element[i].ball_radius_m, target.foam_delay_m[i]) for i in (0, 1, 3, 4)]
-    capture = truth.capture(sum(sphere_echo(*ball, TONES_HZ, truth.array) for ball in balls), PAPER_RAD)
+    balls = [
+        (centres_m[i], target.element[i].ball_radius_m, target.foam_delay_m[i])
+        for i in (0, 1, 3, 4)
+    ]
+    capture = truth.capture(
+        sum(sphere_echo(*ball, TONES_HZ, truth.array) for ball in balls), PAPER_RAD
+    )
     with pytest.raises(HandbenchError, match="elements 3 are not seen; expected all of them"):
         estimate_array(capture, target)
 
@@ -240,10 +295,18 @@ def test_another_target_is_refused(target, centres_m):
     first = target.element[0]
     x, y, z = first.centre_m
     wrong = target.model_copy(
-        update={"element": (first.model_copy(update={"centre_m": (x + 0.0015, y, z)}), *target.element[1:])}
+        update={
+            "element": (
+                first.model_copy(update={"centre_m": (x + 0.0015, y, z)}),
+                *target.element[1:],
+            )
+        }
     )
     capture = Imperfect(6).of_target(target, centres_m, PAPER_RAD)
-    with pytest.raises(HandbenchError, match=r"TARGET: the target's element 1 is 0\.\d+ mm from where its description"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"TARGET: the target's element 1 is 0\.\d+ mm from where its description",
+    ):
         estimate_array(capture, wrong, source="TARGET")
 
 
@@ -252,9 +315,14 @@ def test_what_else_echoes_there_is_refused(target, centres_m):
     truth = Imperfect(7)
     balls = [(c, e.ball_radius_m, 0.0) for c, e in zip(centres_m, target.element, strict=True)]
     balls.append((centres_m.mean(axis=0) + [0.01, -0.025, 0], 0.005, 0.0))
-    capture = truth.capture(sum(sphere_echo(*ball, TONES_HZ, truth.array) for ball in balls), PAPER_RAD)
+    capture = truth.capture(
+        sum(sphere_echo(*ball, TONES_HZ, truth.array) for ball in balls), PAPER_RAD
+    )
     plain = target.model_copy(update={"foam_permittivity": 1.0})
-    with pytest.raises(HandbenchError, match=r"the target explains 8\d\.\d % of its echoes' energy, expected at least"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"the target explains 8\d\.\d % of its echoes' energy, expected at least",
+    ):
         estimate_array(capture, plain)
 
 
@@ -264,7 +332,10 @@ def test_errors_far_beyond_the_expected_are_refused(target, centres_m):
         truth.offsets_m[side] = 6 * offset_m
     truth.array = AntennaArray(NOMINAL.tx_m + truth.offsets_m[0], NOMINAL.rx_m + truth.offsets_m[1])
     capture = truth.of_target(target, centres_m, QUIET_RAD)
-    with pytest.raises(HandbenchError, match=r"antennas would be \d+ µm off, expected about 50 µm; check the target"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"antennas would be \d+ µm off, expected about 50 µm; check the target",
+    ):
         estimate_array(capture, target)
 
 
@@ -274,7 +345,8 @@ def test_a_planar_scan_is_refused(target):
         estimate_array(scan, target)
 
 
-# --- the equations --------------------------------------------------------------------------------------------------
+# --- the equations
+# --------------------------------------------------------------------------------------------------
 
 
 def small_state(target: Target, centres_m: np.ndarray) -> tuple[State, Echoes]:
@@ -283,7 +355,12 @@ def small_state(target: Target, centres_m: np.ndarray) -> tuple[State, Echoes]:
     def side(position_m: np.ndarray) -> Antennas:
         n = len(position_m)
         gain = 0.2 * random.standard_normal(n) + 0.5j * random.standard_normal(n)
-        return Antennas(position_m, gain, 1e-4 * random.standard_normal(n), 1e-4 * random.standard_normal((n, 3)))
+        return Antennas(
+            position_m,
+            gain,
+            1e-4 * random.standard_normal(n),
+            1e-4 * random.standard_normal((n, 3)),
+        )
 
     balls = 0.1 * random.standard_normal(5) + 1j * random.standard_normal(5)
     state = State(side(NOMINAL.tx_m[::15]), side(NOMINAL.rx_m[::12]), centres_m, balls)
@@ -295,8 +372,9 @@ def recorded(state: State, echoes: Echoes) -> np.ndarray:
 
 
 def test_the_jacobian_is_that_of_the_model(target, centres_m):
-    """JᵀJ against central differences of the model itself: the specular point's way round the ball turns directions by
-    less than a hundredth, and amplitudes change with distance by less than that."""
+    """JᵀJ against central differences of the model itself: the specular point's way round the ball
+    turns directions by less than a hundredth, and amplitudes change with distance by less than
+    that."""
     state, echoes = small_state(target, centres_m)
     normal, _, _ = normal_equations(recorded(state, echoes), state, echoes)
     columns = []
@@ -312,8 +390,9 @@ def test_the_jacobian_is_that_of_the_model(target, centres_m):
 
 
 def test_the_covariance_is_honest_in_every_direction(target, centres_m):
-    """Arrays and targets drawn from the priors: the squared error in units of the covariance averages the number of
-    directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 % is three standard errors."""
+    """Arrays and targets drawn from the priors: the squared error in units of the covariance
+    averages the number of directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 %
+    is three standard errors."""
     random, nees = np.random.default_rng(11), []
     echoes = Echoes(target, TONES_HZ[::2])
     for _ in range(12):
@@ -336,13 +415,21 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
         true = any_gauge.moved(step)
         samples = recorded(true, echoes)
         sigma = rms(np.abs(samples).ravel())
-        samples = samples + (sigma / np.sqrt(2) * random.standard_normal((*samples.shape, 2)) @ [1, 1j])
-        perfect = [Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in sides]
+        samples = samples + (
+            sigma / np.sqrt(2) * random.standard_normal((*samples.shape, 2)) @ [1, 1j]
+        )
+        perfect = [
+            Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in sides
+        ]
         start = State(*perfect, centres_m, np.zeros(5, np.complex128))
         found, covariance = fitted(samples.astype(np.complex64), start, echoes)
-        miss = [(f.unknowns - t.unknowns).ravel() for f, t in ((found.tx, true.tx), (found.rx, true.rx))]
+        miss = [
+            (f.unknowns - t.unknowns).ravel() for f, t in ((found.tx, true.tx), (found.rx, true.rx))
+        ]
         strength = found.log_ball - true.log_ball
-        error = np.concatenate([*miss, (found.centres_m - true.centres_m).ravel(), strength.real, strength.imag])
+        error = np.concatenate(
+            [*miss, (found.centres_m - true.centres_m).ravel(), strength.real, strength.imag]
+        )
         scale = np.sqrt(np.diag(covariance))
         values, vectors = np.linalg.eigh(covariance / np.multiply.outer(scale, scale))
         along = (vectors[:, 12:].T @ (error / scale)) ** 2 / values[12:]
@@ -351,7 +438,8 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
 
 
 def test_a_fit_ends_where_it_began_when_nothing_is_to_learn(target, centres_m):
-    """Samples of the state itself, without noise and with its antennas in the gauge: there is nothing to learn."""
+    """Samples of the state itself, without noise and with its antennas in the gauge: there is
+    nothing to learn."""
     state, echoes = small_state(target, centres_m)
     plain = State(
         *(
@@ -373,10 +461,13 @@ def test_gauges_are_what_no_echo_tells(target, centres_m):
     step = 0.1 * rows[0] - 0.3 * rows[2]  # the transmitters' level and phase
     step[-10:-5], step[-5:] = -0.1, 0.3
     assert np.linalg.matrix_rank(rows) == 12
-    np.testing.assert_allclose(recorded(state.moved(step), echoes), recorded(state, echoes), rtol=1e-4)
+    np.testing.assert_allclose(
+        recorded(state.moved(step), echoes), recorded(state, echoes), rtol=1e-4
+    )
 
 
-# --- the file -------------------------------------------------------------------------------------------------------
+# --- the file
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_the_file_comes_back(tmp_path, noisy):
@@ -395,7 +486,9 @@ def test_it_is_applied_once_and_to_its_own_array_alone(noisy):
     with pytest.raises(HandbenchError, match=r"of an array of \(47, 47\) antennas in other places"):
         found.applied_to(other)
     with pytest.raises(HandbenchError, match="planar scan"):
-        found.applied_to(RadarCapture(np.ones((1, 32, 4), np.complex64), TONES_HZ, PlanarScan(np.zeros((4, 3)))))
+        found.applied_to(
+            RadarCapture(np.ones((1, 32, 4), np.complex64), TONES_HZ, PlanarScan(np.zeros((4, 3))))
+        )
 
 
 @pytest.mark.parametrize(
@@ -403,7 +496,10 @@ def test_it_is_applied_once_and_to_its_own_array_alone(noisy):
     [
         (lambda c: c.update(version=2), "'version' is 2"),
         (lambda c: c.update(gian=1), "unknown key 'gian'"),
-        (lambda c: c["tx"]["gain"].pop(), "'gain' has 46 entries; expected one for each of the 47 antennas"),
+        (
+            lambda c: c["tx"]["gain"].pop(),
+            "'gain' has 46 entries; expected one for each of the 47 antennas",
+        ),
         (lambda c: c["rx"]["offset_m"][0].pop(), "'rx.offset_m.0.2' is missing"),
         (lambda c: c["rx"]["gain"].__setitem__(0, [float("nan"), 0]), r"'rx.gain.0.0' is nan"),
         (lambda c: c["rx"]["offset_m"].__setitem__(0, [0.1, 0, 0]), r"'rx.offset_m.0.0' is 0.1"),
@@ -429,16 +525,21 @@ def test_a_list_is_no_calibration(tmp_path):
         load_array(tmp_path / "array.json")
 
 
-@pytest.mark.parametrize(("cell", "counts"), [(0, True), (5, True), (-8, True), (14, False), (-15, False)])
+@pytest.mark.parametrize(
+    ("cell", "counts"), [(0, True), (5, True), (-8, True), (14, False), (-15, False)]
+)
 def test_what_is_left_over_is_counted_about_the_balls_alone(target, centres_m, cell, counts):
-    """An echo that the state lacks, so many range cells behind the target's middle: its part of all energy, or none."""
+    """An echo that the state lacks, so many range cells behind the target's middle: its part of all
+    energy, or none."""
     plain = small_state(target, centres_m)[0]
     state = State(*(Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in (plain.tx, plain.rx)),
                   centres_m, np.zeros(5, np.complex128))  # fmt: skip
     echoes = Echoes(target, TONES_HZ)
     middle_m = centres_m.mean(axis=0)
     cell_m = C / (TONES_HZ[1] - TONES_HZ[0]) / len(TONES_HZ)
-    tx_m, rx_m = (np.linalg.norm(side.nominal_m - middle_m, axis=1) for side in (state.tx, state.rx))
+    tx_m, rx_m = (
+        np.linalg.norm(side.nominal_m - middle_m, axis=1) for side in (state.tx, state.rx)
+    )
     path_m = np.add.outer(tx_m, rx_m)[..., None] + cell * cell_m
     known = recorded(state, echoes)
     unknown = 0.3 * rms(np.abs(known).ravel()) * np.exp(-1j * echoes.wavenumber * path_m)

@@ -1,8 +1,9 @@
 """The registration where geometry is unkind, against ball arithmetic and closed forms of its own.
 
-The reference takes the float64 coordinates as exact. Rotation and scale are then wanted to 1e-9 (absolute, relative);
-carried points to 1e-9 of the target's extent, plus four roundings of the largest number on the way: with coordinates of
-1e6 m a float64 matrix cannot say where a point is to better than some 1e-10 m.
+The reference takes the float64 coordinates as exact. Rotation and scale are then wanted to 1e-9
+(absolute, relative); carried points to 1e-9 of the target's extent, plus four roundings of the
+largest number on the way: with coordinates of 1e6 m a float64 matrix cannot say where a point is to
+better than some 1e-10 m.
 """
 
 from __future__ import annotations
@@ -16,7 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from handbench.calibration.registration.rigid_fit import Pairs, fit
 from handbench.calibration.spheres.description import Candidate
-from handbench.calibration.transforms import Transform, adjoint, condition_number, perturbation_jacobian, umeyama
+from handbench.calibration.transforms import (
+    Transform,
+    adjoint,
+    condition_number,
+    perturbation_jacobian,
+    umeyama,
+)
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates
 from tests.references.balls import Balls, balls, middles, off, rotation
@@ -25,10 +32,14 @@ from tests.strategies import examples
 BAR = 1e-9
 seeds = st.integers(0, 2**32 - 1)
 EXTENT_M = 0.12
-FIVE = EXTENT_M * np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0], [0.15, 0.25, -0.08]])
+FIVE = EXTENT_M * np.array(
+    [[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0], [0.15, 0.25, -0.08]]
+)
 PLANE = FIVE * [1, 1, 0]
 SOLID = EXTENT_M * np.array([[0.0, 0, 0], [1, 0, 0], [0, 0.8, 0], [0, 0, 0.6], [0.5, 0.4, 0.7]])
-RIBBON = EXTENT_M * np.array([[-0.5, 0, 0], [-0.2, 0.06, 0], [0.1, -0.05, 0], [0.3, 0.02, 0], [0.5, 0, 0.0]])
+RIBBON = EXTENT_M * np.array(
+    [[-0.5, 0, 0], [-0.2, 0.06, 0], [0.1, -0.05, 0], [0.3, 0.02, 0], [0.5, 0, 0.0]]
+)
 TWINS = SOLID[[0, 1, 1, 2, 2]]
 SHAPES = {"five": FIVE, "plane": PLANE, "solid": SOLID, "ribbon": RIBBON, "twins": TWINS}
 
@@ -41,9 +52,11 @@ def horn(p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[Balls, arb, Ba
     return turn, scale, q_mean - scale * (turn @ p_mean)
 
 
-def errors(matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[float, float, float]:
-    """Of the rotation, the scale and the carried points; the last relative to the target's extent, after what four
-    roundings explain."""
+def errors(
+    matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool
+) -> tuple[float, float, float]:
+    """Of the rotation, the scale and the carried points; the last relative to the target's extent,
+    after what four roundings explain."""
     turn, scale, shift = horn(p, q, with_scale)
     found = Transform("photo", "radar", matrix)
     miss_m = off(found.points(p), balls(p) @ (scale * turn).T + shift).max()
@@ -63,21 +76,32 @@ def scenario(
     target_far: bool = False,
     rotation: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centres in both frames, the target's with errors of 0.2 % of the extent, so that no transform fits exactly."""
+    """Centres in both frames, the target's with errors of 0.2 % of the extent, so that no transform
+    fits exactly."""
     rng = np.random.default_rng(seed)
-    p = shape @ Rotation.random(rng=rng).as_matrix().T + rng.uniform(-1, 1, 3) * (1e6 if source_far else 0.5)
+    p = shape @ Rotation.random(rng=rng).as_matrix().T + rng.uniform(-1, 1, 3) * (
+        1e6 if source_far else 0.5
+    )
     rotation = Rotation.random(rng=rng).as_matrix() if rotation is None else rotation
-    q = scale * (p - p.mean(axis=0)) @ rotation.T + scale * 2e-3 * EXTENT_M * rng.standard_normal(p.shape)
+    q = scale * (p - p.mean(axis=0)) @ rotation.T + scale * 2e-3 * EXTENT_M * rng.standard_normal(
+        p.shape
+    )
     return p, q + rng.uniform(-1, 1, 3) * (1e6 if target_far else 0.5)
 
 
 def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) -> Transform:
-    """With covariances alike and so large that all pairs agree: then weighted least squares are plain ones."""
+    """With covariances alike and so large that all pairs agree: then weighted least squares are
+    plain ones."""
     spread_m2 = (0.01 * EXTENT_M) ** 2 * np.eye(3)
-    return align(candidates(p, covariance_m2=spread_m2), candidates(q, covariance_m2=scale**2 * spread_m2), with_scale)
+    return align(
+        candidates(p, covariance_m2=spread_m2),
+        candidates(q, covariance_m2=scale**2 * spread_m2),
+        with_scale,
+    )
 
 
-# --- against 50 digits ----------------------------------------------------------------------------------------------
+# --- against 50 digits
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -94,7 +118,9 @@ def test_the_shapes_of_targets(shape, with_scale, seed):
 @pytest.mark.parametrize("short_rad", [0.0, 1e-15, 1e-12, 1e-8, 1e-4])
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3)])
 def test_half_turns(axis, short_rad):
-    turn = Rotation.from_rotvec((np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    turn = Rotation.from_rotvec(
+        (np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)
+    ).as_matrix()
     p, q = scenario(1, FIVE, rotation=turn)
     assert max(errors(aligned(p, q, False).matrix, p, q, False)) < BAR
 
@@ -121,25 +147,31 @@ def inverse(matrix: Balls) -> Balls:
 
 
 def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Balls]:
-    """Ten further Gauss–Newton steps of 128 bits from a 4×4 matrix, about the origin: the matrix and the covariance
-    [6 or 7]."""
+    """Ten further Gauss–Newton steps of 128 bits from a 4×4 matrix, about the origin: the matrix
+    and the covariance [6 or 7]."""
     linear, shift = balls(found[:3, :3]), balls(found[:3, 3])
     for _ in range(10):
         normal, right = 0, 0
         sides = (pairs.source_m, pairs.target_m, pairs.source_m2, pairs.target_m2)
         for p, q, c_p, c_q in zip(*map(balls, sides), strict=True):
             x, y, z = carried = linear @ p + shift
-            jacobian = np.array([[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]])[:, :unknowns]
+            jacobian = np.array(
+                [[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]]
+            )[:, :unknowns]
             information = inverse(linear @ c_p @ linear.T + c_q)
             normal = normal + jacobian.T @ information @ jacobian
             right = right + jacobian.T @ information @ (q - carried)
         covariance = inverse(normal)
         t = covariance @ right
         growth = t[6] if unknowns == 7 else arb(0)
-        change = arb_mat([[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]).exp()
+        change = arb_mat(
+            [[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]
+        ).exp()
         change = np.array(change.tolist(), dtype=object)
         # Each step corrects the last one's error, so that only middles go on.
-        linear, shift = (np.frompyfunc(arb.mid, 1, 1)(part) for part in (change @ linear, change @ shift + t[:3]))
+        linear, shift = (
+            np.frompyfunc(arb.mid, 1, 1)(part) for part in (change @ linear, change @ shift + t[:3])
+        )
     return np.column_stack([linear, shift]), covariance
 
 
@@ -147,8 +179,8 @@ def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Bal
 @pytest.mark.parametrize("target_far", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed):
-    """Each pair with two ellipsoids of its own, four times as large as the errors, so that Huber's weights are one. The
-    covariance is compared in units of its own standard deviations."""
+    """Each pair with two ellipsoids of its own, four times as large as the errors, so that Huber's
+    weights are one. The covariance is compared in units of its own standard deviations."""
     rng = np.random.default_rng(seed)
     p, q = scenario(seed, SOLID, target_far=target_far)
     roots = 8e-3 * EXTENT_M * (np.eye(3) + 0.3 * rng.standard_normal((2, 5, 3, 3)))
@@ -170,8 +202,8 @@ def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed
 
 
 def test_far_from_the_origin_a_points_covariance_stays_that_of_its_near_twin():
-    """The covariance about the origin holds (1e6 m · 4 mrad)² = 1e7 m²; what of it remains at the target, 1e-6 m²,
-    survives four roundings of that: 1e-8 m²."""
+    """The covariance about the origin holds (1e6 m · 4 mrad)² = 1e7 m²; what of it remains at the
+    target, 1e-6 m², survives four roundings of that: 1e-8 m²."""
     p, q = scenario(3, FIVE)
     near, far = aligned(p, q, False), aligned(p, q + [6e5, -7e5, 4e5], False)
     expected = near.point_covariance(q)
@@ -180,23 +212,33 @@ def test_far_from_the_origin_a_points_covariance_stays_that_of_its_near_twin():
     np.testing.assert_allclose(got, expected, atol=16 * np.finfo(float).eps * largest)
 
 
-# --- what stays open is refused, with its number --------------------------------------------------------------------
+# --- what stays open is refused, with its number
+# --------------------------------------------------------------------
 
 
 def test_the_condition_is_that_of_the_centred_points(rng):
-    """A rotation about an axis is held by the squared distances from it: for σ = (3, 2, 1), (9 + 4)/(4 + 1)."""
+    """A rotation about an axis is held by the squared distances from it: for σ = (3, 2, 1), (9 +
+    4)/(4 + 1)."""
     basis = np.linalg.qr(np.column_stack([np.ones(6), rng.standard_normal((6, 3))]))[0][:, 1:]
     points = basis * [3, 2, 1] + [5, 6, 7]
     turn = Rotation.random(rng=rng).as_matrix()
-    assert condition_number(points, 20 * points @ turn.T) == pytest.approx(np.sqrt(13 / 5), rel=1e-12)
+    assert condition_number(points, 20 * points @ turn.T) == pytest.approx(
+        np.sqrt(13 / 5), rel=1e-12
+    )
     # seen in a mirror, what held the axis apart now pulls the other way
-    assert condition_number(points, points * [1, 1, -1]) == pytest.approx(np.sqrt(13 / 3), rel=1e-12)
+    assert condition_number(points, points * [1, 1, -1]) == pytest.approx(
+        np.sqrt(13 / 3), rel=1e-12
+    )
     assert condition_number(points[:, [0, 1, 1]], points[:, [0, 1, 1]]) > 1
     ball = basis * [1, 1, 1]
-    assert condition_number(ball, -ball) > 1e7  # its mirror image fits any rotation about any axis alike
+    assert (
+        condition_number(ball, -ball) > 1e7
+    )  # its mirror image fits any rotation about any axis alike
     weights = np.array([1.0, 2, 1, 1, 1, 3])
     often = points[[0, 1, 1, 2, 3, 4, 5, 5, 5]]
-    assert condition_number(points, points, weights) == pytest.approx(condition_number(often, often), rel=1e-12)
+    assert condition_number(points, points, weights) == pytest.approx(
+        condition_number(often, often), rel=1e-12
+    )
 
 
 LINE = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.05, 0, 0], [0.09, 0, 0], [0.12, 0, 0]])
@@ -210,7 +252,9 @@ LINE = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.05, 0, 0], [0.09, 0, 0], [0.12, 0
 )
 def test_lines_and_points_are_refused_with_their_condition(points, with_scale, rng):
     turn = Rotation.random(rng=rng).as_matrix()
-    with pytest.raises(HandbenchError, match=r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"):
+    with pytest.raises(
+        HandbenchError, match=r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"
+    ):
         align(candidates(points), candidates(points @ turn.T + 0.1), with_scale)
 
 
@@ -222,7 +266,9 @@ def test_the_limit_lies_at_a_condition_of_20(half_width_m, open_):
         with pytest.raises(HandbenchError, match=r"condition number 24, expected at most 20"):
             align(candidates(corners), candidates(corners))
     else:
-        np.testing.assert_allclose(align(candidates(corners), candidates(corners)).matrix, np.eye(4), atol=1e-12)
+        np.testing.assert_allclose(
+            align(candidates(corners), candidates(corners)).matrix, np.eye(4), atol=1e-12
+        )
 
 
 def test_a_badly_known_centre_does_not_hold_a_rotation():
@@ -249,7 +295,10 @@ def test_when_the_pair_that_held_the_rotation_is_wrong_what_is_left_is_refused()
 def test_a_mirror_image_is_named_as_one(shape, count, with_scale, seed):
     """Also of the five, of which four lie in a plane and would outvote the fifth."""
     p, _ = scenario(seed, shape)
-    with pytest.raises(HandbenchError, match=rf"{count} of {count} pairs of centres lie as the target's mirror image"):
+    with pytest.raises(
+        HandbenchError,
+        match=rf"{count} of {count} pairs of centres lie as the target's mirror image",
+    ):
         align(candidates(p), candidates(mirror(seed, p)), with_scale)
 
 
@@ -275,7 +324,8 @@ def test_numbers_that_are_none_are_refused(broken):
         align([candidates(FIVE)[0], broken, *candidates(FIVE)[2:]], candidates(FIVE))
 
 
-# --- one in five is wrong -------------------------------------------------------------------------------------------
+# --- one in five is wrong
+# -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -287,9 +337,11 @@ def test_numbers_that_are_none_are_refused(broken):
     shape=st.sampled_from(["five", "plane", "solid"]),
 )
 @examples(25)
-def test_one_wrong_pair_in_five_of_any_size_changes_nothing(with_scale, seed, which, log_size, at_source, shape):
-    """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000 km off, where the
-    centres err by 0.24 mm and a deviation is 0.4 mm."""
+def test_one_wrong_pair_in_five_of_any_size_changes_nothing(
+    with_scale, seed, which, log_size, at_source, shape
+):
+    """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000
+    km off, where the centres err by 0.24 mm and a deviation is 0.4 mm."""
     p, q = scenario(seed, SHAPES[shape])
     rng = np.random.default_rng(seed + 1)
     way = rng.standard_normal(3)
@@ -309,7 +361,10 @@ def test_the_wrong_pair_is_named(capsys):
     q = FIVE.copy()
     q[2] += [0, 0.5, 0]
     residuals_m = align(candidates(FIVE), candidates(q)).residuals_m
-    assert capsys.readouterr().err == "registration: pair 3 lies 500 mm off where the others agree; left out\n"
+    assert (
+        capsys.readouterr().err
+        == "registration: pair 3 lies 500 mm off where the others agree; left out\n"
+    )
     np.testing.assert_allclose(residuals_m, [0, 0, 0.5, 0, 0], atol=1e-12)
 
 
@@ -317,7 +372,8 @@ def test_the_wrong_pair_is_named(capsys):
 @given(seed=seeds)
 @examples(5)
 def test_a_majority_of_60_percent_suffices(count, wrong, seed):
-    """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40 %."""
+    """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40
+    %."""
     rng = np.random.default_rng(seed)
     p, q = scenario(seed, rng.uniform(-0.5, 0.5, (count, 3)) * EXTENT_M)
     bad = rng.choice(count, wrong, replace=False)
@@ -337,30 +393,41 @@ def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
     p = [SOLID[:3], SOLID[:4], SOLID, np.array([*SOLID, [0.1, 0.09, -0.05]])][count - 3]
     q = p.copy()
     q[:wrong] += 0.05 * rng.uniform(0.5, 1, (wrong, 3)) * rng.choice([-1, 1], (wrong, 3))
-    with pytest.raises(HandbenchError, match=rf"its {count} pairs of centres contradict .*residuals in mm: pair 1 \d"):
+    with pytest.raises(
+        HandbenchError,
+        match=rf"its {count} pairs of centres contradict .*residuals in mm: pair 1 \d",
+    ):
         align(candidates(p), candidates(q))
 
 
-# --- frames -----------------------------------------------------------------------------------------------------------
+# --- frames
+# -----------------------------------------------------------------------------------------------------------
 
 
 @given(seed=seeds, with_scale=st.booleans())
 @examples(40)
 def test_another_frame_gives_the_same_answer_there(seed, with_scale):
-    """Over poses and covariances: with the target's frame turned and moved, the transform is turned and moved, and its
-    covariance with it (the adjoint of the motion)."""
+    """Over poses and covariances: with the target's frame turned and moved, the transform is turned
+    and moved, and its covariance with it (the adjoint of the motion)."""
     rng = np.random.default_rng(seed)
     p, q = scenario(seed, SOLID)
     roots = 4e-3 * EXTENT_M * (np.eye(3) + 0.3 * rng.standard_normal((2, 5, 3, 3)))
     turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(-1, 1, 3)
     source = [Candidate(c, r @ r.T, ()) for c, r in zip(p, roots[0], strict=True)]
-    here = align(source, [Candidate(c, r @ r.T, ()) for c, r in zip(q, roots[1], strict=True)], with_scale)
+    here = align(
+        source, [Candidate(c, r @ r.T, ()) for c, r in zip(q, roots[1], strict=True)], with_scale
+    )
     there = align(
         source,
-        [Candidate(turn @ c + shift, turn @ r @ r.T @ turn.T, ()) for c, r in zip(q, roots[1], strict=True)],
+        [
+            Candidate(turn @ c + shift, turn @ r @ r.T @ turn.T, ())
+            for c, r in zip(q, roots[1], strict=True)
+        ],
         with_scale,
     )
-    np.testing.assert_allclose(there.points(p), here.points(p) @ turn.T + shift, atol=BAR * EXTENT_M)
+    np.testing.assert_allclose(
+        there.points(p), here.points(p) @ turn.T + shift, atol=BAR * EXTENT_M
+    )
     both = np.eye(len(here.covariance))
     both[:3, :3] = both[3:6, 3:6] = turn
     carry = adjoint(-shift, len(both)) @ both
@@ -371,4 +438,6 @@ def test_another_frame_gives_the_same_answer_there(seed, with_scale):
 def test_the_adjoint_moves_the_pivot(rng):
     step, pivot, point = rng.standard_normal(7), rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
     expected = perturbation_jacobian(point) @ step
-    np.testing.assert_allclose(perturbation_jacobian(point - pivot) @ adjoint(pivot, 7) @ step, expected, atol=1e-12)
+    np.testing.assert_allclose(
+        perturbation_jacobian(point - pivot) @ adjoint(pivot, 7) @ step, expected, atol=1e-12
+    )

@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.spheres.description import Candidate, Element, Target, default_target, match
+from handbench.calibration.spheres.description import (
+    Candidate,
+    Element,
+    Target,
+    default_target,
+    match,
+)
 from handbench.calibration.transforms import Transform, umeyama
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import ANY, align, candidates, pose, register
@@ -23,19 +29,23 @@ def placed(rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
     return points @ rotation.T + shift_m
 
 
-# --- matching -------------------------------------------------------------------------------------------------------
+# --- matching
+# -------------------------------------------------------------------------------------------------------
 
 
 @given(seeds, st.integers(0, 4) | st.none(), st.integers(0, 12))
 @examples(60)
 def test_elements_are_recognised_in_any_order_and_pose(seed, missing, extra):
-    """Any order and rotation, one corner or none missing (the fifth breaks the symmetry), strangers among them."""
+    """Any order and rotation, one corner or none missing (the fifth breaks the symmetry), strangers
+    among them."""
     rng, target = np.random.default_rng(seed), default_target()
     centres = placed(rng, target.centres_m)
     seen = [i for i in range(5) if i != missing or i == 4]
     strangers = centres.mean(axis=0) + rng.uniform(-1, 1, (extra, 3)) * 0.3
     keep = np.linalg.norm(strangers[:, None] - centres[None], axis=2).min(axis=1) > 0.2
-    everything = np.concatenate([centres[seen] + 1e-4 * rng.standard_normal((len(seen), 3)), strangers[keep]])
+    everything = np.concatenate(
+        [centres[seen] + 1e-4 * rng.standard_normal((len(seen), 3)), strangers[keep]]
+    )
     order = rng.permutation(len(everything))
     found = match(candidates(everything[order]), target, "echoes")
     assert sorted(found) == seen
@@ -51,10 +61,14 @@ def test_strangers_nearby_do_not_matter_when_their_distances_do_not_fit(rng, tar
     np.testing.assert_array_equal([found[i].centre_m for i in range(5)], centres)
 
 
-@pytest.mark.parametrize("build", [lambda t, s: (s, s.centres_m), lambda t, s: (t, t.centres_m[:4])])
+@pytest.mark.parametrize(
+    "build", [lambda t, s: (s, s.centres_m), lambda t, s: (t, t.centres_m[:4])]
+)
 def test_a_square_alone_is_never_guessed(rng, target, square, build):
     wanted, centres = build(target, square)
-    with pytest.raises(HandbenchError, match=r"elements 1, 2, 3, 4 can be matched in 8 ways; use a target without"):
+    with pytest.raises(
+        HandbenchError, match=r"elements 1, 2, 3, 4 can be matched in 8 ways; use a target without"
+    ):
         match(candidates(placed(rng, centres)), wanted, "echoes")
 
 
@@ -72,7 +86,9 @@ def test_a_mirrored_target_is_refused(rng):
         )
     )
     assert len(match(candidates(placed(rng, tetrapod.centres_m)), tetrapod, "echoes")) == 4
-    with pytest.raises(HandbenchError, match=r"echoes: \d of 4 candidates lie as the target's elements do"):
+    with pytest.raises(
+        HandbenchError, match=r"echoes: \d of 4 candidates lie as the target's elements do"
+    ):
         match(candidates(placed(rng, tetrapod.centres_m * [1, 1, -1])), tetrapod, "echoes")
 
 
@@ -102,7 +118,8 @@ def test_many_strangers_take_no_long_search(rng, target):
     np.testing.assert_array_equal([found[i].centre_m for i in range(5)], centres)
 
 
-# --- registration ---------------------------------------------------------------------------------------------------
+# --- registration
+# ---------------------------------------------------------------------------------------------------
 
 
 @given(seeds, st.booleans())
@@ -123,14 +140,18 @@ def test_exact_centres_give_the_exact_transform(seed, with_scale):
 
 def test_only_common_elements_count(rng, target):
     optical, radar = placed(rng, target.centres_m), placed(rng, target.centres_m)
-    found = register(candidates(np.delete(optical, 0, 0)), candidates(np.delete(radar, 2, 0)), target)
+    found = register(
+        candidates(np.delete(optical, 0, 0)), candidates(np.delete(radar, 2, 0)), target
+    )
     np.testing.assert_allclose(found.points(optical), radar, atol=1e-9)
     assert len(found.residuals_m) == 3
 
 
 def test_elements_on_a_line_are_refused(rng):
     line = np.array([[0, 0, 0], [0.05, 0, 0], [0.12, 0, 0], [0.2, 1e-4, 0]])
-    with pytest.raises(HandbenchError, match="lie on a line, so that the rotation about it stays open"):
+    with pytest.raises(
+        HandbenchError, match="lie on a line, so that the rotation about it stays open"
+    ):
         align(candidates(line), candidates(placed(rng, line)))
     with pytest.raises(HandbenchError, match="share 2 elements; expected 3 or more"):
         align(candidates(line[:2]), candidates(line[:2]))
@@ -141,16 +162,22 @@ def ellipsoid(rng: np.random.Generator) -> np.ndarray:
     return 1e-8 * (root @ root.T + 0.1 * np.eye(3))
 
 
-def measured(rng: np.random.Generator, centres: np.ndarray, covariances: list[np.ndarray]) -> list[Candidate]:
+def measured(
+    rng: np.random.Generator, centres: np.ndarray, covariances: list[np.ndarray]
+) -> list[Candidate]:
     """Candidates that err by their own covariances."""
-    return [Candidate(rng.multivariate_normal(c, s), s, ANY) for c, s in zip(centres, covariances, strict=True)]
+    return [
+        Candidate(rng.multivariate_normal(c, s), s, ANY)
+        for c, s in zip(centres, covariances, strict=True)
+    ]
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
 def test_the_covariance_is_honest(rng, target, with_scale):
-    """Over 400 registrations of centres that err by their own covariances, the normalised squared errors of the
-    transform and of a carried point average 6 (or 7) and 3. The standard error of a mean of χ²ₙ is √(2n/400); four of
-    them, and 3 % for the 1 % of trials whose covariance is enlarged."""
+    """Over 400 registrations of centres that err by their own covariances, the normalised squared
+    errors of the transform and of a carried point average 6 (or 7) and 3. The standard error of a
+    mean of χ²ₙ is √(2n/400); four of them, and 3 % for the 1 % of trials whose covariance is
+    enlarged."""
     unknowns, trials = (7 if with_scale else 6), 400
     true_p = placed(rng, target.centres_m)
     rotation, shift_m = pose(rng)
@@ -165,16 +192,21 @@ def test_the_covariance_is_honest(rng, target, with_scale):
         nees.append(step @ np.linalg.solve(found.covariance, step))
         miss = found.points(truth.inverse().points(far)) - far
         point_nees.append(miss @ np.linalg.solve(found.point_covariance(far), miss))
-    assert np.mean(nees) == pytest.approx(unknowns, abs=4 * np.sqrt(2 * unknowns / trials) + 0.03 * unknowns)
+    assert np.mean(nees) == pytest.approx(
+        unknowns, abs=4 * np.sqrt(2 * unknowns / trials) + 0.03 * unknowns
+    )
     assert np.mean(point_nees) == pytest.approx(3, abs=4 * np.sqrt(6 / trials) + 0.09)
-    assert np.mean(np.array(nees) < chi2.ppf(0.9, unknowns)) == pytest.approx(0.9, abs=4 * np.sqrt(0.09 / trials))
+    assert np.mean(np.array(nees) < chi2.ppf(0.9, unknowns)) == pytest.approx(
+        0.9, abs=4 * np.sqrt(0.09 / trials)
+    )
 
 
 @given(seeds, st.booleans())
 @examples(4)
 def test_the_covariance_is_honest_over_poses_and_covariances(seed, with_scale):
-    """150 registrations, each with a target, a pose and covariances of its own: the mean of χ²ₙ within five of its
-    standard errors, and 5 % for the enlarged ones and for what is beyond first order."""
+    """150 registrations, each with a target, a pose and covariances of its own: the mean of χ²ₙ
+    within five of its standard errors, and 5 % for the enlarged ones and for what is beyond first
+    order."""
     rng, trials, unknowns = np.random.default_rng(seed), 150, 7 if with_scale else 6
     nees = []
     for _ in range(trials):
@@ -185,14 +217,17 @@ def test_the_covariance_is_honest_over_poses_and_covariances(seed, with_scale):
         found = align(measured(rng, true_p, p_cov), measured(rng, true_q, q_cov), with_scale)
         step = log_error(found, truth)[:unknowns]
         nees.append(step @ np.linalg.solve(found.covariance, step))
-    assert np.mean(nees) == pytest.approx(unknowns, abs=5 * np.sqrt(2 * unknowns / trials) + 0.05 * unknowns)
+    assert np.mean(nees) == pytest.approx(
+        unknowns, abs=5 * np.sqrt(2 * unknowns / trials) + 0.05 * unknowns
+    )
 
 
 @pytest.mark.parametrize(("deviations", "share"), [(3, 0.75), (6, 0.75), (10, 0.9), (1000, 0.9)])
 def test_the_covariance_with_one_wrong_pair_in_five(rng, target, deviations, share):
-    """Share of 200 trials in which the 95 % ellipsoid holds the error 50 mm before the target (a standard error is 1.5
-    %, at 84 % 2.6 %). Far off, the pair is left out and the covariance is that of the others. Three deviations cannot
-    be told from chance, and six are weighed down and enlarge the covariance, but not by all that they did: 83 %."""
+    """Share of 200 trials in which the 95 % ellipsoid holds the error 50 mm before the target (a
+    standard error is 1.5 %, at 84 % 2.6 %). Far off, the pair is left out and the covariance is
+    that of the others. Three deviations cannot be told from chance, and six are weighed down and
+    enlarge the covariance, but not by all that they did: 83 %."""
     inside = []
     point_m = np.array([0, 0, 0.05])
     for _ in range(200):
@@ -201,12 +236,15 @@ def test_the_covariance_with_one_wrong_pair_in_five(rng, target, deviations, sha
         q[rng.integers(5)] += deviations * np.sqrt(2) * 1e-4 * way / np.linalg.norm(way)
         found = align(candidates(p), candidates(q))
         miss = found.points(point_m) - point_m
-        inside.append(miss @ np.linalg.solve(found.point_covariance(point_m), miss) < chi2.ppf(0.95, 3))
+        inside.append(
+            miss @ np.linalg.solve(found.point_covariance(point_m), miss) < chi2.ppf(0.95, 3)
+        )
     assert np.mean(inside) > share
 
 
 def log_error(found: Transform, truth: Transform) -> np.ndarray:
-    """[translation, rotation, log scale] that carries the true transform to the one found, to first order."""
+    """[translation, rotation, log scale] that carries the true transform to the one found, to first
+    order."""
     change = found.matrix @ np.linalg.inv(truth.matrix)
     scale = np.cbrt(np.linalg.det(change[:3, :3]))
     skew = (change[:3, :3] / scale - (change[:3, :3] / scale).T) / 2
@@ -236,7 +274,10 @@ def test_an_outlier_is_resisted_and_widens_the_covariance(rng, target):
 
 def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target):
     p = placed(rng, target.centres_m)
-    plain, shared = (register(candidates(p), candidates(p), target, common_m2=c) for c in (None, np.diag([0, 0, 1e-6])))
+    plain, shared = (
+        register(candidates(p), candidates(p), target, common_m2=c)
+        for c in (None, np.diag([0, 0, 1e-6]))
+    )
     expected = np.zeros((6, 6))
     expected[2, 2] = 1e-6
     np.testing.assert_allclose(shared.covariance - plain.covariance, expected, atol=1e-15)
@@ -245,8 +286,8 @@ def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target)
 
 @pytest.mark.parametrize("unit", [1.0, 0.5, 1e3])
 def test_a_pair_s_weight_is_its_inverse_mean_variance_in_the_target_s_frame(unit):
-    """Centres 0.1 m apart, the source in another unit: its variances are brought to metres first, where a scale is
-    fitted, and taken as they are where none is."""
+    """Centres 0.1 m apart, the source in another unit: its variances are brought to metres first,
+    where a scale is fitted, and taken as they are where none is."""
     centres_m = 0.1 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, -1, -1]])
     variances = np.array([1e-8, 2e-8, 3e-8, 4e-8])
     spread = [v[:, None, None] * np.eye(3) for v in (variances / unit**2, variances)]

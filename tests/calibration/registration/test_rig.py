@@ -29,17 +29,21 @@ def captured(
     shared_m: float = 0.0,
     scale: float = 1.0,
 ) -> Pairs:
-    """The target somewhere near the hand, seen by a rig whose radar frame moved against the photographs' (about the
-    hand's centre), with errors of 0.05 mm and one along z that all balls share."""
+    """The target somewhere near the hand, seen by a rig whose radar frame moved against the
+    photographs' (about the hand's centre), with errors of 0.05 mm and one along z that all balls
+    share."""
     rotation, _ = pose(rng)
     photo = default_target().centres_m @ rotation.T + HAND_M + rng.uniform(-0.02, 0.02, 3)
-    radar = (photo - HAND_M) @ Rotation.from_rotvec(turned_rad).as_matrix().T * scale + HAND_M + moved_m
+    radar = (
+        (photo - HAND_M) @ Rotation.from_rotvec(turned_rad).as_matrix().T * scale + HAND_M + moved_m
+    )
     radar = radar + [0, 0, shared_m]
     sides = (side + SPREAD_M * rng.standard_normal(side.shape) for side in (photo, radar))
     return Pairs.of(*(candidates(side, covariance_m2=SPREAD_M**2 * np.eye(3)) for side in sides))
 
 
-# --- one transform of all captures ----------------------------------------------------------------------------------
+# --- one transform of all captures
+# ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -60,8 +64,9 @@ def test_one_capture_is_itself(rng):
 
 
 def test_the_combined_covariance_is_honest(rng):
-    """Over 300 rigs with three captures each, the squared error at the hand in units of what is predicted averages 3
-    (four standard errors √(6/300), and 3 % for the enlarged ones), the error that all captures share included."""
+    """Over 300 rigs with three captures each, the squared error at the hand in units of what is
+    predicted averages 3 (four standard errors √(6/300), and 3 % for the enlarged ones), the error
+    that all captures share included."""
     nees, single = [], []
     for _ in range(300):
         shared_m = np.sqrt(COMMON_M2[2, 2]) * rng.standard_normal()
@@ -92,15 +97,19 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
         combine(captures, names=["first", "second", "third"])
 
 
-# --- whether the rig moved ------------------------------------------------------------------------------------------
+# --- whether the rig moved
+# ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
 def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
-    """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the residuals enlarge); 1 %
-    are false alarms, 10 of 400 being four standard errors and more."""
+    """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the
+    residuals enlarge); 1 % are false alarms, 10 of 400 being four standard errors and more."""
     repeats = [
-        motion(solve(captured(rng, shared_m=1e-4), with_scale), solve(captured(rng, shared_m=1e-4), with_scale))
+        motion(
+            solve(captured(rng, shared_m=1e-4), with_scale),
+            solve(captured(rng, shared_m=1e-4), with_scale),
+        )
         for _ in range(400)
     ]
     unknowns = 7 if with_scale else 6
@@ -108,13 +117,16 @@ def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
         unknowns, abs=4 * np.sqrt(2 * unknowns / 400) + 0.03 * unknowns
     )
     assert sum(m.moved for m in repeats) <= 12
-    assert sum(m.interval_m[0] > 0 for m in repeats) <= 20  # nothing moved: the interval starts at nothing in 95 %
+    assert (
+        sum(m.interval_m[0] > 0 for m in repeats) <= 20
+    )  # nothing moved: the interval starts at nothing in 95 %
 
 
 @given(st.integers(0, 2**32 - 1))
 @examples(3)
 def test_the_interval_holds_the_true_shift(seed):
-    """150 moves of 0 to 0.5 mm and 2 mrad: at least 95 %, less three standard errors (1.8 % each)."""
+    """150 moves of 0 to 0.5 mm and 2 mrad: at least 95 %, less three standard errors (1.8 %
+    each)."""
     rng = np.random.default_rng(seed)
     held = []
     for _ in range(150):
@@ -130,7 +142,9 @@ def direction(rng: np.random.Generator) -> np.ndarray:
     return way / np.linalg.norm(way)
 
 
-@pytest.mark.parametrize("move", [{"moved_m": (3e-4, 0, 0)}, {"turned_rad": (0, 0, 0.005)}, {"scale": 1.01}])
+@pytest.mark.parametrize(
+    "move", [{"moved_m": (3e-4, 0, 0)}, {"turned_rad": (0, 0, 0.005)}, {"scale": 1.01}]
+)
 def test_a_shift_a_turn_and_a_change_of_scale_are_each_seen(rng, move):
     """A turn about the hand's centre leaves that point where it was, and is seen all the same."""
     with_scale = "scale" in move
@@ -146,20 +160,26 @@ def test_a_shift_a_turn_and_a_change_of_scale_are_each_seen(rng, move):
 def test_what_all_balls_share_cancels(rng):
     first, second = captured(rng), captured(rng)
     plain = motion(solve(first), solve(second))
-    shared = motion(solve(first, common_m2=COMMON_M2), solve(second, common_m2=COMMON_M2), COMMON_M2)
-    np.testing.assert_allclose(shared.covariance, plain.covariance, atol=1e-9 * np.abs(plain.covariance).max())
+    shared = motion(
+        solve(first, common_m2=COMMON_M2), solve(second, common_m2=COMMON_M2), COMMON_M2
+    )
+    np.testing.assert_allclose(
+        shared.covariance, plain.covariance, atol=1e-9 * np.abs(plain.covariance).max()
+    )
     assert shared.chi2 == pytest.approx(plain.chi2, rel=1e-6)
     assert not plain.moved
     assert "the rig did not measurably move between" in plain.sentence
 
 
 def test_many_captures_of_a_rig_at_rest_raise_no_more_alarms(rng):
-    """Six captures give 15 comparisons; each is tested at 1 %/15. Of 40 such rigs, one in a hundred is expected to be
-    refused; four are less likely than 1 in 1000."""
+    """Six captures give 15 comparisons; each is tested at 1 %/15. Of 40 such rigs, one in a hundred
+    is expected to be refused; four are less likely than 1 in 1000."""
     refused = 0
     for _ in range(40):
         try:
-            require_rest([solve(captured(rng)) for _ in range(6)], [f"capture {i}" for i in range(6)])
+            require_rest(
+                [solve(captured(rng)) for _ in range(6)], [f"capture {i}" for i in range(6)]
+            )
         except HandbenchError:
             refused += 1
     assert refused < 4
@@ -168,11 +188,15 @@ def test_many_captures_of_a_rig_at_rest_raise_no_more_alarms(rng):
 def test_transforms_that_cannot_be_compared_are_refused(rng):
     pairs = captured(rng)
     rigid, similar = solve(pairs), solve(pairs, with_scale=True)
-    with pytest.raises(HandbenchError, match="sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"):
+    with pytest.raises(
+        HandbenchError, match="sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"
+    ):
         motion(rigid, similar)
     with pytest.raises(HandbenchError, match="sizes 6 and 0"):
         motion(rigid, Transform("photo", "radar", np.eye(4)))
-    with pytest.raises(HandbenchError, match="the second: leads from 'radar' to 'radar'; expected one from 'photo'"):
+    with pytest.raises(
+        HandbenchError, match="the second: leads from 'radar' to 'radar'; expected one from 'photo'"
+    ):
         motion(rigid, identity("radar"))
     with pytest.raises(HandbenchError, match="do not hold the common error given"):
         motion(rigid, rigid, COMMON_M2)

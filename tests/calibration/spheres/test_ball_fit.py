@@ -1,4 +1,5 @@
-"""All balls fitted to the echoes together; their echoes come from Mie's series, the foam's from a formula here."""
+"""All balls fitted to the echoes together; their echoes come from Mie's series, the foam's from a
+formula here."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ def face_echo(centre_m: np.ndarray, radius_m: float, array: AntennaArray) -> np.
 def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -> np.ndarray:
     """Balls of unknown polarisation, and the fronts of their foam at FACE of the balls' norm."""
     samples = np.zeros((len(TONES_HZ), *array.channels), np.complex128)
-    for element, delay_m, centre_m in zip(target.element, target.foam_delay_m, centres_m, strict=True):
+    for element, delay_m, centre_m in zip(
+        target.element, target.foam_delay_m, centres_m, strict=True
+    ):
         ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, TONES_HZ, array)
         face = face_echo(centre_m, element.sphere_radius_m, array)
         samples += ball + FACE * np.linalg.norm(ball) / np.linalg.norm(face) * face
@@ -63,8 +66,8 @@ def test_without_noise_the_balls_come_back(target, placed):
 
 
 def test_the_covariance_is_honest(rng, target, placed):
-    """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 8 trials average 3, the degrees of
-    freedom, within four standard errors of √(6/40)."""
+    """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 8 trials average 3,
+    the degrees of freedom, within four standard errors of √(6/40)."""
     samples, nees = echoes(target, placed), []
     for _ in range(8):
         noisy = samples + noise(rng, samples.shape, 10 * np.mean(np.abs(samples) ** 2))
@@ -75,8 +78,9 @@ def test_the_covariance_is_honest(rng, target, placed):
 
 
 def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, placed):
-    """Metal of 20 mm radius 70 mm beside the target, four times as strong: balls stay within four of the standard
-    deviations given, which know of it, the nearest within 0.3 mm, the others within 0.05 mm."""
+    """Metal of 20 mm radius 70 mm beside the target, four times as strong: balls stay within four
+    of the standard deviations given, which know of it, the nearest within 0.3 mm, the others within
+    0.05 mm."""
     samples = echoes(target, placed, WHOLE)
     samples += noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
     beside_m = placed[0] - [0.07, 0.0, 0.0]
@@ -101,15 +105,22 @@ def test_a_ball_that_is_not_there_is_refused(rng, target, placed):
 
 @pytest.mark.parametrize("radius_m", [0.0025, 0.005])
 def test_what_polarisation_does_is_declared(target, placed, radius_m):
-    """The fit takes the mean over polarisations: with the field along x or y a ball before the whole array moves one
-    way or the other (to first order; a fifth is allowed), by less than its covariance declares."""
+    """The fit takes the mean over polarisations: with the field along x or y a ball before the
+    whole array moves one way or the other (to first order; a fifth is allowed), by less than its
+    covariance declares."""
     balls = target.model_copy(
-        update={"element": tuple(e.model_copy(update={"ball_radius_m": radius_m}) for e in target.element)}
+        update={
+            "element": tuple(
+                e.model_copy(update={"ball_radius_m": radius_m}) for e in target.element
+            )
+        }
     )
     moved_m = []
     for field in (X, Y):
         echo = sphere_echo(placed[1], radius_m, balls.foam_delay_m[1], TONES_HZ, WHOLE, field)
-        found = fit_balls(RadarCapture(echo[None], TONES_HZ, WHOLE), balls, {1: seeds(placed, 1e-6)[1]})[1]
+        found = fit_balls(
+            RadarCapture(echo[None], TONES_HZ, WHOLE), balls, {1: seeds(placed, 1e-6)[1]}
+        )[1]
         moved_m.append(found.centre_m - placed[1])
         assert moved_m[-1] @ np.linalg.solve(found.covariance_m2, moved_m[-1]) < 3
     assert np.linalg.norm(moved_m[0] + moved_m[1]) < 0.2 * np.linalg.norm(moved_m[0])

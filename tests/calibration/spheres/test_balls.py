@@ -1,4 +1,5 @@
-"""Steel balls in the radar's echoes, which are made here by the formula itself, channel by channel."""
+"""Steel balls in the radar's echoes, which are made here by the formula itself, channel by
+channel."""
 
 from __future__ import annotations
 
@@ -34,7 +35,11 @@ def legs(point_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def sphere_echo(
-    centre_m: np.ndarray, radius_m: float, delay_m: float, frequencies_hz: np.ndarray, amplitude: float = 1.0
+    centre_m: np.ndarray,
+    radius_m: float,
+    delay_m: float,
+    frequencies_hz: np.ndarray,
+    amplitude: float = 1.0,
 ) -> np.ndarray:
     """A·(a/2)/(|p−t||p−r|)·exp(−j2πf(|p−t| + |p−r| − 2a cos β + 2δ)/c): [f, t, r]."""
     d_to, d_back, cos_beta = legs(centre_m)
@@ -54,9 +59,14 @@ def centres(rng: np.random.Generator, target: Target) -> np.ndarray:
 
 
 def capture(
-    rng: np.random.Generator, target: Target, centres_m: np.ndarray, seen: tuple[int, ...], foam_db: float | None
+    rng: np.random.Generator,
+    target: Target,
+    centres_m: np.ndarray,
+    seen: tuple[int, ...],
+    foam_db: float | None,
 ) -> RadarCapture:
-    """Balls (and, at foam_db below the first ball, the near faces of the foam spheres) with noise as strong as they."""
+    """Balls (and, at foam_db below the first ball, the near faces of the foam spheres) with noise
+    as strong as they."""
     frequencies_hz = np.linspace(72e9, 82e9, 64)
     samples = np.zeros((64, *ARRAY.channels), np.complex128)
     for i in seen:
@@ -79,16 +89,26 @@ def test_all_balls_are_found_and_nothing_else(rng, target, placed):
     found = find_balls(capture(rng, target, placed, (0, 1, 2, 3, 4), None), target)
     assert len(found) == 2 * 5  # each echo, once for either size of foam sphere
     for element in range(5):
-        near = [b for b in found if element in b.elements and np.linalg.norm(b.centre_m - placed[element]) < 5e-5]
+        near = [
+            b
+            for b in found
+            if element in b.elements and np.linalg.norm(b.centre_m - placed[element]) < 5e-5
+        ]
         assert len(near) == 1
         assert near[0].level_db > -4
 
 
 def test_foam_faces_pull_little_and_a_hidden_ball_is_not_invented(rng, target, placed):
-    """The small sphere's face lies 12.5 mm before its ball, within the range resolution of 15 mm."""
+    """The small sphere's face lies 12.5 mm before its ball, within the range resolution of 15
+    mm."""
     found = find_balls(capture(rng, target, placed, (0, 2, 3, 4), -20.0), target)
     for element in (0, 2, 3, 4):
-        assert min(np.linalg.norm(b.centre_m - placed[element]) for b in found if element in b.elements) < 2e-4
+        assert (
+            min(
+                np.linalg.norm(b.centre_m - placed[element]) for b in found if element in b.elements
+            )
+            < 2e-4
+        )
     assert all(np.linalg.norm(b.centre_m - placed[1]) > 0.02 for b in found)
     strong = [b for b in found if b.level_db > -10]
     assert len(strong) == 2 * 4
@@ -96,32 +116,45 @@ def test_foam_faces_pull_little_and_a_hidden_ball_is_not_invented(rng, target, p
 
 def test_silence_holds_no_balls(target):
     few = AntennaArray(ARRAY.tx_m[:4], ARRAY.rx_m[:4])
-    silent = RadarCapture(np.zeros((1, 128, *few.channels), np.complex64), np.linspace(72e9, 82e9, 128), few)
+    silent = RadarCapture(
+        np.zeros((1, 128, *few.channels), np.complex64), np.linspace(72e9, 82e9, 128), few
+    )
     assert find_balls(silent, target) == []
 
 
 def test_a_ball_outside_the_searched_volume_is_not_found(rng, target, placed):
-    search = EchoSearch(x={"start_m": 0.03, "stop_m": 0.15, "step_m": 0.003}, max_peaks=3, relaxations=0)
+    search = EchoSearch(
+        x={"start_m": 0.03, "stop_m": 0.15, "step_m": 0.003}, max_peaks=3, relaxations=0
+    )
     found = find_balls(capture(rng, target, placed, (0, 1, 2, 3), None), target, search)
-    assert {e for b in found for e in range(5) if np.linalg.norm(b.centre_m - placed[e]) < 1e-3} == {1, 2}
+    assert {
+        e for b in found for e in range(5) if np.linalg.norm(b.centre_m - placed[e]) < 1e-3
+    } == {1, 2}
 
 
 @pytest.mark.parametrize(
     ("aperture", "tones", "expected"),
     [
         (PlanarScan(np.zeros((4, 3))), 128, "expected a MIMO array"),
-        (AntennaArray(ARRAY.tx_m[:2], ARRAY.rx_m[:2]), 3, "3 tones leave the range open beyond 30 mm"),
+        (
+            AntennaArray(ARRAY.tx_m[:2], ARRAY.rx_m[:2]),
+            3,
+            "3 tones leave the range open beyond 30 mm",
+        ),
     ],
 )
 def test_captures_that_cannot_tell_where_a_ball_is_are_refused(target, aperture, tones, expected):
     frequencies_hz = np.linspace(72e9, 82e9, tones)
-    silent = RadarCapture(np.zeros((1, tones, *aperture.channels), np.complex64), frequencies_hz, aperture)
+    silent = RadarCapture(
+        np.zeros((1, tones, *aperture.channels), np.complex64), frequencies_hz, aperture
+    )
     with pytest.raises(HandbenchError, match=expected):
         find_balls(silent, target)
 
 
 def test_the_ball_path_is_the_shortest_over_its_surface():
-    """Fermat: the specular point makes the path over the ball's surface stationary; found here by search."""
+    """Fermat: the specular point makes the path over the ball's surface stationary; found here by
+    search."""
     centre_m, radius_m = np.array([0.05, -0.03, 0.3]), 0.0025
     path_m = ball_path(centre_m, ARRAY, radius_m, 0.0)
     for t, r in [(0, 0), (10, 80), (93, 3), (47, 47)]:
@@ -138,26 +171,43 @@ def test_the_ball_path_is_the_shortest_over_its_surface():
 @pytest.mark.parametrize("centre_m", [(0.0, 0, 0.3), (0.08, -0.06, 0.27), (-0.02, 0.09, 0.4)])
 @pytest.mark.parametrize(("radius_m", "delay_m"), [(0.0, 0.0), (0.0025, 0.0003), (0.010, 0.0006)])
 def test_a_peak_is_carried_to_the_balls_centre(centre_m, radius_m, delay_m):
-    """Without noise the centre comes back to 5 µm; to 15 µm for a ball so large that its near side is no point."""
+    """Without noise the centre comes back to 5 µm; to 15 µm for a ball so large that its near side
+    is no point."""
     frequencies_hz, tolerance_m = np.linspace(72e9, 82e9, 24), 15e-6 if radius_m > 0.005 else 5e-6
-    samples = sphere_echo(np.array(centre_m), max(radius_m, 1e-9), delay_m, frequencies_hz, 1 / max(radius_m, 1e-9))
+    samples = sphere_echo(
+        np.array(centre_m), max(radius_m, 1e-9), delay_m, frequencies_hz, 1 / max(radius_m, 1e-9)
+    )
     nearer = np.array(centre_m) * (1 - (radius_m - delay_m) / np.linalg.norm(centre_m))
-    peak_m, _ = fit_echo(samples.astype(np.complex64), frequencies_hz, ARRAY, nearer + [0.0007, -0.0005, 0.001], 0.005)
+    peak_m, _ = fit_echo(
+        samples.astype(np.complex64),
+        frequencies_hz,
+        ARRAY,
+        nearer + [0.0007, -0.0005, 0.001],
+        0.005,
+    )
     assert np.linalg.norm(peak_m - nearer) < 1e-3
     found_m = ball_centre(peak_m, frequencies_hz, ARRAY, radius_m, delay_m)
     np.testing.assert_allclose(found_m, centre_m, atol=tolerance_m)
 
 
 def test_the_covariance_of_a_peak_is_honest(rng):
-    """Balls in white noise 20 dB above their echoes: the normalised squared error averages 3 over 40 trials, ± 1.2
-    (three standard errors)."""
-    frequencies_hz, true_m, radius_m = np.linspace(72e9, 82e9, 12), np.array([0.02, -0.03, 0.3]), 0.005
+    """Balls in white noise 20 dB above their echoes: the normalised squared error averages 3 over
+    40 trials, ± 1.2 (three standard errors)."""
+    frequencies_hz, true_m, radius_m = (
+        np.linspace(72e9, 82e9, 12),
+        np.array([0.02, -0.03, 0.3]),
+        0.005,
+    )
     echo = sphere_echo(true_m, radius_m, 0.0, frequencies_hz)
     seed_m = true_m[None] - [0, 0, radius_m] + 5e-4
     nees = []
     for _ in range(40):
-        samples = (echo + noise(rng, echo.shape, 100 * np.mean(np.abs(echo) ** 2))).astype(np.complex64)
-        (peak,) = separate(samples, frequencies_hz, ARRAY, seed_m, EchoSearch(relaxations=0), radius_m)
+        samples = (echo + noise(rng, echo.shape, 100 * np.mean(np.abs(echo) ** 2))).astype(
+            np.complex64
+        )
+        (peak,) = separate(
+            samples, frequencies_hz, ARRAY, seed_m, EchoSearch(relaxations=0), radius_m
+        )
         miss = ball_centre(peak.position_m, frequencies_hz, ARRAY, radius_m, 0.0) - true_m
         nees.append(miss @ np.linalg.solve(peak.covariance_m2, miss))
     assert np.mean(nees) == pytest.approx(3, abs=1.2)
@@ -167,24 +217,36 @@ def test_close_echoes_are_told_apart(rng):
     """Two balls 25 mm apart, one 10 dB weaker: each is refined in what the other leaves over."""
     frequencies_hz, radius_m = np.linspace(72e9, 82e9, 64), 0.005
     balls_m = np.array([[0.0, 0, 0.30], [0.003, 0, 0.325]])
-    echo = sum(sphere_echo(c, radius_m, 0, frequencies_hz, a) for c, a in zip(balls_m, (1, 0.3), strict=True))
+    echo = sum(
+        sphere_echo(c, radius_m, 0, frequencies_hz, a)
+        for c, a in zip(balls_m, (1, 0.3), strict=True)
+    )
     samples = (echo + noise(rng, echo.shape, np.mean(np.abs(echo) ** 2))).astype(np.complex64)
     seeds_m = balls_m - [0, 0, radius_m] + 5e-4
     alone_m, _ = fit_echo(samples, frequencies_hz, ARRAY, seeds_m[0], radius_m)
     peaks = separate(samples, frequencies_hz, ARRAY, seeds_m, EchoSearch(), radius_m)
-    found = [ball_centre(p, frequencies_hz, ARRAY, radius_m, 0.0) for p in (alone_m, *(p.position_m for p in peaks))]
-    alone, first, second = (np.linalg.norm(c - t) for c, t in zip(found, balls_m[[0, 0, 1]], strict=True))
+    found = [
+        ball_centre(p, frequencies_hz, ARRAY, radius_m, 0.0)
+        for p in (alone_m, *(p.position_m for p in peaks))
+    ]
+    alone, first, second = (
+        np.linalg.norm(c - t) for c, t in zip(found, balls_m[[0, 0, 1]], strict=True)
+    )
     assert first < min(5e-5, alone / 2)
     assert second < 2e-4
 
 
-@pytest.mark.parametrize("summit", [(0.0, 0.0, 0.0), (0.3, -0.4, 0.1), (-0.8, 0.2, 0.9), (4.0, -1.0, 0.5)])
+@pytest.mark.parametrize(
+    "summit", [(0.0, 0.0, 0.0), (0.3, -0.4, 0.1), (-0.8, 0.2, 0.9), (4.0, -1.0, 0.5)]
+)
 def test_the_top_of_a_quadratic_is_one_step_away(summit):
     """Exactly, whatever its axes; a step is at most two spacings along any axis."""
     curved = np.array([[2.0, 0.7, -0.3], [0.7, 1.5, 0.4], [-0.3, 0.4, 1.0]])
     off = STENCIL - summit
     step = _summit(5.0 - np.einsum("ni,ij,nj->n", off, curved, off))
-    np.testing.assert_allclose(step, np.array(summit) / max(1.0, np.abs(summit).max() / 2), atol=1e-12)
+    np.testing.assert_allclose(
+        step, np.array(summit) / max(1.0, np.abs(summit).max() / 2), atol=1e-12
+    )
 
 
 def test_where_nothing_rises_the_search_stays():

@@ -7,7 +7,9 @@ import pytest
 from handbench.groundtruth.board.markers import refined, to_light
 
 FINE = 8  # sub-pixels of the drawing
-QUAD = np.array([(60.3, 40.7), (150.9, 52.2), (141.6, 139.8), (52.4, 131.1)])  # clockwise, as indices
+QUAD = np.array(
+    [(60.3, 40.7), (150.9, 52.2), (141.6, 139.8), (52.4, 131.1)]
+)  # clockwise, as indices
 
 
 def drawing(blur_px=1.0, cover=None):
@@ -19,7 +21,9 @@ def drawing(blur_px=1.0, cover=None):
     if cover is not None:
         large[cover[0] * FINE : cover[1] * FINE, cover[2] * FINE : cover[3] * FINE] = 0.5
     small = cv2.resize(large, (220, 200), interpolation=cv2.INTER_AREA)
-    return cv2.GaussianBlur(small, (0, 0), blur_px) + np.random.default_rng(0).normal(0, 0.004, (200, 220)).astype("f4")
+    return cv2.GaussianBlur(small, (0, 0), blur_px) + np.random.default_rng(0).normal(
+        0, 0.004, (200, 220)
+    ).astype("f4")
 
 
 def to_tones(light):

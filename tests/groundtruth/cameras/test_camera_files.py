@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from test_metashape import export
 
-from handbench.groundtruth.cameras.camera_files import cameras_in, cameras_of, load_model, read_model
+from handbench.groundtruth.cameras.camera_files import (
+    cameras_in,
+    cameras_of,
+    load_model,
+    read_model,
+)
 from handbench.groundtruth.cameras.cameras import save_cameras
 from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
@@ -25,7 +30,9 @@ def write(model, folder, binary=True):
 
 
 @pytest.mark.parametrize("binary", [True, False])
-def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_if_told_so(tmp_path, capsys, model, binary):
+def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_if_told_so(
+    tmp_path, capsys, model, binary
+):
     folder = write(model, tmp_path / "model", binary)
     cameras = cameras_of(photos_of(model), folder, metric=True)
     assert [camera.name for camera in cameras] == ["p0.png", "p1.png", "p2.png", "p3.png"]
@@ -39,10 +46,15 @@ def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_if_told_so(tmp_pa
 def test_every_kind_of_file_names_the_photographs(tmp_path, model):
     photos = photos_of(model)
     save_cameras(tmp_path / "c.json", cameras_in(model))
-    assert [camera.name for camera in cameras_of(photos, tmp_path / "c.json")] == [photo.name for photo in photos]
+    assert [camera.name for camera in cameras_of(photos, tmp_path / "c.json")] == [
+        photo.name for photo in photos
+    ]
     of_metashape = (Photo(None, "DSC_1.JPG", 640, 480), Photo(None, "DSC_2.JPG", 640, 480))
     cameras = cameras_of(of_metashape, export(tmp_path / "cams.xml"))
-    assert [(camera.name, camera.R is None) for camera in cameras] == [("DSC_1.JPG", False), ("DSC_2.JPG", True)]
+    assert [(camera.name, camera.R is None) for camera in cameras] == [
+        ("DSC_1.JPG", False),
+        ("DSC_2.JPG", True),
+    ]
 
 
 def test_a_camera_of_an_upright_picture_is_turned(tmp_path, model):
@@ -52,7 +64,9 @@ def test_a_camera_of_an_upright_picture_is_turned(tmp_path, model):
     assert {(camera.width, camera.height) for camera in turned} == {(300, 400)}
     np.testing.assert_allclose([camera.centre_m for camera in turned], CENTRES, atol=1e-12)
     upright_only = tuple(Photo(None, f"p{i}.png", 300, 400) for i in range(4))
-    with pytest.raises(HandbenchError, match=r"p0\.png is 400 × 300 there, the photograph has 300 × 400 pixels"):
+    with pytest.raises(
+        HandbenchError, match=r"p0\.png is 400 × 300 there, the photograph has 300 × 400 pixels"
+    ):
         cameras_of(upright_only, tmp_path / "c.json")
 
 
@@ -60,7 +74,11 @@ def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
     for image in model.images.values():
         image.name = f"images/{image.name}"
     loaded = load_model(write(model, tmp_path / "model"), photos_of(synthetic_model(CENTRES[:3])))
-    assert sorted(i.name for i in loaded.images.values() if i.has_pose) == ["p0.png", "p1.png", "p2.png"]
+    assert sorted(i.name for i in loaded.images.values() if i.has_pose) == [
+        "p0.png",
+        "p1.png",
+        "p2.png",
+    ]
     assert "images/p3.png is not among the photographs; left out" in capsys.readouterr().err
     assert loaded.num_points3D() == 60
 
@@ -68,9 +86,14 @@ def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
 def test_a_model_of_other_photographs_is_refused(tmp_path, model):
     folder = write(model, tmp_path / "model")
     others = tuple(Photo(None, f"x{i}.png", 400, 300) for i in range(4))
-    with pytest.raises(HandbenchError, match=r"holds 0 of the 4 photographs; expected at least 3, by the same names"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"holds 0 of the 4 photographs; expected at least 3, by the same names",
+    ):
         load_model(folder, others)
-    with pytest.raises(HandbenchError, match=r"p0\.png is 400 × 300 there, the photograph has 800 × 600"):
+    with pytest.raises(
+        HandbenchError, match=r"p0\.png is 400 × 300 there, the photograph has 800 × 600"
+    ):
         load_model(folder, photos_of(model, 800, 600))
     empty = write(synthetic_model(CENTRES, points=5), tmp_path / "empty")
     with pytest.raises(HandbenchError, match="holds 0 of the 4 photographs"):
@@ -88,7 +111,9 @@ def test_two_images_of_one_name_are_refused(tmp_path, model):
 def test_a_broken_model_is_refused(tmp_path, model, file):
     folder = write(model, tmp_path / "model")
     (folder / file).write_bytes((folder / file).read_bytes()[:60])
-    with pytest.raises(HandbenchError, match=r"is not readable as a COLMAP model|no sensible numbers"):
+    with pytest.raises(
+        HandbenchError, match=r"is not readable as a COLMAP model|no sensible numbers"
+    ):
         read_model(folder)
     (folder / "cameras.bin").unlink()
     with pytest.raises(HandbenchError, match="is not readable as a COLMAP model"):
@@ -97,7 +122,9 @@ def test_a_broken_model_is_refused(tmp_path, model, file):
         read_model(folder / "images.bin")
 
 
-@pytest.mark.parametrize("params", [(440, 441, 201, 149, float("nan"), 0, 0, 0), (440, 441, 201, -9, 0, 0, 0, 0)])
+@pytest.mark.parametrize(
+    "params", [(440, 441, 201, 149, float("nan"), 0, 0, 0), (440, 441, 201, -9, 0, 0, 0, 0)]
+)
 def test_cameras_that_cannot_be_are_refused(tmp_path, model, params):
     model.cameras[1].params = params
     with pytest.raises(HandbenchError, match="no sensible numbers"):
@@ -105,11 +132,14 @@ def test_cameras_that_cannot_be_are_refused(tmp_path, model, params):
 
 
 def test_two_images_of_one_name_are_one_too_many(tmp_path, model):
-    """By their names without folders; one image alone is taken, and so is the one whose whole name it is."""
+    """By their names without folders; one image alone is taken, and so is the one whose whole name
+    it is."""
     for image in model.images.values():
         image.name = {"p0.png": "l/a.png", "p1.png": "r/a.png"}.get(image.name, image.name)
     save_cameras(tmp_path / "c.json", cameras_in(model))
-    with pytest.raises(HandbenchError, match=r"l/a\.png and r/a\.png may both be a\.png; rename one"):
+    with pytest.raises(
+        HandbenchError, match=r"l/a\.png and r/a\.png may both be a\.png; rename one"
+    ):
         cameras_of((Photo(None, "a.png", 400, 300),), tmp_path / "c.json")
     photos = tuple(Photo(None, name, 400, 300) for name in ("r/a.png", "p2.png"))
     found = cameras_of(photos, tmp_path / "c.json")
@@ -128,7 +158,8 @@ def test_a_photograph_of_a_model_sees_twenty_points(tmp_path, points, left):
 
 
 @pytest.mark.parametrize(
-    ("focal_px", "k1", "fine"), [(41, 0, True), (39, 0, False), (7990, 0, True), (8010, 0, False), (440, 101, False)]
+    ("focal_px", "k1", "fine"),
+    [(41, 0, True), (39, 0, False), (7990, 0, True), (8010, 0, False), (440, 101, False)],
 )
 def test_a_lens_is_between_a_fisheyes_and_a_telescopes(tmp_path, model, focal_px, k1, fine):
     """Focal lengths of 0.1 to 20 times the picture's 400 pixels, distortion up to 100."""

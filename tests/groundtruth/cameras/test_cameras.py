@@ -27,7 +27,11 @@ def test_projects_as_opencv_does_half_a_pixel_apart(camera):
     points_m = np.random.default_rng(0).uniform(-0.3, 0.3, (20, 3))
     K = np.array([[FX, 0, CX - 0.5], [0, FY, CY - 0.5], [0, 0, 1]])
     expected, _ = cv2.projectPoints(
-        points_m, cv2.Rodrigues(camera.rotation)[0], camera.translation_m, K, np.array([K1, K2, P1, P2])
+        points_m,
+        cv2.Rodrigues(camera.rotation)[0],
+        camera.translation_m,
+        K,
+        np.array([K1, K2, P1, P2]),
     )
     np.testing.assert_allclose(camera.project(points_m), expected.reshape(-1, 2) + 0.5, atol=1e-9)
 
@@ -36,26 +40,37 @@ def test_rays_undo_the_projection(camera):
     rays = camera.ray_directions()
     for row, column in ((0, 0), (120, 160), (239, 319)):
         pixel = camera.project((camera.centre_m + 0.7 * rays[row, column])[None])[0]
-        np.testing.assert_allclose(pixel, (column + 0.5, row + 0.5), atol=1e-6)  # COLMAP's undistortion is iterative
+        np.testing.assert_allclose(
+            pixel, (column + 0.5, row + 0.5), atol=1e-6
+        )  # COLMAP's undistortion is iterative
 
 
 def test_a_typo_in_the_file_is_named(tmp_path):
-    (tmp_path / "cameras.json").write_text('{"cameras": [{"name": "a", "width": 1, "heigth": 1, "params": [1]}]}')
+    (tmp_path / "cameras.json").write_text(
+        '{"cameras": [{"name": "a", "width": 1, "heigth": 1, "params": [1]}]}'
+    )
     with pytest.raises(HandbenchError, match="did you mean 'height'"):
         load_cameras(tmp_path / "cameras.json")
 
 
 @pytest.mark.parametrize(("model", "params"), [("FISH", (1.0,)), ("OPENCV", (300.0, 300.0))])
 def test_a_model_that_colmap_does_not_know_is_refused(model, params):
-    with pytest.raises(HandbenchError, match=rf"camera a\.jpg: COLMAP has no model '{model}' with {len(params)}"):
+    with pytest.raises(
+        HandbenchError, match=rf"camera a\.jpg: COLMAP has no model '{model}' with {len(params)}"
+    ):
         Camera(name="a.jpg", width=3, height=2, model=model, params=params).colmap()
 
 
 def test_a_reflection_is_no_pose(tmp_path):
-    text = '{"name": "a", "width": 1, "height": 1, "params": [1], "R": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}'
+    text = (
+        '{"name": "a", "width": 1, "height": 1, "params": [1], "R": [[1, 0, 0], [0, 1, 0], '
+        "[0, 0, -1]]}"
+    )
     (tmp_path / "cameras.json").write_text(f'{{"cameras": [{text}]}}')
     with pytest.raises(HandbenchError, match="not a rotation matrix"):
         load_cameras(tmp_path / "cameras.json")
-    (tmp_path / "cameras.json").write_text(f'{{"cameras": [{text.replace("-1", "1")}, {text.replace("-1", "1")}]}}')
+    (tmp_path / "cameras.json").write_text(
+        f'{{"cameras": [{text.replace("-1", "1")}, {text.replace("-1", "1")}]}}'
+    )
     with pytest.raises(HandbenchError, match="two cameras have the same name"):
         load_cameras(tmp_path / "cameras.json")

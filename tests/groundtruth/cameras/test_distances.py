@@ -9,7 +9,9 @@ from handbench.groundtruth.sparse.frame import apply, distances_from_model
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import synthetic_model
 
-CENTRES = np.array([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)])  # 0.3, 0.4 and 0.5 apart
+CENTRES = np.array(
+    [(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)]
+)  # 0.3, 0.4 and 0.5 apart
 
 
 def pair(a, b, metres):
@@ -26,7 +28,9 @@ def test_one_distance_scales_and_leaves_the_frame(model):
     np.testing.assert_allclose(matrix, np.diag([2.5, 2.5, 2.5, 1]))
     assert (scale.source, scale.features, scale.used, scale.residual_m) == ("distances", 1, 1, None)
     apply(model, matrix)
-    np.testing.assert_allclose([image.projection_center() for image in registered(model)], 2.5 * CENTRES, atol=1e-9)
+    np.testing.assert_allclose(
+        [image.projection_center() for image in registered(model)], 2.5 * CENTRES, atol=1e-9
+    )
 
 
 def test_several_are_balanced_and_their_residual_reported(model):
@@ -37,7 +41,9 @@ def test_several_are_balanced_and_their_residual_reported(model):
 
 
 def test_what_cannot_be_is_refused(model):
-    with pytest.raises(HandbenchError, match=r"p9\.png is not among the registered photographs \(p0\.png, p1"):
+    with pytest.raises(
+        HandbenchError, match=r"p9\.png is not among the registered photographs \(p0\.png, p1"
+    ):
         distances_from_model(model, (pair(0, 9, 1.0),))
     with pytest.raises(HandbenchError, match=r"p0\.png to p1\.png is given as 0\.3 m.*agree to 2%"):
         distances_from_model(model, (pair(0, 1, 0.3), pair(1, 2, 0.45)))

@@ -8,7 +8,17 @@ from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 640, 480
-LENS = {"f": 700.0, "cx": 5.5, "cy": -3.25, "b1": 1.5, "k1": -0.08, "k2": 0.05, "k3": -0.02, "p1": 8e-4, "p2": -5e-4}
+LENS = {
+    "f": 700.0,
+    "cx": 5.5,
+    "cy": -3.25,
+    "b1": 1.5,
+    "k1": -0.08,
+    "k2": 0.05,
+    "k3": -0.02,
+    "p1": 8e-4,
+    "p2": -5e-4,
+}
 CAMERA_TO_CHUNK = np.eye(4)
 CAMERA_TO_CHUNK[:3, :3] = Rotation.from_euler("xyz", (170, 10, -20), degrees=True).as_matrix()
 CAMERA_TO_CHUNK[:3, 3] = (0.7, -1.1, 9.0)
@@ -21,16 +31,20 @@ def words(numbers):
 
 
 def export(path, lens=LENS, world=None, label="DSC_1", place="components"):
-    """A file as Metashape 2 writes it ("components") or as PhotoScan did ("chunk"); one camera is not aligned."""
+    """A file as Metashape 2 writes it ("components") or as PhotoScan did ("chunk"); one camera is
+    not aligned."""
     world = (
         world
         if world is not None
         else (
-            f"<transform><rotation locked='true'>{words(TURN)}</rotation><translation locked='true'>{words(SHIFT_M)}"
+            f"<transform><rotation locked='true'>{words(TURN)}</rotation><translation "
+            f"locked='true'>{words(SHIFT_M)}"
             f"</translation><scale locked='true'>{SCALE}</scale></transform>"
         )
     )
-    components = f"<components><component id='0' label='Component 1'>{world}</component></components>"
+    components = (
+        f"<components><component id='0' label='Component 1'>{world}</component></components>"
+    )
     calibration = "".join(f"<{name}>{value!r}</{name}>" for name, value in lens.items())
     path.write_text(
         f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -89,7 +103,12 @@ def test_labels_may_be_paths(tmp_path):
 
 @pytest.mark.parametrize(
     ("lens", "what"),
-    [({"k4": 0.1}, "has k4"), ({"p3": 0.1}, "has p3"), ({"b2": 0.5}, "has b2"), ({"f": "x"}, "could not convert")],
+    [
+        ({"k4": 0.1}, "has k4"),
+        ({"p3": 0.1}, "has p3"),
+        ({"b2": 0.5}, "has b2"),
+        ({"f": "x"}, "could not convert"),
+    ],
 )
 def test_what_colmap_cannot_express_is_refused(tmp_path, lens, what):
     with pytest.raises(HandbenchError, match=rf"cams\.xml: .*{what}"):
@@ -120,12 +139,16 @@ def test_broken_files_are_refused(tmp_path, find, put, what):
         read_metashape(path)
 
 
-@pytest.mark.parametrize(("b2", "fine"), [(0.145, True), (-0.145, True), (0.147, False), (-0.147, False)])
+@pytest.mark.parametrize(
+    ("b2", "fine"), [(0.145, True), (-0.145, True), (0.147, False), (-0.147, False)]
+)
 def test_a_skew_of_a_twentieth_of_a_pixel_is_left_out(tmp_path, b2, fine):
     """B2 moves the picture's upper and lower edge, 240 px off, by 240·B2/700 px."""
     path = export(tmp_path / "cams.xml", lens=LENS | {"b2": b2})
     if fine:
         assert len(read_metashape(path)) == 2
     else:
-        with pytest.raises(HandbenchError, match="camera DSC_1: has b2, which no lens model of COLMAP has"):
+        with pytest.raises(
+            HandbenchError, match="camera DSC_1: has b2, which no lens model of COLMAP has"
+        ):
             read_metashape(path)

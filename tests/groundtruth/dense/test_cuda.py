@@ -1,4 +1,5 @@
-"""The CUDA path of the dense stage: with a stand-in that writes what COLMAP would, and with COLMAP where CUDA is."""
+"""The CUDA path of the dense stage: with a stand-in that writes what COLMAP would, and with COLMAP
+where CUDA is."""
 
 import json
 from pathlib import Path
@@ -20,17 +21,34 @@ from handbench.groundtruth.sparse import inputs
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
 
-SIZES = [(112, 112), (104, 112), (112, 96), (96, 104), (112, 112)]  # boxes cut every picture to a size of its own
-HOLE, FAR = np.s_[40:48, 40:48], np.s_[60:68, 40:48]  # where the stand-in found nothing, or what lies out of range
+SIZES = [
+    (112, 112),
+    (104, 112),
+    (112, 96),
+    (96, 104),
+    (112, 112),
+]  # boxes cut every picture to a size of its own
+HOLE, FAR = (
+    np.s_[40:48, 40:48],
+    np.s_[60:68, 40:48],
+)  # where the stand-in found nothing, or what lies out of range
 
 
 @pytest.fixture(scope="module")
 def scene():
     views, depths_m = zip(
-        *(view(f"v{i}", *pair, *size) for i, (pair, size) in enumerate(zip(ANGLES, SIZES, strict=True))), strict=True
+        *(
+            view(f"v{i}", *pair, *size)
+            for i, (pair, size) in enumerate(zip(ANGLES, SIZES, strict=True))
+        ),
+        strict=True,
     )
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
-    return list(views), depths_m, choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m)
+    return (
+        list(views),
+        depths_m,
+        choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m),
+    )
 
 
 def write_map(file: Path, values: np.ndarray) -> None:
@@ -41,7 +59,8 @@ def write_map(file: Path, values: np.ndarray) -> None:
 
 
 def stand_in(workspace: Path, options: dict) -> None:
-    """COLMAP's search: depths at whole-numbered pixels and normals from what the workspace says, each a little off."""
+    """COLMAP's search: depths at whole-numbered pixels and normals from what the workspace says,
+    each a little off."""
     off = options.get("off", 0.2)  # disparities; the normals are then off by 9° in the median
     kind = "geometric" if options["geom_consistency"] else "photometric"
     random = np.random.default_rng(1)
@@ -58,7 +77,9 @@ def stand_in(workspace: Path, options: dict) -> None:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         depth_m[HOLE], normals[HOLE] = 0, 0
         depth_m[FAR] = 1.0
-        write_map(workspace / "stereo" / "depth_maps" / f"{image.name}.{kind}.bin", depth_m[..., None])
+        write_map(
+            workspace / "stereo" / "depth_maps" / f"{image.name}.{kind}.bin", depth_m[..., None]
+        )
         write_map(workspace / "stereo" / "normal_maps" / f"{image.name}.{kind}.bin", normals @ R.T)
 
 
@@ -70,7 +91,12 @@ def right(maps: list[dense.DepthMap], depths_m: tuple[np.ndarray, ...]) -> None:
         _, normals = surface(m.view.rays(), m.view.R, m.view.t)
         assert m.depth_m.shape == m.view.gray.shape and known.mean() > 0.55
         assert np.median(error) < 0.05 and np.quantile(error, 0.95) < 0.3
-        assert np.median(np.degrees(np.arccos(np.clip((m.normals * normals).sum(axis=-1)[known], -1, 1)))) < 12
+        assert (
+            np.median(
+                np.degrees(np.arccos(np.clip((m.normals * normals).sum(axis=-1)[known], -1, 1)))
+            )
+            < 12
+        )
     cloud = fuse(maps, np.array([[-0.05, -0.05, -0.1], [0.05, 0.05, -0.02]]))
     error = np.abs(np.linalg.norm(cloud.points_m, axis=1) - RADIUS_M) / DISPARITY_M
     assert len(cloud.points_m) > 2500 and np.median(error) < 0.05 and np.quantile(error, 0.99) < 0.3
@@ -107,16 +133,21 @@ def test_the_workspace_holds_the_views(scene, tmp_path):
 
 
 def test_colmap_itself_reads_the_stand_in_s_maps_so(scene, tmp_path):
-    """Its fusion of single pixels puts them on the sphere: layout, frames and whole-numbered centres are COLMAP's."""
+    """Its fusion of single pixels puts them on the sphere: layout, frames and whole-numbered
+    centres are COLMAP's."""
     views, *_ = scene
     cuda.write_workspace(tmp_path, views, [[1], [0], [0], [0], [0]])
     stand_in(tmp_path, {"geom_consistency": False, "off": 0})
-    (tmp_path / "stereo" / "fusion.cfg").write_text("".join(f"{i}.png\n" for i in range(len(views))))
+    (tmp_path / "stereo" / "fusion.cfg").write_text(
+        "".join(f"{i}.png\n" for i in range(len(views)))
+    )
     colmap = load_pycolmap()
     colmap.logging.minloglevel = int(colmap.logging.FATAL)
     options = colmap.StereoFusionOptions(min_num_pixels=1, num_threads=1)
     (tmp_path / "fused").mkdir()
-    fused = colmap.stereo_fusion(tmp_path / "fused", tmp_path, input_type="photometric", options=options)
+    fused = colmap.stereo_fusion(
+        tmp_path / "fused", tmp_path, input_type="photometric", options=options
+    )
     points_m = np.array([point.xyz for point in fused.points3D.values()])
     on_sphere = points_m[:, 2] < 0
     error_m = np.abs(np.linalg.norm(points_m[on_sphere], axis=1) - RADIUS_M)
@@ -138,7 +169,9 @@ def test_what_colmap_is_told(scene, monkeypatch):
     names, lists = told["sources"].splitlines()[::2], told["sources"].splitlines()[1::2]
     assert names == [f"{i}.png" for i in range(5)]
     assert sorted(lists[0].split(", ")) == ["1.png", "2.png", "3.png", "4.png"]
-    load_pycolmap().PatchMatchOptions(**{key: told[key] for key in told if key != "sources"})  # COLMAP knows them all
+    load_pycolmap().PatchMatchOptions(
+        **{key: told[key] for key in told if key != "sources"}
+    )  # COLMAP knows them all
 
 
 @pytest.mark.parametrize(
@@ -153,13 +186,24 @@ def test_what_colmap_is_told(scene, monkeypatch):
         b"3&2&3&" + bytes(24),
         b"\x89PNG\r\n" + bytes(24),
     ],
-    ids=["missing", "empty", "header alone", "truncated", "too long", "turned", "channels", "another format"],
+    ids=[
+        "missing",
+        "empty",
+        "header alone",
+        "truncated",
+        "too long",
+        "turned",
+        "channels",
+        "another format",
+    ],
 )
 def test_a_broken_map_is_refused(tmp_path, content):
     file = tmp_path / "0.png.geometric.bin"
     if content is not None:
         file.write_bytes(content)
-    with pytest.raises(HandbenchError, match=r"0\.png\.geometric\.bin: is missing or broken .*3 × 2.*--dense cpu"):
+    with pytest.raises(
+        HandbenchError, match=r"0\.png\.geometric\.bin: is missing or broken .*3 × 2.*--dense cpu"
+    ):
         cuda.read_map(file, (2, 3, 1))
 
 
@@ -167,8 +211,12 @@ def test_a_map_is_read_by_channel_row_and_column(tmp_path):
     values = np.arange(18.0).reshape(2, 3, 3)
     write_map(tmp_path / "n.bin", values)
     np.testing.assert_array_equal(cuda.read_map(tmp_path / "n.bin", (2, 3, 3)), values)
-    load_pycolmap().DepthMap.from_array(values[..., 0].astype(np.float32), 0.0, 1.0).write(tmp_path / "d.bin")
-    np.testing.assert_array_equal(cuda.read_map(tmp_path / "d.bin", (2, 3, 1))[..., 0], values[..., 0])
+    load_pycolmap().DepthMap.from_array(values[..., 0].astype(np.float32), 0.0, 1.0).write(
+        tmp_path / "d.bin"
+    )
+    np.testing.assert_array_equal(
+        cuda.read_map(tmp_path / "d.bin", (2, 3, 1))[..., 0], values[..., 0]
+    )
 
 
 @pytest.mark.parametrize("depth_m", [np.nan, np.inf, 0.0, -0.5, 0.39, 0.63])
@@ -186,15 +234,23 @@ def test_depths_that_are_of_no_interest_are_no_surface(scene, depth_m):
     ("ending", "reason"),
     [
         ("raise ValueError('no kernel image')", "ValueError: no kernel image"),
-        ("import os, sys; print('Check failed: full', file=sys.stderr, flush=True); os.abort()", "Check failed: full"),
+        (
+            "import os, sys; print('Check failed: full', file=sys.stderr, flush=True); os.abort()",
+            "Check failed: full",
+        ),
         ("import os; os.abort()", "exit code -6"),
     ],
 )
 def test_a_search_that_ends_its_process_is_one_line(tmp_path, monkeypatch, ending, reason):
     fake = tmp_path / "pycolmap.py"
-    fake.write_text(f"def PatchMatchOptions(**o): return o\ndef patch_match_stereo(folder, options):\n    {ending}\n")
+    fake.write_text(
+        "def PatchMatchOptions(**o): return o\ndef patch_match_stereo(folder, options):\n    "
+        f"{ending}\n"
+    )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(HandbenchError, match=rf"COLMAP's stereo failed on the CUDA device \({reason}.*--dense cpu"):
+    with pytest.raises(
+        HandbenchError, match=rf"COLMAP's stereo failed on the CUDA device \({reason}.*--dense cpu"
+    ):
         cuda.search(tmp_path, {})
 
 
@@ -212,7 +268,8 @@ def test_the_search_hands_everything_on(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("choice", "devices", "place"), [("auto", 0, "cpu"), ("auto", 2, "cuda"), ("cpu", 2, "cpu"), ("cuda", 1, "cuda")]
+    ("choice", "devices", "place"),
+    [("auto", 0, "cpu"), ("auto", 2, "cuda"), ("cpu", 2, "cpu"), ("cuda", 1, "cuda")],
 )
 def test_where_depth_maps_are_made(room_options, monkeypatch, choice, devices, place):
     monkeypatch.setattr(inputs, "cuda_devices", lambda: devices)
@@ -222,15 +279,32 @@ def test_where_depth_maps_are_made(room_options, monkeypatch, choice, devices, p
 
 def test_cuda_without_cuda_is_refused_before_the_work(room_options, monkeypatch):
     monkeypatch.setattr(inputs, "cuda_devices", lambda: 0)
-    with pytest.raises(HandbenchError, match=r"dense: cuda is asked for.*handbench\[cuda\].*leave the option out"):
+    with pytest.raises(
+        HandbenchError, match=r"dense: cuda is asked for.*handbench\[cuda\].*leave the option out"
+    ):
         pipeline.reconstruct(*room_options("cuda"))
 
 
 def test_the_command_refuses_in_one_line(room_options, monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(inputs, "cuda_devices", lambda: 0)
     photos, _ = room_options("cuda")
-    assert main(["groundtruth", str(photos), "-o", str(tmp_path / "m.ply"), "--unscaled", "--dense", "cuda"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("handbench: dense: cuda is asked for")
+    assert (
+        main(
+            [
+                "groundtruth",
+                str(photos),
+                "-o",
+                str(tmp_path / "m.ply"),
+                "--unscaled",
+                "--dense",
+                "cuda",
+            ]
+        )
+        == 2
+    )
+    assert (
+        capsys.readouterr().err.splitlines()[-1].startswith("handbench: dense: cuda is asked for")
+    )
 
 
 @pytest.fixture
@@ -246,16 +320,24 @@ def test_the_pipeline_takes_the_maps_from_cuda(scene, monkeypatch):
     views, _, sources = scene
     monkeypatch.setattr(dense_stage, "open_views", lambda *_: (views, sources))
     monkeypatch.setattr(cuda, "search", stand_in)
-    monkeypatch.setattr(dense_stage, "depth_maps", lambda *_: pytest.fail("the processor's depth maps"))
+    monkeypatch.setattr(
+        dense_stage, "depth_maps", lambda *_: pytest.fail("the processor's depth maps")
+    )
     solved = SimpleNamespace(model=None)
     cloud = dense_stage.dense_cloud((), solved, Options(dense="cuda", quality="draft"))
     on_sphere = cloud.points_m[:, 2] < -0.02
     assert on_sphere.sum() > 1000
-    assert np.median(np.abs(np.linalg.norm(cloud.points_m[on_sphere], axis=1) - RADIUS_M)) < 0.05 * DISPARITY_M
+    assert (
+        np.median(np.abs(np.linalg.norm(cloud.points_m[on_sphere], axis=1) - RADIUS_M))
+        < 0.05 * DISPARITY_M
+    )
 
 
 def test_a_cloud_of_the_other_machine_is_not_taken_from_the_cache(tmp_path):
-    chains = [pipeline.stages(tmp_path, tmp_path, Options(dense=place), ["photographs"]) for place in ("cpu", "cuda")]
+    chains = [
+        pipeline.stages(tmp_path, tmp_path, Options(dense=place), ["photographs"])
+        for place in ("cpu", "cuda")
+    ]
     (sparse, mapped, mesh), (same, other, another) = chains
     assert sparse.key == same.key and mapped.key != other.key and mesh.key != another.key
 

@@ -1,4 +1,5 @@
-"""The dense stage on pictures of a textured sphere before a wall, whose depth is known in closed form."""
+"""The dense stage on pictures of a textured sphere before a wall, whose depth is known in closed
+form."""
 
 import numba
 import numpy as np
@@ -15,7 +16,11 @@ from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view,
 def scene():
     views, depths_m = zip(*(view(f"v{i}", *pair) for i, pair in enumerate(ANGLES)), strict=True)
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
-    return list(views), depths_m, choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m)
+    return (
+        list(views),
+        depths_m,
+        choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -36,14 +41,17 @@ def test_inverse_depth_moves_a_pixel_as_the_cameras_say(scene):
 def test_half_the_resolution_looks_along_the_same_rays(scene):
     half = scene[0][0].halved()
     whole_rays = scene[0][0].rays()
-    np.testing.assert_allclose(half.rays(), (whole_rays[::2, ::2] + whole_rays[1::2, 1::2]) / 2, atol=1e-12)
+    np.testing.assert_allclose(
+        half.rays(), (whole_rays[::2, ::2] + whole_rays[1::2, 1::2]) / 2, atol=1e-12
+    )
 
 
 def test_depth_is_right_where_it_is_given(scene, maps):
     for m, depth_m in zip(maps, scene[1], strict=True):
         known = np.isfinite(m.depth_m)
         error = np.abs(m.depth_m - depth_m)[known] / DISPARITY_M
-        # good matching is right to a twentieth of a pixel; windows at the sphere's rim see two surfaces
+        # good matching is right to a twentieth of a pixel; windows at the sphere's rim see two
+        # surfaces
         assert known.mean() > 0.6
         assert np.median(error) < 0.05
         assert np.quantile(error, 0.95) < 0.6
@@ -52,7 +60,9 @@ def test_depth_is_right_where_it_is_given(scene, maps):
 def test_normals_face_the_camera_and_follow_the_sphere(scene, maps):
     view, depth_m = scene[0][0], scene[1][0]
     points_m = world_points_m(view, depth_m)
-    on_cap = (np.linalg.norm(points_m[..., :2], axis=-1) < 0.6 * RADIUS_M) & np.isfinite(maps[0].depth_m)
+    on_cap = (np.linalg.norm(points_m[..., :2], axis=-1) < 0.6 * RADIUS_M) & np.isfinite(
+        maps[0].depth_m
+    )
     cosine = (maps[0].normals * points_m / RADIUS_M).sum(axis=-1)[on_cap]
     assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 6
 
@@ -81,7 +91,8 @@ def test_fused_points_lie_on_the_surface_and_in_the_box(maps):
 
 
 def test_the_sweep_finds_a_plane_between_two_planes():
-    """One source, shifted sideways: a wall at disparity 5.5 of planes 0 … 11, off by less than the parabola's bias."""
+    """One source, shifted sideways: a wall at disparity 5.5 of planes 0 … 11, off by less than the
+    parabola's bias."""
     rng = np.random.default_rng(2)
     picture = rng.random((60, 90))
     kernel = np.exp(-(np.linspace(-2, 2, 9) ** 2))
@@ -96,6 +107,14 @@ def test_the_sweep_finds_a_plane_between_two_planes():
 
 
 def test_random_numbers_are_uniform_and_repeat():
-    draws = np.array([patchmatch._random(p, s, d, 3) for p in range(50) for s in range(6) for d in range(6)])
-    assert np.abs(draws).max() <= 1 and abs(draws.mean()) < 0.04 and abs(draws.std() - 3**-0.5) < 0.02
-    assert patchmatch._random(7, 1, 2, 3) == patchmatch._random(7, 1, 2, 3) != patchmatch._random(7, 1, 2, 4)
+    draws = np.array(
+        [patchmatch._random(p, s, d, 3) for p in range(50) for s in range(6) for d in range(6)]
+    )
+    assert (
+        np.abs(draws).max() <= 1 and abs(draws.mean()) < 0.04 and abs(draws.std() - 3**-0.5) < 0.02
+    )
+    assert (
+        patchmatch._random(7, 1, 2, 3)
+        == patchmatch._random(7, 1, 2, 3)
+        != patchmatch._random(7, 1, 2, 4)
+    )

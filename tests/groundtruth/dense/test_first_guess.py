@@ -1,4 +1,5 @@
-"""First guesses of a textured floor, whose depth is known in closed form, and clouds rendered into a view."""
+"""First guesses of a textured floor, whose depth is known in closed form, and clouds rendered into
+a view."""
 
 import numpy as np
 import pytest
@@ -33,7 +34,9 @@ def test_a_floor_that_is_seen_at_a_low_angle_is_found_by_slanted_sweeps(slanted,
     (view, depth_m), *others = (floor_view(x_m) for x_m in (0, SIDE_M, -SIDE_M))
     sources = [other for other, _ in others]
     stereo = Stereo.of(view, sources)
-    planes = first_guess(view, view.halved(), [source.halved() for source in sources], stereo.unit, slanted)
+    planes = first_guess(
+        view, view.halved(), [source.halved() for source in sources], stereo.unit, slanted
+    )
     off = np.abs(planes[..., 0] - 1 / (depth_m * stereo.unit))[8:-8, 8:-8]
     assert median[0] <= np.median(off) <= median[1]
 
@@ -53,6 +56,8 @@ def test_a_cloud_shows_its_nearest_points_that_face_the_view():
 
 def test_planes_through_points_of_a_floor_continue_it():
     view, depth_m = floor_view(0)
-    planes = planes_through(view, depth_m, np.broadcast_to((0, -1.0, 0), (*SIZE, 3)), 1.0, steepest=9)
+    planes = planes_through(
+        view, depth_m, np.broadcast_to((0, -1.0, 0), (*SIZE, 3)), 1.0, steepest=9
+    )
     np.testing.assert_allclose(np.diff(planes[..., 0], axis=0), planes[1:, :, 2], rtol=1e-4)
     np.testing.assert_allclose(planes[..., 1], 0, atol=1e-6)

@@ -26,7 +26,8 @@ def wall(i, off_m=0.0, normal=TOWARDS, size=SIZE):
 
 
 def test_points_are_means_and_spreads_are_standard_deviations():
-    """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them show."""
+    """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them
+    show."""
     offs_m = PIXEL_M * np.array([0.0, 0.3, -0.2, 0.5])
     cloud = fuse([wall(i, off_m) for i, off_m in enumerate(offs_m)], None)
     everyone = cloud.views.all(axis=1)
@@ -43,9 +44,15 @@ def test_points_are_means_and_spreads_are_standard_deviations():
 
 
 def test_who_agrees_is_told_by_name():
-    """The third is farther off than AGREEMENT_PX allows, the fourth looks elsewhere: nobody agrees with them, nor do
-    they with anybody; all others do where they look."""
-    maps = [wall(0), wall(1), wall(2, 1.1 * AGREEMENT_PX * PIXEL_M), wall(3, 0.0, (0.9, 0.0, -(0.19**0.5))), wall(4)]
+    """The third is farther off than AGREEMENT_PX allows, the fourth looks elsewhere: nobody agrees
+    with them, nor do they with anybody; all others do where they look."""
+    maps = [
+        wall(0),
+        wall(1),
+        wall(2, 1.1 * AGREEMENT_PX * PIXEL_M),
+        wall(3, 0.0, (0.9, 0.0, -(0.19**0.5))),
+        wall(4),
+    ]
     cloud = fuse(maps, None)
     assert not cloud.views[:, 2].any() and not cloud.views[:, 3].any()
     middle = np.abs(cloud.points_m[:, 0]) < 2.5 * PIXEL_M
@@ -57,7 +64,9 @@ def test_who_agrees_is_told_by_name():
 def test_the_kernel_is_compiled_for_one_order_of_matrices():
     """COLMAP's matrices run along columns."""
     rows = [wall(0), wall(1)]
-    views = [replace(m.view, R=np.asfortranarray(m.view.R), K=np.asfortranarray(m.view.K)) for m in rows]
+    views = [
+        replace(m.view, R=np.asfortranarray(m.view.R), K=np.asfortranarray(m.view.K)) for m in rows
+    ]
     columns = [replace(m, view=view) for m, view in zip(rows, views, strict=True)]
     fuse(columns, None)
     fuse(rows, None)
@@ -82,8 +91,9 @@ def test_spread_is_along_the_normal():
 
 
 def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
-    """Four walls with white noise: means of 3 × 3 pixels have a third of its standard deviation; noise that is the same
-    over the whole of a map keeps all of it. Chance: 1500 places of nine pixels know a variance to 7 %."""
+    """Four walls with white noise: means of 3 × 3 pixels have a third of its standard deviation;
+    noise that is the same over the whole of a map keeps all of it. Chance: 1500 places of nine
+    pixels know a variance to 7 %."""
     size, draws = (60, 80), np.random.default_rng(5)
 
     def noisy(i, noise_m):
@@ -97,7 +107,9 @@ def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
     assert np.sqrt(np.mean(white.spread_m[inside] ** 2)) == pytest.approx(sigma_m / 3, rel=0.07)
     offs_m = sigma_m * np.array([1.0, -1, 1, -1])
     alike = fuse([noisy(i, off_m) for i, off_m in enumerate(offs_m)], None)
-    np.testing.assert_allclose(alike.spread_m[alike.views.all(axis=1)], offs_m.std(ddof=1), rtol=1e-9)
+    np.testing.assert_allclose(
+        alike.spread_m[alike.views.all(axis=1)], offs_m.std(ddof=1), rtol=1e-9
+    )
 
 
 def test_of_few_views_two_suffice_of_more_three_are_needed():
@@ -134,7 +146,11 @@ def test_a_cloud_comes_back_from_a_file_and_in_part(tmp_path):
     for name in ("points_m", "normals", "views", "spread_m"):
         np.testing.assert_array_equal(getattr(found, name), getattr(cloud, name))
     assert (found.names, found.pixel_m) == (cloud.names, cloud.pixel_m)
-    assert found.views.dtype == bool and isinstance(found.names[0], str) and isinstance(found.pixel_m, float)
+    assert (
+        found.views.dtype == bool
+        and isinstance(found.names[0], str)
+        and isinstance(found.pixel_m, float)
+    )
     some = found.at(np.array([5, 2]))
     np.testing.assert_array_equal(some.spread_m, cloud.spread_m[[5, 2]])
     np.testing.assert_array_equal(some.views, cloud.views[[5, 2]])

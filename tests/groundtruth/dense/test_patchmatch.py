@@ -1,4 +1,5 @@
-"""Windows that bend: second derivatives of the disparity, and what they do for a surface that is not flat."""
+"""Windows that bend: second derivatives of the disparity, and what they do for a surface that is
+not flat."""
 
 import numpy as np
 import pytest
@@ -17,22 +18,28 @@ def planes_of(xx=0.0, xy=0.0, yy=0.0, x=0.0, y=0.0):
     """Disparity and its slopes [h, w, 3] of a paraboloid about the middle."""
     dx, dy = COLUMN - SIZE / 2, ROW - SIZE / 2
     disparity = 20 + x * dx + y * dy + (xx * dx**2 + yy * dy**2) / 2 + xy * dx * dy
-    return np.stack([disparity, x + xx * dx + xy * dy, y + yy * dy + xy * dx], axis=-1).astype(np.float32)
+    return np.stack([disparity, x + xx * dx + xy * dy, y + yy * dy + xy * dx], axis=-1).astype(
+        np.float32
+    )
 
 
 def test_a_plane_has_no_bend():
     assert np.abs(bends(planes_of(x=0.3, y=-0.7), ALL)).max() < 1e-6
 
 
-@pytest.mark.parametrize("second", [(0.02, 0.0, 0.0), (0.0, -0.03, 0.0), (0.0, 0.0, 0.04), (0.03, 0.01, -0.05)])
+@pytest.mark.parametrize(
+    "second", [(0.02, 0.0, 0.0), (0.0, -0.03, 0.0), (0.0, 0.0, 0.04), (0.03, 0.01, -0.05)]
+)
 def test_a_paraboloid_has_its_second_derivatives(second):
-    """Per column², column and row, row²; a symmetric smoothing leaves straight slopes as they are, to 32 bits."""
+    """Per column², column and row, row²; a symmetric smoothing leaves straight slopes as they are,
+    to 32 bits."""
     found = bends(planes_of(*second, x=0.3, y=-0.7), ALL)[INSIDE]
     np.testing.assert_allclose(found, np.broadcast_to(second, found.shape), atol=1e-5)
 
 
 def test_noise_of_the_slopes_is_smoothed():
-    """White noise of 0.05 leaves a derivative of 0.05/(√(8π) σ²) = 0.0011 after a Gaussian of σ = 3 pixels."""
+    """White noise of 0.05 leaves a derivative of 0.05/(√(8π) σ²) = 0.0011 after a Gaussian of σ = 3
+    pixels."""
     planes = planes_of(0.02, 0.0, 0.02)
     planes[..., 1:] += np.random.default_rng(0).normal(0, 0.05, (SIZE, SIZE, 2))
     error = (bends(planes, ALL)[INSIDE] - (0.02, 0.0, 0.02))[..., [0, 2]]
@@ -45,22 +52,33 @@ def test_what_is_not_wanted_does_not_count_and_no_bend_is_absurd():
     planes[~wanted] = (np.nan, 1e3, np.nan)
     found = bends(planes, wanted)
     inside = np.s_[12:-12, 12:38]
-    np.testing.assert_allclose(found[inside], np.broadcast_to((0.02, 0.01, -0.03), found[inside].shape), atol=1e-5)
-    assert np.isfinite(found[wanted]).all() and np.abs(found[wanted]).max() < 0.05  # at their edge too
+    np.testing.assert_allclose(
+        found[inside], np.broadcast_to((0.02, 0.01, -0.03), found[inside].shape), atol=1e-5
+    )
+    assert (
+        np.isfinite(found[wanted]).all() and np.abs(found[wanted]).max() < 0.05
+    )  # at their edge too
     assert np.abs(bends(planes_of(1.0, -2.0, 0.5), ALL)).max() == np.float32(MOST_BENT)
 
 
 def texture(u, v):
     """Waves of 4 to 12 pixels in all directions."""
     random = np.random.default_rng(3)
-    angle, length, phase = random.uniform(0, np.pi, 40), random.uniform(4, 12, 40), random.uniform(0, 2 * np.pi, 40)
+    angle, length, phase = (
+        random.uniform(0, np.pi, 40),
+        random.uniform(4, 12, 40),
+        random.uniform(0, 2 * np.pi, 40),
+    )
     k = 2 * np.pi / length
-    waves = np.sin(np.multiply.outer(u, k * np.cos(angle)) + np.multiply.outer(v, k * np.sin(angle)) + phase)
+    waves = np.sin(
+        np.multiply.outer(u, k * np.cos(angle)) + np.multiply.outer(v, k * np.sin(angle)) + phase
+    )
     return (0.5 + 0.05 * waves.sum(axis=-1)).astype(np.float32)
 
 
 def pictures(xx, yy):
-    """A paraboloid's picture, its two sources (shifted sideways and upwards by the disparity) and its planes."""
+    """A paraboloid's picture, its two sources (shifted sideways and upwards by the disparity) and
+    its planes."""
     u, v = np.meshgrid(np.arange(SIZE + 40.0) - SIZE / 2, np.arange(SIZE + 40.0) - SIZE / 2)
 
     def shifted(u, v, along, across):
@@ -86,8 +104,9 @@ def polished_error(xx, yy, start_off=0.0):
 
 
 def test_a_flat_window_lies_inside_a_convex_surface_and_a_bent_one_does_not(monkeypatch):
-    """A plane under the bilateral window (σ = 3 px, weaker at other tones) is off by half the curvature times its mean
-    square, 3 px² in each direction: −0.02 · 3 = −0.06 in all. Interpolation leaves 0.002 of it."""
+    """A plane under the bilateral window (σ = 3 px, weaker at other tones) is off by half the
+    curvature times its mean square, 3 px² in each direction: −0.02 · 3 = −0.06 in all.
+    Interpolation leaves 0.002 of it."""
     bent = polished_error(-0.02, -0.02)
     monkeypatch.setattr(patchmatch, "bends", lambda planes, _: np.zeros_like(planes))
     flat = polished_error(-0.02, -0.02)
@@ -97,7 +116,8 @@ def test_a_flat_window_lies_inside_a_convex_surface_and_a_bent_one_does_not(monk
 
 
 def test_a_saddle_bends_both_ways(monkeypatch):
-    """Its mean is flat, and a flat window is right on the average; a bent one still matches better."""
+    """Its mean is flat, and a flat window is right on the average; a bent one still matches
+    better."""
     bent = polished_error(0.03, -0.03)
     monkeypatch.setattr(patchmatch, "bends", lambda planes, _: np.zeros_like(planes))
     flat = polished_error(0.03, -0.03)
@@ -113,11 +133,18 @@ def test_polishing_finds_the_vertex_of_the_parabola():
 
 def test_a_bent_window_that_leaves_the_source_is_not_seen():
     """The middle and a flat window are inside by less than the paraboloid's rise at the rim."""
-    values, weights = np.zeros(patchmatch.SAMPLES), np.full(patchmatch.SAMPLES, 1 / patchmatch.SAMPLES)
+    values, weights = (
+        np.zeros(patchmatch.SAMPLES),
+        np.full(patchmatch.SAMPLES, 1 / patchmatch.SAMPLES),
+    )
     source = np.random.default_rng(0).random((40, 40)).astype(np.float32)
-    stereo = Stereo(source, source[None], np.array([(40, 40)]), np.eye(3)[None], np.array([(1.0, 0, 0)]), 1.0)
+    stereo = Stereo(
+        source, source[None], np.array([(40, 40)]), np.eye(3)[None], np.array([(1.0, 0, 0)]), 1.0
+    )
     arguments = (20, 20, values, weights, 1.0), stereo, 0
     plane = (40 - 1 - RADIUS - 20 - 0.2, 0.0, 0.0)
     assert patchmatch._mismatch(*arguments, plane, None) < patchmatch.WORST
     assert patchmatch._mismatch(*arguments, plane, (0.08, 0.0, 0.0)) == patchmatch.WORST
-    assert patchmatch._mismatch(*arguments, plane, (0.0, 0.0, 0.0)) == patchmatch._mismatch(*arguments, plane, None)
+    assert patchmatch._mismatch(*arguments, plane, (0.0, 0.0, 0.0)) == patchmatch._mismatch(
+        *arguments, plane, None
+    )

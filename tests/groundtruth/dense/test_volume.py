@@ -44,16 +44,21 @@ def solved(points_m, source="board"):
     points = {i: SimpleNamespace(xyz=xyz, track=track) for i, xyz in enumerate(points_m)}
     cameras = tuple(looking_at_the_board(centre_m) for centre_m in CENTRES_M)
     return SimpleNamespace(
-        model=SimpleNamespace(points3D=points), cameras=lambda: cameras, scale=Scale(source, 20, 20, 1e-4)
+        model=SimpleNamespace(points3D=points),
+        cameras=lambda: cameras,
+        scale=Scale(source, 20, 20, 1e-4),
     )
 
 
 def features(on_hand=200):
-    """Many on the board, some on the hand, some on a wall 2 m behind and one on a lamp beside a camera."""
+    """Many on the board, some on the hand, some on a wall 2 m behind and one on a lamp beside a
+    camera."""
     random = np.random.default_rng(0)
     board_m = random.uniform((-0.15, -0.1, -2e-4), (0.15, 0.1, 2e-4), (2000, 3))
     wall_m = random.uniform((-2, -2, -2.1), (2, 2, -2), (500, 3))
-    return np.concatenate([board_m, wall_m, random.uniform(*HAND_M, (on_hand, 3)), [(0.0, 0.1, 0.59)]])
+    return np.concatenate(
+        [board_m, wall_m, random.uniform(*HAND_M, (on_hand, 3)), [(0.0, 0.1, 0.59)]]
+    )
 
 
 def test_the_volume_holds_the_hand_and_neither_the_wall_nor_the_room():
@@ -66,11 +71,14 @@ def test_the_volume_holds_the_hand_and_neither_the_wall_nor_the_room():
 
 
 def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
-    """Points on the hand and on the board, and few wrong ones, which widen nothing; without the hand's, no change."""
+    """Points on the hand and on the board, and few wrong ones, which widen nothing; without the
+    hand's, no change."""
     random, sparse = np.random.default_rng(1), solved(features())
     found = volume(None, PLANE, sparse)
     board_m = random.uniform((-0.15, -0.1, -2e-4), (0.15, 0.1, 2e-4), (20_000, 3))
-    points_m = np.concatenate([board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3])
+    points_m = np.concatenate(
+        [board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3]
+    )
     cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=1e-3)
     box_m = narrowed(found, cloud, PLANE, sparse).box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
@@ -82,19 +90,32 @@ def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
 def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow():
     random, on_hand = np.random.default_rng(1), features()
     found = volume(None, PLANE, solved(on_hand))
-    cloud = replace(cloud_of(hand_m := random.uniform(*HAND_M, (20_000, 3)), np.zeros_like(hand_m)), pixel_m=1e-3)
-    beside_m = random.uniform((0.9, -0.1, 0.06), (1.0, 0.1, 0.12), (200, 3))  # as high as the hand, in y as well
+    cloud = replace(
+        cloud_of(hand_m := random.uniform(*HAND_M, (20_000, 3)), np.zeros_like(hand_m)),
+        pixel_m=1e-3,
+    )
+    beside_m = random.uniform(
+        (0.9, -0.1, 0.06), (1.0, 0.1, 0.12), (200, 3)
+    )  # as high as the hand, in y as well
     with_more = solved(np.concatenate([on_hand, beside_m]))
-    assert narrowed(found, cloud, PLANE, with_more) == narrowed(found, cloud, PLANE, solved(on_hand)) != found
+    assert (
+        narrowed(found, cloud, PLANE, with_more)
+        == narrowed(found, cloud, PLANE, solved(on_hand))
+        != found
+    )
 
 
 @pytest.mark.parametrize("aside_m", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.0), (-0.4, 0.1, 0.0)])
 def test_the_room_about_a_hand_does_not_depend_on_where_it_stands(aside_m):
     """A part of its diagonal, and some pixels, on every side but that of the board."""
     random = np.random.default_rng(2)
-    cloud_m, features_m = (random.uniform(*HAND_M, (count, 3)) + aside_m for count in (20_000, 2000))
+    cloud_m, features_m = (
+        random.uniform(*HAND_M, (count, 3)) + aside_m for count in (20_000, 2000)
+    )
     cloud = replace(cloud_of(cloud_m, np.zeros_like(cloud_m)), pixel_m=1e-3)
-    box_m = narrowed(Volume((-1, -1, -1, 1, 1, 1), "wide"), cloud, PLANE, solved(features_m)).box() - np.array(aside_m)
+    box_m = narrowed(
+        Volume((-1, -1, -1, 1, 1, 1), "wide"), cloud, PLANE, solved(features_m)
+    ).box() - np.array(aside_m)
     room_m = COARSE_ROOM * np.linalg.norm(np.ptp(HAND_M, axis=0)) + COARSE_ROOM_PX * 1e-3
     np.testing.assert_allclose(box_m[0, :2], HAND_M[0, :2] - room_m, atol=4e-3)  # of the quantiles
     np.testing.assert_allclose(box_m[1], HAND_M[1] + room_m, atol=4e-3)
@@ -104,11 +125,17 @@ def test_skin_without_features_is_not_cut_away():
     found = volume(None, PLANE, solved(features(on_hand=3)))
     box_m = found.box()
     assert found.source == "the board and cameras"
-    assert (box_m[0] < HAND_M[0] - 0.05).all() and (box_m[1] > HAND_M[1] + 0.05).all() and box_m[1, 2] < 0.55
+    assert (
+        (box_m[0] < HAND_M[0] - 0.05).all()
+        and (box_m[1] > HAND_M[1] + 0.05).all()
+        and box_m[1, 2] < 0.55
+    )
 
 
 def test_a_given_box_is_taken_as_it_is():
-    assert volume((0, 0, 0, 1, 1, 1), PLANE, solved(features())) == Volume((0, 0, 0, 1, 1, 1), "given")
+    assert volume((0, 0, 0, 1, 1, 1), PLANE, solved(features())) == Volume(
+        (0, 0, 0, 1, 1, 1), "given"
+    )
 
 
 def test_without_a_board_the_points_bound_it():
@@ -132,18 +159,24 @@ def test_what_fewer_than_three_photographs_show_is_left_out():
 
 def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     marker = {"id": 3, "corners_m": [[0, 0.1, 0], [0.1, 0.1, 0], [0.1, 0, 0], [0, 0, 0]]}
-    (tmp_path / "board.toml").write_text(f"[[marker]]\nid = 3\ncorners_m = {json.dumps(marker['corners_m'])}\n")
+    (tmp_path / "board.toml").write_text(
+        f"[[marker]]\nid = 3\ncorners_m = {json.dumps(marker['corners_m'])}\n"
+    )
     plane = board_plane(tmp_path, None, solved([]))
     assert plane.local(np.array([[0.3, 0.2, 0.07]]))[0, 2] == pytest.approx(0.07)
     for point_m in np.reshape(HAND_M, (-1, 3)):
-        np.testing.assert_allclose(plane.around(plane.local(np.stack([point_m] * 2))), [point_m] * 2, atol=1e-12)
+        np.testing.assert_allclose(
+            plane.around(plane.local(np.stack([point_m] * 2))), [point_m] * 2, atol=1e-12
+        )
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 
 @pytest.mark.parametrize("place_m", [(0, 0, -5.0), (3.0, -2.0, 5.0)])
 @pytest.mark.parametrize("turn", [np.eye(3), np.diag([1.0, -1.0, -1.0])])
 def test_the_plane_s_normal_looks_at_the_cameras_wherever_they_are(place_m, turn):
-    corners_m, centres_m, hand_m = (points_m @ turn + place_m for points_m in (CORNERS_M, CENTRES_M, HAND_M))
+    corners_m, centres_m, hand_m = (
+        points_m @ turn + place_m for points_m in (CORNERS_M, CENTRES_M, HAND_M)
+    )
     plane = plane_through(corners_m, centres_m, 1e-4)
     np.testing.assert_allclose(plane.local(hand_m)[:, 2], HAND_M[:, 2], atol=1e-12)
     np.testing.assert_allclose(plane.local(centres_m)[:, 2], CENTRES_M[:, 2], atol=1e-12)
@@ -165,8 +198,11 @@ def test_a_surface_that_runs_on_is_said(capsys):
 @pytest.mark.parametrize(
     ("pixel_m", "rough_m", "least_m"), [(1e-4, 2e-3, 7e-3), (2e-3, 2e-3, 12e-3), (5e-4, 1e-3, 6e-3)]
 )
-def test_what_narrows_a_volume_is_higher_than_the_board_s_roughness_and_six_pixels(pixel_m, rough_m, least_m):
-    """5 mm beyond the roughness, or six pixels: what lies just below, far aside, widens nothing; just above it does."""
+def test_what_narrows_a_volume_is_higher_than_the_board_s_roughness_and_six_pixels(
+    pixel_m, rough_m, least_m
+):
+    """5 mm beyond the roughness, or six pixels: what lies just below, far aside, widens nothing;
+    just above it does."""
     hand_m = np.random.default_rng(2).uniform(*HAND_M, (4000, 3))
     wide, plane = Volume((-1, -1, -1, 1, 1, 1), "wide"), PLANE._replace(rough_m=rough_m)
     boxes = []
@@ -185,20 +221,27 @@ def test_thirty_points_tell_where_a_target_is(count, narrower):
     cloud = replace(cloud_of(hand_m, np.zeros_like(hand_m)), pixel_m=1e-3)
     assert (narrowed(wide, cloud, PLANE, solved(hand_m)) != wide) == narrower
     assert (volume(None, None, solved(hand_m, "poses")).box() is not None) == narrower
-    assert (off_plane(PLANE, hand_m, CENTRES_M)[1] == "the board, cameras and sparse points") == narrower
+    assert (
+        off_plane(PLANE, hand_m, CENTRES_M)[1] == "the board, cameras and sparse points"
+    ) == narrower
 
 
 def test_the_surroundings_of_a_board():
-    """0.3 m aside, as this is longer than half of the board, 1 cm down, and as high as the board reaches aside, or to
-    nine tenths of the lowest camera; a larger board reaches its own diagonal."""
+    """0.3 m aside, as this is longer than half of the board, 1 cm down, and as high as the board
+    reaches aside, or to nine tenths of the lowest camera; a larger board reaches its own
+    diagonal."""
     none_m = np.zeros((0, 3))
     corners_m = np.array([(x, y, 0.0) for x in (-0.06, 0.06) for y in (-0.02, 0.02)])
     small = plane_through(corners_m, CENTRES_M, 1e-4)
     for height_m, ceiling_m in ((0.6, 0.3), (0.2, 0.18), (0.011, 0.0099), (0.009, 0.3)):
         box_m, source = off_plane(small, none_m, CENTRES_M * (1, 1, 0) + (0, 0, height_m))
-        np.testing.assert_allclose(box_m, [[-0.36, -0.32, -0.01], [0.36, 0.32, ceiling_m]], atol=1e-9)
+        np.testing.assert_allclose(
+            box_m, [[-0.36, -0.32, -0.01], [0.36, 0.32, ceiling_m]], atol=1e-9
+        )
         assert source == "the board and cameras"
     large = plane_through(corners_m * (5, 10, 1), CENTRES_M + (0, 0, 2), 1e-4)  # 0.6 m × 0.4 m
     reach_m = np.hypot(0.6, 0.4)
     expected = [[-0.3 - reach_m, -0.2 - reach_m, -0.01], [0.3 + reach_m, 0.2 + reach_m, reach_m]]
-    np.testing.assert_allclose(off_plane(large, none_m, CENTRES_M + (0, 0, 2))[0], expected, atol=1e-9)
+    np.testing.assert_allclose(
+        off_plane(large, none_m, CENTRES_M + (0, 0, 2))[0], expected, atol=1e-9
+    )

@@ -29,13 +29,16 @@ def test_a_plane_is_met_in_double_precision(a, b, c):
 
 def test_a_sphere_shows_its_near_side_and_nothing_beside_it():
     radius, centre = 0.08, np.array([0.01, -0.02, 0.3])
-    sphere = load_open3d().geometry.TriangleMesh.create_sphere(radius, resolution=200).translate(centre)
+    sphere = (
+        load_open3d().geometry.TriangleMesh.create_sphere(radius, resolution=200).translate(centre)
+    )
     x, y = np.linspace(-0.15, 0.15, 61), np.linspace(-0.15, 0.15, 61)
     z = depth_on_grid(sphere, x, y)
     offset = np.hypot(x - centre[0], y[:, None] - centre[1])
     inside = offset < 0.95 * radius
     exact = centre[2] - np.sqrt(radius**2 - np.where(inside, offset, 0) ** 2)
-    # facets lie within radius · (π / 200)² / 2 = 0.01 mm of the sphere, seen under at most 1 / cos = 3.2
+    # facets lie within radius · (π / 200)² / 2 = 0.01 mm of the sphere, seen under at most 1 / cos
+    # = 3.2
     np.testing.assert_allclose(z[inside], exact[inside], atol=4e-5)
     assert np.isnan(z[offset > radius]).all()
 
@@ -79,7 +82,8 @@ def registered(surface, *deviations, turned=False) -> Reference:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_plane_across_the_axis_moves_with_the_registration(turned):
-    """Along z as a whole, about y in proportion to x, about x to y, sideways and about z not at all."""
+    """Along z as a whole, about y in proportion to x, about x to y, sideways and about z not at
+    all."""
     flat = sheet(0, 0, 0.3)
     along_z = registered(flat, 0, 0, 2e-4, 0, 0, 0, turned=turned)
     np.testing.assert_allclose(along_z.sigma_m, 2e-4, rtol=1e-12)
@@ -93,8 +97,12 @@ def test_a_plane_across_the_axis_moves_with_the_registration(turned):
 
 
 def test_a_tilted_plane_turns_what_is_sideways_into_depth():
-    np.testing.assert_allclose(registered(sheet(*TILTED), 2e-4, 0, 0, 0, 0, 0).sigma_m, 0.7 * 2e-4, rtol=1e-12)
-    np.testing.assert_allclose(registered(sheet(*TILTED), 0, 2e-4, 0, 0, 0, 0).sigma_m, 0.4 * 2e-4, rtol=1e-12)
+    np.testing.assert_allclose(
+        registered(sheet(*TILTED), 2e-4, 0, 0, 0, 0, 0).sigma_m, 0.7 * 2e-4, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        registered(sheet(*TILTED), 0, 2e-4, 0, 0, 0, 0).sigma_m, 0.4 * 2e-4, rtol=1e-12
+    )
 
 
 def test_mesh_and_registration_add_as_variances():
@@ -108,7 +116,8 @@ def test_mesh_and_registration_add_as_variances():
 @examples(25)
 @given(st.floats(-2, 2), st.floats(-2, 2), st.integers(0, 2**32 - 1))
 def test_the_leverage_is_what_a_small_motion_does(a, b, seed):
-    """The surface is moved by 1e-6 (m, rad, 1) and cast again; the second order is 1e-12 times slopes of 3, squared."""
+    """The surface is moved by 1e-6 (m, rad, 1) and cast again; the second order is 1e-12 times
+    slopes of 3, squared."""
     step = 1e-6 * np.random.default_rng(seed).uniform(-1, 1, 7)
     matrix = np.eye(4)
     matrix[:3, :3] = np.exp(step[6]) * Rotation.from_rotvec(step[3:6]).as_matrix()
@@ -120,22 +129,28 @@ def test_the_leverage_is_what_a_small_motion_does(a, b, seed):
 
 
 def test_correlations_of_the_registration_count():
-    """Turning about y at the origin, and moving along z so that the axis goes through x = 0.1 m: known there."""
+    """Turning about y at the origin, and moving along z so that the axis goes through x = 0.1 m:
+    known there."""
     root = np.array([0, 0, 0.1, 0, 1, 0]) * 1e-3
     transform = Transform("photo", "radar", np.eye(4), np.outer(root, root))
     found = reference_on_grid(sheet(0, 0, 0.3), np.array([0, 0.1, 0.2]), np.array([0.0]), transform)
-    np.testing.assert_allclose(found.sigma_m, [[1e-4, 0, 1e-4]], atol=1e-11)  # the root of rounding at 1e-8
+    np.testing.assert_allclose(
+        found.sigma_m, [[1e-4, 0, 1e-4]], atol=1e-11
+    )  # the root of rounding at 1e-8
 
 
 def test_a_steep_surface_is_uncertain_within_bounds():
     found = registered(sheet(100, 0, 0.3, sigma_m=1e-4), 0, 0, 0, 0, 0, 0)
     np.testing.assert_allclose(found.mesh_sigma_m, 1e-4 / STEEPEST, rtol=1e-12)
     sideways = registered(sheet(100, 0, 0.3), 1e-4, 0, 0, 0, 0, 0)
-    np.testing.assert_allclose(sideways.sigma_m, 1e-4 / STEEPEST, rtol=1e-4)  # the normal is x to 0.01 rad: cos 5e-5
+    np.testing.assert_allclose(
+        sideways.sigma_m, 1e-4 / STEEPEST, rtol=1e-4
+    )  # the normal is x to 0.01 rad: cos 5e-5
 
 
 def test_what_is_not_known_stays_so():
-    """A mesh that does not know itself, a registration that does not, and a surface that nobody saw."""
+    """A mesh that does not know itself, a registration that does not, and a surface that nobody
+    saw."""
     foreign = registered(sheet(*TILTED, sigma_m=np.nan), 0, 0, 1e-4, 0, 0, 0)
     assert np.isnan(foreign.sigma_m).all() and np.isfinite(foreign.registration_sigma_m).all()
     for registration in (None, Transform("photo", "radar", np.eye(4))):
@@ -143,9 +158,15 @@ def test_what_is_not_known_stays_so():
         assert np.isnan(alone.sigma_m).all() and np.isnan(alone.registration_sigma_m).all()
         assert np.isfinite(alone.mesh_sigma_m).all() and np.isfinite(alone.z_m).all()
     invented = registered(sheet(*TILTED, sigma_m=1e-4, observed=False), 0, 0, 1e-4, 0, 0, 0)
-    assert np.isnan(invented.z_m).all() and np.isnan(invented.sigma_m).all() and np.isnan(invented.leverage).all()
+    assert (
+        np.isnan(invented.z_m).all()
+        and np.isnan(invented.sigma_m).all()
+        and np.isnan(invented.leverage).all()
+    )
 
 
 def test_a_covariance_that_rounding_left_not_quite_positive_gives_no_nan():
     transform = Transform("photo", "radar", np.eye(4), np.diag([1e-8, 0, -1e-15, 0, 0, 0]))
-    assert np.all(reference_on_grid(sheet(0, 0, 0.3), X_M, Y_M, transform).registration_sigma_m == 0)
+    assert np.all(
+        reference_on_grid(sheet(0, 0, 0.3), X_M, Y_M, transform).registration_sigma_m == 0
+    )

@@ -15,26 +15,36 @@ FACES = np.array([(0, 1, 2), (2, 1, 3)])
 
 def test_millimetres_become_metres_about_the_origin(tmp_path):
     write_mesh(tmp_path / "hand.ply", mesh(VERTICES_MM, FACES))
-    np.testing.assert_allclose(np.asarray(metric_mesh(tmp_path / "hand.ply", 1e-3).vertices), VERTICES_MM / 1000)
-    with pytest.raises(HandbenchError, match=r"hand\.ply: is 160 m long; expected .* is --unit right"):
+    np.testing.assert_allclose(
+        np.asarray(metric_mesh(tmp_path / "hand.ply", 1e-3).vertices), VERTICES_MM / 1000
+    )
+    with pytest.raises(
+        HandbenchError, match=r"hand\.ply: is 160 m long; expected .* is --unit right"
+    ):
         metric_mesh(tmp_path / "hand.ply", 1.0)
     with pytest.raises(HandbenchError, match=r"is 0\.00016 m long; expected 0\.005 to 50 m"):
         metric_mesh(tmp_path / "hand.ply", 1e-6)
 
 
 def test_the_command_takes_a_mesh_over(tmp_path, capsys):
-    rows = [f"v {x} {y} {z}\n" for x, y, z in VERTICES_MM] + [f"f {a} {b} {c}\n" for a, b, c in FACES + 1]
+    rows = [f"v {x} {y} {z}\n" for x, y, z in VERTICES_MM] + [
+        f"f {a} {b} {c}\n" for a, b, c in FACES + 1
+    ]
     (tmp_path / "hand.obj").write_text("".join(rows))
     command = ["groundtruth", str(tmp_path / "hand.obj"), "-o", str(tmp_path / "out.ply")]
     assert main(command) == 2
     assert "--unit: is missing" in capsys.readouterr().err
     assert main([*command, "--unit", "mm"]) == 0
     assert json.loads(capsys.readouterr().out) == {"vertices": 4, "triangles": 2}
-    np.testing.assert_allclose(np.asarray(read_mesh(tmp_path / "out.ply").vertices), VERTICES_MM / 1000, atol=1e-8)
+    np.testing.assert_allclose(
+        np.asarray(read_mesh(tmp_path / "out.ply").vertices), VERTICES_MM / 1000, atol=1e-8
+    )
     assert main([*command, "--unit", "mm"]) == 2
     assert "exists already" in capsys.readouterr().err
 
 
 def test_a_unit_is_for_meshes_alone(tmp_path, capsys):
-    assert main(["groundtruth", str(tmp_path), "-o", str(tmp_path / "out.ply"), "--unit", "mm"]) == 2
+    assert (
+        main(["groundtruth", str(tmp_path), "-o", str(tmp_path / "out.ply"), "--unit", "mm"]) == 2
+    )
     assert "--unit: is for a mesh file" in capsys.readouterr().err

@@ -1,4 +1,5 @@
-"""Mesh files of strangers: what they promise is checked against what they hold, and none of it stops the program."""
+"""Mesh files of strangers: what they promise is checked against what they hold, and none of it
+stops the program."""
 
 import re
 import struct
@@ -11,14 +12,19 @@ from handbench.groundtruth.mesh.ply import MOST, read_ply
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import load_open3d
 
-VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)], np.float32).astype(np.float64)
+VERTICES_M = np.array(
+    [(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)], np.float32
+).astype(np.float64)
 FACES = np.array([(0, 2, 1), (1, 2, 3)])
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 LIST = "property list uchar int vertex_indices\n"
 
 
 def header(kind="binary_little_endian", vertices=4, faces=2, of_vertex=XYZ, of_face=LIST) -> bytes:
-    text = f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {vertices}\n{of_vertex}element face {faces}\n{of_face}"
+    text = (
+        f"ply\nformat {kind} 1.0\ncomment c\nelement vertex {vertices}\n{of_vertex}element "
+        f"face {faces}\n{of_face}"
+    )
     return (text + "end_header\n").encode()
 
 
@@ -37,12 +43,20 @@ def ascii_ply(lines=("3 0 2 1", "3 1 2 3"), **promises) -> bytes:
 
 
 def obj() -> bytes:
-    lines = ["# a hand", "o hand", *(f"v {x} {y} {z}" for x, y, z in VERTICES_M), "vn 0 0 1", "usemtl skin"]
+    lines = [
+        "# a hand",
+        "o hand",
+        *(f"v {x} {y} {z}" for x, y, z in VERTICES_M),
+        "vn 0 0 1",
+        "usemtl skin",
+    ]
     return "\n".join([*lines, "f 1 3 2", "f -3/1/1 -2//1 -1", ""]).encode()
 
 
 def stl(faces=FACES) -> bytes:
-    facets = b"".join(bytes(12) + VERTICES_M[face].astype("<f4").tobytes() + bytes(2) for face in faces)
+    facets = b"".join(
+        bytes(12) + VERTICES_M[face].astype("<f4").tobytes() + bytes(2) for face in faces
+    )
     return b"solid as some exporters begin".ljust(80) + struct.pack("<I", len(faces)) + facets
 
 
@@ -67,7 +81,9 @@ def written(tmp_path, name, content):
 @pytest.mark.parametrize("name", GOOD)
 def test_every_form_holds_the_same_triangles(tmp_path, name):
     vertices_m, faces, told = read_triangles(written(tmp_path, name, GOOD[name]))
-    np.testing.assert_allclose(vertices_m[faces], VERTICES_M[FACES], atol=1e-9)  # nine digits are written of float32
+    np.testing.assert_allclose(
+        vertices_m[faces], VERTICES_M[FACES], atol=1e-9
+    )  # nine digits are written of float32
     assert len(vertices_m) == 4 and told == {}  # STL's equal corners are one vertex
 
 
@@ -84,7 +100,9 @@ def test_what_open3d_writes_comes_back_in_both_byte_orders_and_with_colours(tmp_
     assert np.array_equal(big[0], VERTICES_M) and np.array_equal(big[1], FACES)
 
 
-@pytest.mark.parametrize("faces", [[(0, 1, 3, 2)], [(0, 2, 1), (0, 1, 3, 2)]], ids=["squares", "mixed"])
+@pytest.mark.parametrize(
+    "faces", [[(0, 1, 3, 2)], [(0, 2, 1), (0, 1, 3, 2)]], ids=["squares", "mixed"]
+)
 def test_polygons_are_cut_into_fans(tmp_path, faces):
     content = header(faces=len(faces)) + rows(faces=faces)
     lines = tuple(f"{len(face)} {' '.join(map(str, face))}" for face in faces)
@@ -94,17 +112,38 @@ def test_polygons_are_cut_into_fans(tmp_path, faces):
 
 
 LIES = {  # a PLY's content, and what is said of it
-    "more faces than there can be": (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
-    "more faces than follow": (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
-    "a number beyond all": (header(vertices=10**30) + rows(), "line 4 of its header is 'element vertex 1000000"),
+    "more faces than there can be": (
+        header(faces=10**8) + rows(),
+        f"promises 100000000 of 'face'; at most {MOST}",
+    ),
+    "more faces than follow": (
+        header(faces=MOST) + rows(),
+        "promises 50000000 of 'face', at least 50000000 bytes",
+    ),
+    "a number beyond all": (
+        header(vertices=10**30) + rows(),
+        "line 4 of its header is 'element vertex 1000000",
+    ),
     "a negative number": (header(faces=-1) + rows(), "line 8 of its header is 'element face -1'"),
-    "fewer faces than follow": (header(faces=1) + rows(), "13 bytes follow what its header promises"),
+    "fewer faces than follow": (
+        header(faces=1) + rows(),
+        "13 bytes follow what its header promises",
+    ),
     "rows without columns": (header(faces=MOST, of_face="") + rows(), "26 bytes follow"),
     "no faces": (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
-    "a type that is none": (header(of_vertex=XYZ.replace("float", "half")), "line 5 of its header is 'property half"),
-    "a length that is a fraction": (header(of_face=LIST.replace("uchar", "float")), "length that is no whole number"),
+    "a type that is none": (
+        header(of_vertex=XYZ.replace("float", "half")),
+        "line 5 of its header is 'property half",
+    ),
+    "a length that is a fraction": (
+        header(of_face=LIST.replace("uchar", "float")),
+        "length that is no whole number",
+    ),
     "a column twice": (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
-    "flat vertices": (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "lack x, y or z"),
+    "flat vertices": (
+        header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]),
+        "lack x, y or z",
+    ),
     "a list of coordinates": (
         header(of_vertex="property list uchar float x\n" + XYZ[17:], vertices=0, faces=0),
         "lack x, y or z",
@@ -115,9 +154,15 @@ LIES = {  # a PLY's content, and what is said of it
         header(of_face=LIST.replace("uchar", "uint")) + rows(faces=()) + b"\xff" * 60,
         "has 4.29497e+09 entries",
     ),
-    "a negative face": (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
+    "a negative face": (
+        header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26,
+        "-1 entries",
+    ),
     "cut amid the faces": (ply()[:-1], "it ends amid the 2 of 'face'"),
-    "cut amid the vertices": (ply()[:-40], "promises 4 of 'vertex', at least 48 bytes, but 34 follow"),
+    "cut amid the vertices": (
+        ply()[:-40],
+        "promises 4 of 'vertex', at least 48 bytes, but 34 follow",
+    ),
     "cut amid the header": (ply()[:60], "no header from 'ply' to 'end_header'"),
     "nothing at all": (b"", "no header"),
     "a header without an end": (b"ply\n" + b"comment\n" * 100_000, "no header"),
@@ -129,7 +174,10 @@ LIES = {  # a PLY's content, and what is said of it
     "too many numbers": (ascii_ply(("3 0 2 1", "3 1 2 3", "4")), "8 bytes follow"),
     "an index too large": (header() + rows(faces=FACES + 1), "names vertex 4, but there are 4"),
     "an index below zero": (header() + rows(faces=FACES - 1), "names vertex -1, but there are 4"),
-    "NaN": (header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)), "2 vertices are NaN"),
+    "NaN": (
+        header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)),
+        "2 vertices are NaN",
+    ),
     "infinity": (ascii_ply().replace(b"0.4", b"1e999"), "1 vertices are NaN or infinite"),
     "another galaxy": (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex lies 1e+30 m away"),
 }
@@ -158,7 +206,8 @@ def test_a_ply_that_lies_is_refused_in_one_line(tmp_path, name):
         ("a.stl", b"", "has 0"),
         ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
         ("a.stl", b"x" + stl()[1:-7], "its 2 triangles take 184 bytes, but it has 177"),
-        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "its 100000000 triangles take 5000000084 bytes, but it has 84"),
+        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "its 100000000 triangles take 5000000084 "
+                                                        "bytes, but it has 84"),
         ("a.stl", stl(FACES[:0]), "holds no triangles"),
         ("a.stl", ascii_stl()[:-30], "6 corners and 1 whole triangles"),
         ("a.stl", ascii_stl()[:-11], "should end with 'endsolid'"),
@@ -175,20 +224,23 @@ def test_other_forms_that_lie_are_refused_in_one_line(tmp_path, name, content, m
 
 @pytest.mark.parametrize("name", GOOD)
 def test_a_cut_at_any_byte_is_refused_or_loses_nothing(tmp_path, name):
-    """ASCII forms may lose the last line's end, or digits that nobody can miss: those of the last corner's index."""
+    """ASCII forms may lose the last line's end, or digits that nobody can miss: those of the last
+    corner's index."""
     for length in range(len(GOOD[name])):
         try:
             _, faces, _ = read_triangles(written(tmp_path, name, GOOD[name][:length]))
         except HandbenchError:
             continue
         assert name != "a.ply" and name != "a.stl"
-        assert name == "a.obj" or len(faces) == len(FACES)  # OBJ alone does not tell how many there are
+        assert name == "a.obj" or len(faces) == len(
+            FACES
+        )  # OBJ alone does not tell how many there are
 
 
 @pytest.mark.parametrize("name", GOOD)
 def test_mutations_are_read_or_refused(tmp_path, name):
-    """300 seeded mutations each: bytes changed, runs removed or doubled, numbers made huge. No other exception than
-    ours comes out, and what is read is whole."""
+    """300 seeded mutations each: bytes changed, runs removed or doubled, numbers made huge. No
+    other exception than ours comes out, and what is read is whole."""
     generator = np.random.default_rng(1)
     for _ in range(300):
         content = bytearray(GOOD[name])
@@ -207,24 +259,38 @@ def test_mutations_are_read_or_refused(tmp_path, name):
                     numbers = list(re.finditer(rb"\d+", content))
                     if numbers:
                         chosen = numbers[generator.integers(len(numbers))]
-                        content[slice(*chosen.span())] = generator.choice([b"-1", b"0", b"99999999", b"1e999", b"nan"])
+                        content[slice(*chosen.span())] = generator.choice(
+                            [b"-1", b"0", b"99999999", b"1e999", b"nan"]
+                        )
         try:
             vertices_m, faces, _ = read_triangles(written(tmp_path, name, bytes(content)))
         except HandbenchError as error:
             assert "\n" not in str(error)
             continue
-        assert np.isfinite(vertices_m).all() and len(faces) and 0 <= faces.min() <= faces.max() < len(vertices_m)
+        assert (
+            np.isfinite(vertices_m).all()
+            and len(faces)
+            and 0 <= faces.min() <= faces.max() < len(vertices_m)
+        )
 
 
 def test_columns_beside_the_coordinates_are_told(tmp_path):
     """Of any type, in any order, lists among them left out."""
-    of_vertex = "property uchar label\nproperty list uchar short tags\n" + XYZ + "property double sigma_m\n"
+    of_vertex = (
+        "property uchar label\nproperty list uchar short tags\n" + XYZ + "property double sigma_m\n"
+    )
     vertices = b"".join(
-        struct.pack("<BB", 7 + k, k % 2) + bytes(2 * (k % 2)) + struct.pack("<fffd", *vertex, 1e-4 * k)
+        struct.pack("<BB", 7 + k, k % 2)
+        + bytes(2 * (k % 2))
+        + struct.pack("<fffd", *vertex, 1e-4 * k)
         for k, vertex in enumerate(VERTICES_M)
     )
-    told, faces = read_ply(written(tmp_path, "a.ply", header(of_vertex=of_vertex) + vertices + rows()[48:]))
-    assert told["label"].tolist() == [7, 8, 9, 10] and np.allclose(told["sigma_m"], [0, 1e-4, 2e-4, 3e-4])
+    told, faces = read_ply(
+        written(tmp_path, "a.ply", header(of_vertex=of_vertex) + vertices + rows()[48:])
+    )
+    assert told["label"].tolist() == [7, 8, 9, 10] and np.allclose(
+        told["sigma_m"], [0, 1e-4, 2e-4, 3e-4]
+    )
     assert "tags" not in told and np.array_equal(faces, FACES)
     assert np.array_equal(np.stack([told[axis] for axis in "xyz"], axis=1), VERTICES_M)
 

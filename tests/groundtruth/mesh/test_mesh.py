@@ -25,7 +25,14 @@ def cap(count, centre=(0.0, 0.0, 0.0), lowest=-0.3):
 def cloud_of(points_m, normals):
     """A cloud that three views agree on, to a tenth of a pixel."""
     n = len(points_m)
-    return Cloud(points_m, normals, np.ones((n, 3), bool), np.full(n, 0.1 * PIXEL_M), ("a", "b", "c"), PIXEL_M)
+    return Cloud(
+        points_m,
+        normals,
+        np.ones((n, 3), bool),
+        np.full(n, 0.1 * PIXEL_M),
+        ("a", "b", "c"),
+        PIXEL_M,
+    )
 
 
 @pytest.fixture
@@ -36,7 +43,9 @@ def cloud():
 
 
 def test_cleaning_thins_and_drops_what_stands_alone(cloud):
-    stray = cloud_of(np.r_[cloud.points_m, [[0, 0, 0.2], [0.2, 0, 0]]], np.r_[cloud.normals, np.eye(3)[[2, 0]]])
+    stray = cloud_of(
+        np.r_[cloud.points_m, [[0, 0, 0.2], [0.2, 0, 0]]], np.r_[cloud.normals, np.eye(3)[[2, 0]]]
+    )
     cleaned = clean(stray)
     radius = np.linalg.norm(cleaned.points_m, axis=1)
     assert 10_000 < len(cleaned.points_m) < 40_000  # about one a voxel that the surface crosses
@@ -50,7 +59,9 @@ def test_the_surface_follows_the_points_and_keeps_its_opening(cloud):
     radius = np.linalg.norm(vertices, axis=1)
     assert np.median(np.abs(radius - RADIUS_M)) < 0.1 * PIXEL_M
     assert np.abs(radius - RADIUS_M).max() < PIXEL_M
-    assert vertices[:, 2].min() > -0.3 * RADIUS_M - 5 * PIXEL_M  # Poisson alone would close the sphere
+    assert (
+        vertices[:, 2].min() > -0.3 * RADIUS_M - 5 * PIXEL_M
+    )  # Poisson alone would close the sphere
     assert mesh.is_edge_manifold() and not mesh.is_watertight()
 
 
@@ -60,13 +71,17 @@ def test_next_to_no_points_are_refused():
 
 
 def test_a_voxel_keeps_means_and_everybody_who_agreed():
-    points_m = PIXEL_M * np.array([(0.1, 0.1, 0.1), (0.5, 0.3, 0.9), (1.5, 0.1, 0.1)])  # two in the first voxel
+    points_m = PIXEL_M * np.array(
+        [(0.1, 0.1, 0.1), (0.5, 0.3, 0.9), (1.5, 0.1, 0.1)]
+    )  # two in the first voxel
     views = np.array([(1, 1, 0), (0, 1, 1), (1, 0, 1)], dtype=bool)
     normals = np.array([(0, 0, 1.0), (0, 1.0, 0), (1.0, 0, 0)])
     cloud = Cloud(points_m, normals, views, np.array([3e-4, 4e-4, 1e-4]), ("a", "b", "c"), PIXEL_M)
     for order in ([0, 1, 2], [2, 1, 0]):
         thin = _one_per_voxel(cloud.at(np.array(order)))
-        np.testing.assert_allclose(thin.points_m, PIXEL_M * np.array([(0.3, 0.2, 0.5), (1.5, 0.1, 0.1)]))
+        np.testing.assert_allclose(
+            thin.points_m, PIXEL_M * np.array([(0.3, 0.2, 0.5), (1.5, 0.1, 0.1)])
+        )
         np.testing.assert_allclose(thin.normals, [(0, 0.5, 0.5), (1, 0, 0)])
         np.testing.assert_array_equal(thin.views, [(True, True, True), (True, False, True)])
         np.testing.assert_allclose(thin.spread_m, [(12.5e-8) ** 0.5, 1e-4])  # as variances
@@ -74,7 +89,8 @@ def test_a_voxel_keeps_means_and_everybody_who_agreed():
 
 
 def test_cleaning_keeps_what_belongs_to_a_point_with_it(cloud):
-    """Spreads and views that say where a point is: still true afterwards, of the mean of a voxel."""
+    """Spreads and views that say where a point is: still true afterwards, of the mean of a
+    voxel."""
     tagged = replace(cloud, spread_m=cloud.points_m[:, 2] + 0.1, views=cloud.points_m > 0)
     cleaned = clean(tagged)
     np.testing.assert_allclose(cleaned.spread_m - 0.1, cleaned.points_m[:, 2], atol=0.02 * PIXEL_M)

@@ -1,4 +1,5 @@
-"""Surfaces in files: ours, and those of others, which are believed only as far as they hold together."""
+"""Surfaces in files: ours, and those of others, which are believed only as far as they hold
+together."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,12 @@ XYZ = "property float x\nproperty float y\nproperty float z\n"
 
 @pytest.fixture
 def surface():
-    return Surface(VERTICES_M, FACES, np.array([1e-5, 2.5e-5, np.nan, 1.0]), np.array([True, False, True, False]))
+    return Surface(
+        VERTICES_M,
+        FACES,
+        np.array([1e-5, 2.5e-5, np.nan, 1.0]),
+        np.array([True, False, True, False]),
+    )
 
 
 def test_everything_comes_back(tmp_path, surface):
@@ -42,7 +48,9 @@ def test_a_mesh_of_others_is_taken_as_seen_everywhere(tmp_path, suffix):
     if suffix == "ply":
         write_mesh(path, mesh(VERTICES_M, FACES))
     elif suffix == "obj":
-        rows = [f"v {x} {y} {z}\n" for x, y, z in VERTICES_M] + [f"f {a} {b} {c}\n" for a, b, c in FACES + 1]
+        rows = [f"v {x} {y} {z}\n" for x, y, z in VERTICES_M] + [
+            f"f {a} {b} {c}\n" for a, b, c in FACES + 1
+        ]
         path.write_text("".join(rows))
     else:
         corners = "".join(
@@ -53,13 +61,18 @@ def test_a_mesh_of_others_is_taken_as_seen_everywhere(tmp_path, suffix):
         )
         path.write_text(f"solid a\n{corners}endsolid a\n")
     found = read_surface(path)
-    np.testing.assert_allclose(found.vertices_m[found.faces], VERTICES_M[FACES], atol=1e-7)  # STL has 32 bits
+    np.testing.assert_allclose(
+        found.vertices_m[found.faces], VERTICES_M[FACES], atol=1e-7
+    )  # STL has 32 bits
     assert np.isnan(found.sigma_m).all() and found.observed.all()
     assert len(found.sigma_m) == len(found.observed) == len(found.vertices_m)
 
 
 def written(path, vertex_properties, rows, face_properties="", face="3 0 1 2"):
-    header = f"ply\nformat ascii 1.0\nelement vertex 3\n{vertex_properties}{FACE_LINES}{face_properties}end_header"
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex "
+        f"3\n{vertex_properties}{FACE_LINES}{face_properties}end_header"
+    )
     path.write_text("\n".join([header, *rows, face, ""]))
     return read_surface(path)
 
@@ -82,10 +95,18 @@ def test_one_of_the_two_is_enough_and_of_any_type(tmp_path):
 
 def test_lists_and_what_faces_carry_are_none_of_it(tmp_path):
     found = written(
-        tmp_path / "a.ply", XYZ + "property list uchar float sigma_m\n", ("0 0 0 1 9", "1 0 0 1 9", "0 1 0 1 9")
+        tmp_path / "a.ply",
+        XYZ + "property list uchar float sigma_m\n",
+        ("0 0 0 1 9", "1 0 0 1 9", "0 1 0 1 9"),
     )
     assert np.isnan(found.sigma_m).all()
-    found = written(tmp_path / "b.ply", XYZ, ("0 0 0", "1 0 0", "0 1 0"), "property float sigma_m\n", "3 0 1 2 9")
+    found = written(
+        tmp_path / "b.ply",
+        XYZ,
+        ("0 0 0", "1 0 0", "0 1 0"),
+        "property float sigma_m\n",
+        "3 0 1 2 9",
+    )
     assert np.isnan(found.sigma_m).all()
 
 
@@ -94,13 +115,17 @@ def test_a_header_that_promises_other_counts_is_refused(tmp_path, surface, count
     surface.save(tmp_path / "a.ply")
     content = (tmp_path / "a.ply").read_bytes()
     for element, before, after in zip(("vertex", "face"), (4, 2), counts, strict=True):
-        content = content.replace(f"element {element} {before}".encode(), f"element {element} {after}".encode())
+        content = content.replace(
+            f"element {element} {before}".encode(), f"element {element} {after}".encode()
+        )
     (tmp_path / "a.ply").write_bytes(content)
     with pytest.raises(HandbenchError, match=r"a\.ply: holds no triangles"):
         read_surface(tmp_path / "a.ply")
 
 
-@pytest.mark.parametrize("length", [0, 3, 100, -VERTEX.itemsize - 2 * FACE.itemsize, -FACE.itemsize - 1])
+@pytest.mark.parametrize(
+    "length", [0, 3, 100, -VERTEX.itemsize - 2 * FACE.itemsize, -FACE.itemsize - 1]
+)
 def test_a_file_that_was_cut_is_refused(tmp_path, surface, length):
     surface.save(tmp_path / "a.ply")
     content = (tmp_path / "a.ply").read_bytes()
@@ -110,7 +135,9 @@ def test_a_file_that_was_cut_is_refused(tmp_path, surface, length):
 
 
 def test_broken_numbers_and_missing_files_are_refused(tmp_path, surface):
-    broken = Surface(np.where(VERTICES_M == 0.3, np.nan, VERTICES_M), FACES, surface.sigma_m, surface.observed)
+    broken = Surface(
+        np.where(VERTICES_M == 0.3, np.nan, VERTICES_M), FACES, surface.sigma_m, surface.observed
+    )
     broken.save(tmp_path / "a.ply")
     with pytest.raises(HandbenchError, match="2 vertices are NaN or infinite"):
         read_surface(tmp_path / "a.ply")

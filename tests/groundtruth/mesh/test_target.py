@@ -1,4 +1,5 @@
-"""The target among what was photographed: synthetic clouds of a board's plate with something before it."""
+"""The target among what was photographed: synthetic clouds of a board's plate with something before
+it."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -21,12 +22,15 @@ PLANE = plane_through(CORNERS_M, np.array([(0.0, 0.1, 0.5), (0.1, 0.0, 0.6)]), 1
 
 
 def plate(half_m=0.15, noise_m=0.3e-3):
-    """Points of a plate at z = 0, larger than everything before it, with flakes of noise up to 5 mm above it."""
+    """Points of a plate at z = 0, larger than everything before it, with flakes of noise up to 5 mm
+    above it."""
     random = np.random.default_rng(1)
     axis = np.arange(-half_m, half_m, 0.7 * PIXEL_M)
     x, y = np.meshgrid(axis, axis)
     z = random.normal(scale=noise_m, size=x.shape)
-    z += 9e-3 * ((np.hypot(x - 0.13, y - 0.13) < 6e-3) * np.exp(-((x - 0.13) ** 2 + (y - 0.13) ** 2) / 3e-6))
+    z += 9e-3 * (
+        (np.hypot(x - 0.13, y - 0.13) < 6e-3) * np.exp(-((x - 0.13) ** 2 + (y - 0.13) ** 2) / 3e-6)
+    )
     points_m = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     return points_m, np.tile([0.0, 0.0, 1.0], (len(points_m), 1))
 
@@ -51,7 +55,9 @@ def kept(cloud, components="target", plane=PLANE):
 
 
 def of_mesh(mesh, components="target", plane=None, pixel_m=PIXEL_M):
-    target = keep_target(mesh, components, plane, 0.0 if plane is None else margin_m(plane, pixel_m))
+    target = keep_target(
+        mesh, components, plane, 0.0 if plane is None else margin_m(plane, pixel_m)
+    )
     return np.asarray(mesh.vertices), target
 
 
@@ -77,9 +83,14 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
 
 
 def test_what_was_chosen_before_was_the_plate(plate_and_ball):
-    """The choice of the largest part is still there for whoever asks for it, and it is the wrong one here."""
+    """The choice of the largest part is still there for whoever asks for it, and it is the wrong
+    one here."""
     vertices_m, target = of_mesh(deepcopy(plate_and_ball), "largest")
-    assert vertices_m[:, 2].max() < 0.02 and target.dropped > 0.05 and target.kept == "the largest part"
+    assert (
+        vertices_m[:, 2].max() < 0.02
+        and target.dropped > 0.05
+        and target.kept == "the largest part"
+    )
 
 
 def test_two_objects_on_the_stand_are_both_kept(capsys):
@@ -92,7 +103,11 @@ def test_two_objects_on_the_stand_are_both_kept(capsys):
 
 def test_without_a_board_all_parts_are_kept(plate_and_ball, capsys):
     vertices_m, target = of_mesh(deepcopy(plate_and_ball))
-    assert target.kept == "all parts" and vertices_m[:, 2].max() > 0.13 and vertices_m[:, 0].max() > 0.14
+    assert (
+        target.kept == "all parts"
+        and vertices_m[:, 2].max() > 0.13
+        and vertices_m[:, 0].max() > 0.14
+    )
     assert sum(target.parts) + target.dropped == pytest.approx(1)
     assert "of the surface" in capsys.readouterr().err
 
@@ -115,7 +130,10 @@ def test_what_lies_behind_the_board_is_dropped_whichever_way_it_faces():
 
 
 def test_a_board_of_several_planes_has_none():
-    assert plane_through(np.concatenate([CORNERS_M, CORNERS_M[:, [2, 1, 0]]]), np.ones((1, 3)), 0.0) is None
+    assert (
+        plane_through(np.concatenate([CORNERS_M, CORNERS_M[:, [2, 1, 0]]]), np.ones((1, 3)), 0.0)
+        is None
+    )
 
 
 def test_the_record_comes_back(tmp_path):
@@ -131,7 +149,10 @@ def strips(counts, heights_m):
     for k, (count, height_m) in enumerate(zip(counts, heights_m, strict=True)):
         faces += [[len(vertices_m) + i + step for step in range(3)] for i in range(count)]
         vertices_m += [[1e-3 * i, 0.1 * k + 1e-3 * (i % 2), height_m] for i in range(count + 2)]
-    points, triangles = o3d.utility.Vector3dVector(np.array(vertices_m)), o3d.utility.Vector3iVector(np.array(faces))
+    points, triangles = (
+        o3d.utility.Vector3dVector(np.array(vertices_m)),
+        o3d.utility.Vector3iVector(np.array(faces)),
+    )
     return o3d.geometry.TriangleMesh(points, triangles)
 
 

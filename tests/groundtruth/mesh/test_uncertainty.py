@@ -17,7 +17,11 @@ from handbench.groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
-from handbench.groundtruth.sparse.adjust import CameraCovariance, camera_covariance, point_covariance
+from handbench.groundtruth.sparse.adjust import (
+    CameraCovariance,
+    camera_covariance,
+    point_covariance,
+)
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.noisy_model import noisy_model
@@ -27,7 +31,8 @@ NAMES = tuple(f"p{i}.png" for i in range(5))
 
 
 def plate(spread_m=1e-4, views=5):
-    """A cloud on the plane z = 0 about the origin, a point a pixel, on which the first `views` of five views agree."""
+    """A cloud on the plane z = 0 about the origin, a point a pixel, on which the first `views` of
+    five views agree."""
     x, y = np.meshgrid(*[PIXEL_M * np.arange(-15.0, 16)] * 2)
     points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     n = len(points_m)
@@ -52,16 +57,23 @@ def test_matching_as_the_model_says(n):
     own, common = (random.normal(size=(40_000, count)) for count in (n, 1))
     errors_m = 2e-4 * (np.sqrt(1 - rho) * own + np.sqrt(rho) * common)
     spread_m = errors_m.std(axis=1, ddof=1)
-    cloud = Cloud(*[np.zeros((40_000, 3))] * 2, np.ones((40_000, n), bool), spread_m, NAMES, PIXEL_M)
+    cloud = Cloud(
+        *[np.zeros((40_000, 3))] * 2, np.ones((40_000, n), bool), spread_m, NAMES, PIXEL_M
+    )
     assert matching_variance(cloud).mean() == pytest.approx(errors_m.mean(axis=1).var(), rel=0.04)
 
 
 def test_two_maps_of_one_pair_take_the_spread_of_the_others():
-    """Fusion takes two views only of three, and one map's variance is twice the spread that three show."""
+    """Fusion takes two views only of three, and one map's variance is twice the spread that three
+    show."""
     seen = np.array([(1, 1, 0), (1, 1, 1), (1, 1, 1)], dtype=bool)
-    cloud = Cloud(np.zeros((3, 3)), np.zeros((3, 3)), seen, np.array([0.0, 3e-4, 4e-4]), NAMES[:3], PIXEL_M)
+    cloud = Cloud(
+        np.zeros((3, 3)), np.zeros((3, 3)), seen, np.array([0.0, 3e-4, 4e-4]), NAMES[:3], PIXEL_M
+    )
     mean = (3e-4**2 + 4e-4**2) / 2
-    np.testing.assert_allclose(matching_variance(cloud), [2 * mean, 4 / 3 * 3e-4**2, 4 / 3 * 4e-4**2])
+    np.testing.assert_allclose(
+        matching_variance(cloud), [2 * mean, 4 / 3 * 3e-4**2, 4 / 3 * 4e-4**2]
+    )
     alone = replace(cloud, views=seen & (True, True, False), spread_m=np.full(3, 2e-4))
     np.testing.assert_allclose(matching_variance(alone), 2 * 2e-4**2)
 
@@ -70,12 +82,16 @@ def test_cameras_count_along_the_normal_whatever_its_length(cameras):
     _, images, known, _ = cameras
     cloud = plate()
     tilted = np.array([0.3, -0.2, 0.5])
-    cloud = replace(cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)), views=cloud.views.copy())
+    cloud = replace(
+        cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)), views=cloud.views.copy()
+    )
     cloud.views[::2, 1] = False
     variance = camera_variance(cloud, images[::-1], known)  # named, not counted
     for i in (0, 1, 480):
         [covariance] = point_covariance(images, known, cloud.points_m[[i]], cloud.views[[i]])
-        assert variance[i] == pytest.approx(tilted @ covariance @ tilted / (tilted @ tilted), rel=1e-9)
+        assert variance[i] == pytest.approx(
+            tilted @ covariance @ tilted / (tilted @ tilted), rel=1e-9
+        )
     assert variance[0] != pytest.approx(variance[1], rel=1e-3)
 
 
@@ -85,7 +101,9 @@ def test_views_that_showed_nothing_have_no_say(cameras):
     cloud = plate()
     some = replace(cloud, views=np.ones((len(cloud.points_m), 3), bool), names=NAMES[:3])
     none_of_the_rest = replace(cloud, views=np.tile(np.arange(5) < 3, (len(cloud.points_m), 1)))
-    np.testing.assert_allclose(camera_variance(some, images, known), camera_variance(none_of_the_rest, images, known))
+    np.testing.assert_allclose(
+        camera_variance(some, images, known), camera_variance(none_of_the_rest, images, known)
+    )
 
 
 def test_chunks_change_nothing(cameras, monkeypatch):
@@ -100,7 +118,9 @@ def test_the_parts_add_as_variances(cameras):
     cloud, middle = plate(), np.zeros((1, 3))
     both, _ = surface_sigma(cloud, middle, images, known)
     matching, _ = surface_sigma(cloud, middle, images, exact)
-    of_cameras, _ = surface_sigma(replace(cloud, spread_m=0 * cloud.spread_m), middle, images, known)
+    of_cameras, _ = surface_sigma(
+        replace(cloud, spread_m=0 * cloud.spread_m), middle, images, known
+    )
     assert both[0] == pytest.approx(np.hypot(matching[0], of_cameras[0]), rel=1e-9)
     assert matching[0] == pytest.approx(1e-4 * np.sqrt(8 / 15), rel=1e-9)  # 2 · 4/(5 · 3)
     assert of_cameras[0] > 2e-5
@@ -136,16 +156,23 @@ def test_a_camera_that_is_known_worse_makes_a_worse_surface(cameras):
 
 
 def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
-    """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px more, none from 3 px
-    on."""
+    """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px
+    more, none from 3 px on."""
     pixel_m, n = 1e-3, 21
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n)))
     corner = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    a, b, c, d = (
+        corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))
+    )
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
     vertices_m = pixel_m * np.stack([column, row, 0 * row], axis=1)
     sigma_m = window_sigma(vertices_m, faces, column <= 15, pixel_m)
     assert sigma_m.reshape(n, n)[10] == pytest.approx(
-        1e-3 * np.hypot(SHARED_PX, np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0]))
+        1e-3
+        * np.hypot(
+            SHARED_PX, np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0])
+        )
     )
-    assert (window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == SHARED_PX * pixel_m).all()
+    assert (
+        window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == SHARED_PX * pixel_m
+    ).all()

@@ -5,18 +5,27 @@ import pytest
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.photos import body_of, focal_length_px, is_plausible, orientation_of, read_exif
+from handbench.groundtruth.photos.photos import (
+    body_of,
+    focal_length_px,
+    is_plausible,
+    orientation_of,
+    read_exif,
+)
 
 WIDTH, HEIGHT = 320, 240
 
 
 def photograph(path, **tags):
-    """A picture with the given EXIF tags (f: focal length in mm, f35: its equivalent on 35 mm film, …)."""
+    """A picture with the given EXIF tags (f: focal length in mm, f35: its equivalent on 35 mm film,
+    …)."""
     number = {"f": 0x920A, "f35": 0xA405, "resolution": 0xA20E, "unit": 0xA210, "across": 0xA002}
     exif = Image.Exif()
     exif[0x0110] = "Camera"
     exif.get_ifd(0x8769).update({number[name]: value for name, value in tags.items()})
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)).save(path, exif=exif)
+    Image.fromarray(
+        np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+    ).save(path, exif=exif)
     return read_exif(path)
 
 
@@ -28,7 +37,9 @@ def test_an_equivalent_focal_length_is_colmaps_first_guess(tmp_path):
     with colmap.Database.open(tmp_path / "database.db") as stored:
         [camera] = stored.read_all_cameras()
     assert camera.has_prior_focal_length
-    assert focal_length_px(exif, WIDTH, HEIGHT) == pytest.approx(camera.focal_length, rel=3e-4)  # 43.27 mm
+    assert focal_length_px(exif, WIDTH, HEIGHT) == pytest.approx(
+        camera.focal_length, rel=3e-4
+    )  # 43.27 mm
 
 
 @pytest.mark.parametrize(
@@ -37,11 +48,16 @@ def test_an_equivalent_focal_length_is_colmaps_first_guess(tmp_path):
         ({"f": 35.0, "resolution": 100.0, "unit": 3}, 350),  # 100 pixels a centimetre
         ({"f": 25.4, "resolution": 500.0, "unit": 2}, 500),  # an inch
         ({"f": 25.4, "resolution": 500.0}, 500),  # the unit left out: inches
-        ({"f": 25.4, "resolution": 5000.0, "unit": 2, "across": 3200}, 500),  # a picture shrunk by ten
+        (
+            {"f": 25.4, "resolution": 5000.0, "unit": 2, "across": 3200},
+            500,
+        ),  # a picture shrunk by ten
     ],
 )
 def test_a_focal_length_in_pixels_of_the_focal_plane(tmp_path, tags, focal_px):
-    assert focal_length_px(photograph(tmp_path / "a.jpg", **tags), WIDTH, HEIGHT) == pytest.approx(focal_px, rel=1e-3)
+    assert focal_length_px(photograph(tmp_path / "a.jpg", **tags), WIDTH, HEIGHT) == pytest.approx(
+        focal_px, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("tags", [{}, {"f": 35.0}, {"f35": 0, "f": 0.0}, {"f35": 2}, {"f35": 5000}])
@@ -74,5 +90,11 @@ def test_every_orientation_is_read_and_bodies_differ_by_what_changes_a_lens():
     assert [orientation_of({0x0112: value}) for value in range(1, 9)] == list(range(1, 9))
     exif = {0x010F: "Maker", 0x0110: "Model", 0xA431: "17", 0x920A: 35.0}
     assert body_of({}, (320, 240)) is None
-    bodies = [body_of(exif | more, (320, 240)) for more in ({}, {0xA431: "18"}, {0x920A: 50.0}, {0x010F: "Other"})]
-    assert len({*bodies, body_of(exif, (640, 480))}) == 5 and body_of(dict(exif), (320, 240)) == bodies[0]
+    bodies = [
+        body_of(exif | more, (320, 240))
+        for more in ({}, {0xA431: "18"}, {0x920A: 50.0}, {0x010F: "Other"})
+    ]
+    assert (
+        len({*bodies, body_of(exif, (640, 480))}) == 5
+        and body_of(dict(exif), (320, 240)) == bodies[0]
+    )

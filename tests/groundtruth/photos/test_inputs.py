@@ -1,4 +1,5 @@
-"""Inputs that the command accepts and refuses before the work starts; and hard photographs, registered."""
+"""Inputs that the command accepts and refuses before the work starts; and hard photographs,
+registered."""
 
 import cv2
 import numpy as np
@@ -31,8 +32,17 @@ def test_the_commands_arguments_reach_the_options():
     pairs = [tuple(distance.model_dump().values()) for distance in given.distances]
     assert pairs == [("a.jpg", "b.jpg", 0.35), ("b.jpg", "c.jpg", 0.5)]
     assert given.metric and str(given.model) == "m" and given.mask == "none"
-    assert options_of("--mask", "colour", "--masks", "x", "--box=-1,0,0,1,1,1").box_m == (-1, 0, 0, 1, 1, 1)
-    with pytest.raises(HandbenchError, match=r"--distance: is 'a,b'; expected A\.jpg,B\.jpg,0\.350"):
+    assert options_of("--mask", "colour", "--masks", "x", "--box=-1,0,0,1,1,1").box_m == (
+        -1,
+        0,
+        0,
+        1,
+        1,
+        1,
+    )
+    with pytest.raises(
+        HandbenchError, match=r"--distance: is 'a,b'; expected A\.jpg,B\.jpg,0\.350"
+    ):
         options_of("--distance", "a,b")
     with pytest.raises(HandbenchError, match=r"distance_m.*greater than 0"):
         options_of("--distance", "a,b,-1")
@@ -41,11 +51,20 @@ def test_the_commands_arguments_reach_the_options():
 @pytest.mark.parametrize(
     ("given", "complaint"),
     [
-        ({"model": "m", "intrinsics": (1, 1, 1, 1)}, "model and intrinsics: both are given; the model has its own"),
-        ({"board": "b", "distances": [("p0.png", "p1.png", 1)]}, "board and distances: both are given"),
+        (
+            {"model": "m", "intrinsics": (1, 1, 1, 1)},
+            "model and intrinsics: both are given; the model has its own",
+        ),
+        (
+            {"board": "b", "distances": [("p0.png", "p1.png", 1)]},
+            "board and distances: both are given",
+        ),
         ({"masks": "m", "mask": "colour"}, "masks and mask: both are given"),
         ({"metric": True}, "metric: there is no COLMAP model"),
-        ({"distances": [("p0.png", "p7.png", 1)]}, r"distances: p7\.png is none of the photographs used; did you mean"),
+        (
+            {"distances": [("p0.png", "p7.png", 1)]},
+            r"distances: p7\.png is none of the photographs used; did you mean",
+        ),
         ({"model": "m"}, "nothing gives the scale.*--metric"),
         ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
     ],
@@ -53,7 +72,9 @@ def test_the_commands_arguments_reach_the_options():
 def test_what_cannot_go_together_is_refused(tmp_path, given, complaint):
     photograph(tmp_path)
     if "distances" in given:
-        pairs = [Distance(first=a, second=b, distance_m=metres) for a, b, metres in given["distances"]]
+        pairs = [
+            Distance(first=a, second=b, distance_m=metres) for a, b, metres in given["distances"]
+        ]
         given = given | {"distances": tuple(pairs)}
     with pytest.raises(HandbenchError, match=complaint):
         gather(tmp_path, resolve(tmp_path, parse(Options, given, "test"))[1])
@@ -62,7 +83,9 @@ def test_what_cannot_go_together_is_refused(tmp_path, given, complaint):
 def test_one_camera_cannot_have_two_sizes(tmp_path):
     photograph(tmp_path)
     Image.fromarray(look(around(5)[4], size=(320, 240))).save(tmp_path / "p4.png")
-    with pytest.raises(HandbenchError, match=r"intrinsics: .* different sizes \(320 × 240, 400 × 300\)"):
+    with pytest.raises(
+        HandbenchError, match=r"intrinsics: .* different sizes \(320 × 240, 400 × 300\)"
+    ):
         gather(tmp_path, Options(intrinsics=(440, 440, 200, 150), unscaled=True))
 
 
@@ -89,7 +112,11 @@ def test_the_poses_of_three_photographs_give_the_scale(tmp_path, posed, enough):
     placed = []
     for k, centre_m in enumerate(around(4)):
         R = camera_rotation(-np.array(centre_m))
-        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())} if k < posed else {}
+        pose = (
+            {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
+            if k < posed
+            else {}
+        )
         placed.append(Camera(name=f"p{k}.png", **lens, **pose))
     save_cameras(tmp_path / "cameras.json", tuple(placed))
     if not enough:
@@ -112,17 +139,23 @@ def test_hard_photographs_register_and_a_stranger_is_named(tmp_path, capsys):
     for i, centre_m in enumerate(centres[:5]):
         picture = look(centre_m, size=(200, 150) if i == 2 else (400, 300))
         if i == 0:
-            Image.fromarray(picture).convert("RGB").convert("CMYK").save(tmp_path / "p0.jpg", quality=97)
+            Image.fromarray(picture).convert("RGB").convert("CMYK").save(
+                tmp_path / "p0.jpg", quality=97
+            )
         else:
             picture = np.rot90(picture) if i == 3 else picture
-            cv2.imwrite(str(tmp_path / f"p{i}.png"), picture.astype(np.uint16) * 257 if i == 1 else picture)
+            cv2.imwrite(
+                str(tmp_path / f"p{i}.png"), picture.astype(np.uint16) * 257 if i == 1 else picture
+            )
     Image.fromarray(look(centres[5], room=1)).save(tmp_path / "x.png")
     photos, model = solve(tmp_path)
     assert unregistered(photos, model) == ("x.png",)
     assert "not registered, and not used: x.png" in capsys.readouterr().err
     check_geometry(model)
     found = {image.name: image.projection_center() for image in model.images.values()}
-    ends, true_ends = (np.linalg.norm(c[4] - c[0]) for c in (list(found[n] for n in sorted(found)), centres))
+    ends, true_ends = (
+        np.linalg.norm(c[4] - c[0]) for c in (list(found[n] for n in sorted(found)), centres)
+    )
     for i, name in enumerate(sorted(found)):
         there = np.linalg.norm(found[name] - found["p0.jpg"]) / ends
         assert there == pytest.approx(np.linalg.norm(centres[i] - centres[0]) / true_ends, abs=0.03)

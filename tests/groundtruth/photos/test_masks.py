@@ -20,14 +20,18 @@ DISC = np.hypot(*np.meshgrid(np.arange(WIDTH) - 130, np.arange(HEIGHT) - 80)) < 
 def photo(tmp_path):
     """A pinkish disc before a noisy blue ground."""
     random = np.random.default_rng(0)
-    picture = np.where(DISC[..., None], (150, 170, 220), (140, 90, 60)) + random.normal(0, 12, (HEIGHT, WIDTH, 3))
+    picture = np.where(DISC[..., None], (150, 170, 220), (140, 90, 60)) + random.normal(
+        0, 12, (HEIGHT, WIDTH, 3)
+    )
     cv2.imwrite(str(tmp_path / "a.png"), picture.clip(0, 255).astype(np.uint8))
     return Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT)
 
 
 @pytest.fixture
 def camera():
-    return load_pycolmap().Camera(model="PINHOLE", width=WIDTH, height=HEIGHT, params=[240, 240, 120, 80])
+    return load_pycolmap().Camera(
+        model="PINHOLE", width=WIDTH, height=HEIGHT, params=[240, 240, 120, 80]
+    )
 
 
 def write(folder, name, mask):
@@ -50,7 +54,9 @@ def test_other_masks_make_another_dense_stage(tmp_path):
 
 
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
-    with pytest.raises(HandbenchError, match=r"has no mask for a\.png, b\.jpg; expected a\.png\.png or a\.png"):
+    with pytest.raises(
+        HandbenchError, match=r"has no mask for a\.png, b\.jpg; expected a\.png\.png or a\.png"
+    ):
         find_masks(tmp_path / "..", (photo, Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)))
     write(tmp_path / "masks", "a.png", DISC[::2, ::2])
     with pytest.raises(HandbenchError, match=r"is 120 × 80, a\.png has 240 × 160 pixels"):
@@ -91,6 +97,8 @@ def test_a_view_is_unknown_outside_the_mask(photo, camera):
     for shrink in (1, 2):
         view = open_view(photo, camera, pose, shrink, (0.5, 2.0), None, DISC)
         inside = DISC[shrink // 2 :: shrink, shrink // 2 :: shrink]
-        assert np.array_equal(np.isfinite(view.near_m), inside) and np.array_equal(np.isfinite(view.far_m), inside)
+        assert np.array_equal(np.isfinite(view.near_m), inside) and np.array_equal(
+            np.isfinite(view.far_m), inside
+        )
         assert (view.near_m[inside] == 0.5).all()
     assert open_view(photo, camera, pose, 1, (0.5, 2.0), None, np.zeros_like(DISC)) is None

@@ -43,10 +43,15 @@ def test_an_upright_picture_turns_back(tmp_path, orientation):
         ("OPENCV_FISHEYE", (40.0, 42.0, 13.0, 15.0, -0.05, 0.02, 0.01, 0.003)),
     ],
 )
-def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(tmp_path, orientation, model, params):
+def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(
+    tmp_path, orientation, model, params
+):
     photo, stored, upright = photograph(tmp_path, orientation)
     height, width = upright.shape
-    pose = {"R": Rotation.from_euler("xyz", (20, -10, 30), degrees=True).as_matrix().tolist(), "t": (0.1, 0.2, 1.0)}
+    pose = {
+        "R": Rotation.from_euler("xyz", (20, -10, 30), degrees=True).as_matrix().tolist(),
+        "t": (0.1, 0.2, 1.0),
+    }
     camera = Camera(name="a.png", width=width, height=height, model=model, params=params, **pose)
     turned = stored_camera(photo, camera)
     assert (turned.width, turned.height) == (WIDTH, HEIGHT)
@@ -55,12 +60,17 @@ def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(tmp_path, o
     there, here = (np.floor(c.project(points_m)).astype(int) for c in (camera, turned))
     inside = ((here >= 0) & (here < (WIDTH, HEIGHT))).all(axis=1)
     assert inside.sum() > 50
-    assert np.array_equal(upright[there[inside, 1], there[inside, 0]], stored[here[inside, 1], here[inside, 0]])
+    assert np.array_equal(
+        upright[there[inside, 1], there[inside, 0]], stored[here[inside, 1], here[inside, 0]]
+    )
 
 
 def test_a_lens_that_is_not_the_same_when_turned_is_refused(tmp_path):
     photo, *_ = photograph(tmp_path, 6)
     params = (40.0, 40.0, 12.0, 16.0, *8 * (0.0,))
     camera = Camera(name="a.png", width=24, height=32, model="THIN_PRISM_FISHEYE", params=params)
-    with pytest.raises(HandbenchError, match=r"a\.png: is of the upright picture.*THIN_PRISM_FISHEYE cannot be turned"):
+    with pytest.raises(
+        HandbenchError,
+        match=r"a\.png: is of the upright picture.*THIN_PRISM_FISHEYE cannot be turned",
+    ):
         stored_camera(photo, camera)

@@ -44,7 +44,9 @@ def test_a_missing_folder_and_too_few_are_refused(tmp_path):
 @pytest.mark.parametrize("name", ["bad.jpg", "bad.png", "deep.png", "deep.tif"])
 def test_a_truncated_photograph_is_named(tmp_path, name):
     noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    cv2.imwrite(str(tmp_path / name), noise.astype(np.uint16) * 257 if name.startswith("deep") else noise)
+    cv2.imwrite(
+        str(tmp_path / name), noise.astype(np.uint16) * 257 if name.startswith("deep") else noise
+    )
     whole = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(whole[: len(whole) // 2])
     write(tmp_path)
@@ -67,7 +69,9 @@ def test_thirty_two_bits_are_refused(tmp_path):
         read_gray(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "LA", "P", "CMYK jpg", "CMYK tif", "16 png", "16 tif", "I;16"])
+@pytest.mark.parametrize(
+    "mode", ["L", "RGB", "RGBA", "LA", "P", "CMYK jpg", "CMYK tif", "16 png", "16 tif", "I;16"]
+)
 def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, mode):
     path = tmp_path / f"a.{mode.split()[-1] if ' ' in mode else 'png'}"
     colour = Image.fromarray(np.stack([grey] * 3, axis=-1))
@@ -82,7 +86,9 @@ def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, mode):
     else:
         colour.convert(mode.split()[0]).save(path, quality=98)
     as_colmap = np.asarray(load_pycolmap().Bitmap.read(str(path), as_rgb=False).to_array())
-    assert np.abs(255 * read_gray(path) - as_colmap).max() <= (6 if mode == "P" else 2.5)  # the palette has colours
+    assert np.abs(255 * read_gray(path) - as_colmap).max() <= (
+        6 if mode == "P" else 2.5
+    )  # the palette has colours
     assert np.abs(255 * read_gray(path) - grey).mean() <= (30 if mode == "P" else 2)
 
 
@@ -97,7 +103,9 @@ def test_pixels_stay_as_the_sensor_stored_them_here_and_in_colmap(tmp_path, grey
     assert photos[0].body == photos[1].body is not None
     colmap = load_pycolmap()
     colmap.Database.open(tmp_path / "database.db").close()
-    colmap.import_images(tmp_path / "database.db", tmp_path, colmap.CameraMode.PER_IMAGE, ["p0.jpg"])
+    colmap.import_images(
+        tmp_path / "database.db", tmp_path, colmap.CameraMode.PER_IMAGE, ["p0.jpg"]
+    )
     with colmap.Database.open(tmp_path / "database.db") as stored:
         [camera] = stored.read_all_cameras()
     assert (camera.width, camera.height) == (64, 48)
@@ -110,7 +118,9 @@ def test_a_mirrored_picture_is_refused(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 5
     Image.new("L", (12, 8)).save(tmp_path / "mirror.jpg", exif=exif)
-    with pytest.raises(HandbenchError, match=r"mirror\.jpg: its EXIF orientation 5 says that it is mirrored"):
+    with pytest.raises(
+        HandbenchError, match=r"mirror\.jpg: its EXIF orientation 5 says that it is mirrored"
+    ):
         find_photos(tmp_path)
 
 

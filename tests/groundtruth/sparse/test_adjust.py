@@ -28,16 +28,28 @@ def test_poses_and_intrinsics_come_back(free):
     bundle, sigma = adjusted(scene, free)
     after = np.abs(scene.error(bundle))
     assert (before[:30] / sigma[:30]).mean() > 4  # there is something to do
-    assert (after / sigma).max() < 4.5  # of 70 numbers at most, one is beyond 4.5 σ once in 2000 scenes
-    assert np.abs(np.array([p.xyz for _, p in sorted(scene.model.points3D.items())]) - scene.points_m).max() < 2e-3
+    assert (
+        after / sigma
+    ).max() < 4.5  # of 70 numbers at most, one is beyond 4.5 σ once in 2000 scenes
+    assert (
+        np.abs(
+            np.array([p.xyz for _, p in sorted(scene.model.points3D.items())]) - scene.points_m
+        ).max()
+        < 2e-3
+    )
 
 
-@pytest.mark.parametrize(("free", "params"), [((), PARAMS), (INTRINSICS, (440, 440, 200, 150, 0, 0, 0, 0))])
+@pytest.mark.parametrize(
+    ("free", "params"), [((), PARAMS), (INTRINSICS, (440, 440, 200, 150, 0, 0, 0, 0))]
+)
 def test_without_noise_nothing_is_left(free, params):
-    """With free intrinsics only for a lens as the priors expect it: they are the one thing that pulls."""
+    """With free intrinsics only for a lens as the priors expect it: they are the one thing that
+    pulls."""
     scene = noisy_model(noise=0, off=5e-3, params=params)
     bundle, sigma = adjusted(scene, free)
-    assert (np.abs(scene.error(bundle)) / sigma).max() < 1e-6  # the last step's square, where σ is that of 0.03 px
+    assert (
+        np.abs(scene.error(bundle)) / sigma
+    ).max() < 1e-6  # the last step's square, where σ is that of 0.03 px
 
 
 def test_a_step_moves_the_pixels_as_the_jacobians_say():
@@ -49,12 +61,17 @@ def test_a_step_moves_the_pixels_as_the_jacobians_say():
     expected, before = {}, bundle.state()
     for image in bundle.images:
         by_point, by_camera = pixel_jacobians(image, before[2], INTRINSICS)
-        moved = np.einsum("nij,nj->ni", by_point, points_step) + by_camera @ step[bundle.place[image.name]]
+        moved = (
+            np.einsum("nij,nj->ni", by_point, points_step)
+            + by_camera @ step[bundle.place[image.name]]
+        )
         expected[image.name] = project(image, before[2]) + moved
     bundle.move(step, points_step)
     for image in bundle.images:
         found = project(image, before[2] + points_step)
-        np.testing.assert_allclose(found, expected[image.name], atol=1e-7)  # second order: 1e-12 × 440 px and less
+        np.testing.assert_allclose(
+            found, expected[image.name], atol=1e-7
+        )  # second order: 1e-12 × 440 px and less
     bundle.restore(before)
     for now, then in zip(bundle.state()[0], before[0], strict=True):
         np.testing.assert_array_equal(now.matrix(), then.matrix())
@@ -91,7 +108,11 @@ def test_eliminating_the_points_leaves_the_same_step():
     whole = np.block([[equations.cameras, coupling], [coupling.T, blocks]])
     expected = np.linalg.solve(whole, np.r_[equations.right, equations.points_right.ravel()])
     np.testing.assert_allclose(step, expected[:d], atol=1e-6 * np.abs(expected[:d]).max())
-    at = np.einsum("pij,pj->pi", inverse, equations.points_right - np.einsum("pdi,d->pi", equations.coupling, step))
+    at = np.einsum(
+        "pij,pj->pi",
+        inverse,
+        equations.points_right - np.einsum("pdi,d->pi", equations.coupling, step),
+    )
     np.testing.assert_allclose(at.ravel(), expected[d:], atol=1e-6 * np.abs(expected[d:]).max())
 
 
@@ -121,7 +142,8 @@ def test_one_camera_of_all_photographs_has_one_set_of_columns():
 
 
 def false_features(scene):
-    """Add 30 crossings that two neighbours show and that are nowhere, all 3 px to the right in the second."""
+    """Add 30 crossings that two neighbours show and that are nowhere, all 3 px to the right in the
+    second."""
     colmap = load_pycolmap()
     images = {image.name: image for image in registered(scene.model)}
     false_m = np.random.default_rng(5).uniform(-0.1, 0.1, (30, 3))
@@ -150,12 +172,14 @@ def test_of_three_photographs_two_suffice_and_what_is_left_out_follows():
     bundle, _ = adjusted(scene)
     assert not bundle.points and not bundle.features
     points_m = np.array([p.xyz for _, p in sorted(scene.model.points3D.items())])
-    # 4 µrad of noise from 0.6 m at 17° between neighbours is some 20 µm, a few times that in one of 40
+    # 4 µrad of noise from 0.6 m at 17° between neighbours is some 20 µm, a few times that in one of
+    # 40
     assert np.abs(points_m - scene.points_m).max() < 2e-4
 
 
 def test_corners_that_are_wrong_are_outvoted():
-    """Three of a hundred, 3 px off, sixty times their noise; poses move by less than their standard deviation."""
+    """Three of a hundred, 3 px off, sixty times their noise; poses move by less than their standard
+    deviation."""
     clean, scene = noisy_model(2), noisy_model(2)
     for name, corner in (("p0.png", (0, 0)), ("p2.png", (3, 1)), ("p4.png", (4, 2))):
         scene.corners[name][corner] = scene.corners[name][corner] + (3.0, -3.0)
@@ -169,12 +193,17 @@ def test_the_order_of_the_points_does_not_matter():
     """But for rounding: of the sums, and of where a relative fall of 1e-6 ends the descent."""
     one, other = noisy_model(), noisy_model()
     colmap = load_pycolmap()
-    content = [(p.xyz.copy(), colmap.Track(list(p.track.elements))) for _, p in sorted(other.model.points3D.items())]
+    content = [
+        (p.xyz.copy(), colmap.Track(list(p.track.elements)))
+        for _, p in sorted(other.model.points3D.items())
+    ]
     for number in list(other.model.points3D):
         other.model.delete_point3D(number)
     for xyz, track in reversed(content):
         other.model.add_point3D(xyz, track, np.zeros(3, np.uint8))
-    other.corners.update({name: dict(reversed(found.items())) for name, found in reversed(other.corners.items())})
+    other.corners.update(
+        {name: dict(reversed(found.items())) for name, found in reversed(other.corners.items())}
+    )
     adjusted(one)
     adjusted(other)
     np.testing.assert_allclose(poses_of(other.model), poses_of(one.model), atol=1e-11)
@@ -205,8 +234,8 @@ def test_a_photograph_of_nothing_stays_and_a_point_behind_counts_for_nothing():
 
 
 def test_noise_is_told_from_what_is_left():
-    """A point's three coordinates fit three tenths of what five views say of it, and a median of 800 numbers is 4 %
-    off; below the floor nothing is believed."""
+    """A point's three coordinates fit three tenths of what five views say of it, and a median of
+    800 numbers is 4 % off; below the floor nothing is believed."""
     scene = noisy_model(points=80)
     bundle, _ = adjusted(scene)
     assert 0.7**0.5 - 0.08 < bundle.features[0].noise_px / FEATURE_PX < 1.08

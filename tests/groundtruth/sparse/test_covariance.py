@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance, point_covariance
+from handbench.groundtruth.sparse.adjust import (
+    CameraCovariance,
+    adjust,
+    camera_covariance,
+    point_covariance,
+)
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import project
@@ -27,7 +32,9 @@ def meeting_point(images, pixels, start_m):
     """The point nearest to the rays of the pixels [n, 2], pixels weighing alike."""
 
     def off(point_m):
-        return np.concatenate([project(i, point_m[None])[0] - p for i, p in zip(images, pixels, strict=True)])
+        return np.concatenate(
+            [project(i, point_m[None])[0] - p for i, p in zip(images, pixels, strict=True)]
+        )
 
     return least_squares(off, start_m, method="lm", x_scale=1e-3, xtol=1e-14, ftol=1e-14).x
 
@@ -40,8 +47,9 @@ def bare(seen_m, poses, model):
 
 @pytest.mark.parametrize(("free", "shared"), [((), False), (INTRINSICS, True)])
 def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
-    """Their squares in units of the covariance are 1 a parameter. 25 draws of 30 or 38 parameters tell that to 5 %, and
-    of two points to 12 %. Cauchy's weights make the promise up to 22 % larger than it need be."""
+    """Their squares in units of the covariance are 1 a parameter. 25 draws of 30 or 38 parameters
+    tell that to 5 %, and of two points to 12 %. Cauchy's weights make the promise up to 22 % larger
+    than it need be."""
     at_m = np.array([(0.08, 0.05, 0.03), (-0.09, -0.06, -0.04)])
     of_cameras, of_points = [], []
     exact = noisy_model(noise=0).model  # whose lens nobody adjusts
@@ -53,7 +61,9 @@ def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
         poses = [scene.poses[image.name] for image in bundle.images]
         for point_m, covariance in zip(at_m, covariances, strict=True):
             found_m = meeting_point(bundle.images, bare(point_m, poses, exact), point_m)
-            of_points.append((found_m - point_m) @ np.linalg.solve(covariance, found_m - point_m) / 3)
+            of_points.append(
+                (found_m - point_m) @ np.linalg.solve(covariance, found_m - point_m) / 3
+            )
     assert 0.75 < np.mean(of_cameras) < 1.15
     assert 0.55 < np.mean(of_points) < 1.5
 
@@ -61,12 +71,17 @@ def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
 def ratios(centres):
     """Of distances between five places [5, 3]; no frame and no scale changes them."""
     a, b, c, d, e = centres
-    return np.array([np.linalg.norm(a - e) / np.linalg.norm(b - d), np.linalg.norm(a - c) / np.linalg.norm(c - e)])
+    return np.array(
+        [
+            np.linalg.norm(a - e) / np.linalg.norm(b - d),
+            np.linalg.norm(a - c) / np.linalg.norm(c - e),
+        ]
+    )
 
 
 def test_without_a_board_ratios_of_distances_are_as_promised():
-    """40 draws tell a variance to 22 %; without a board the unknowns fit a third of the residuals, which the noise must
-    make up for."""
+    """40 draws tell a variance to 22 %; without a board the unknowns fit a third of the residuals,
+    which the noise must make up for."""
     errors, promised = [], []
     for seed in range(40):
         scene = noisy_model(seed)
@@ -77,8 +92,12 @@ def test_without_a_board_ratios_of_distances_are_as_promised():
         slope = np.zeros((2, bundle.size))
         for i, image in enumerate(bundle.images):
             steps = 1e-6 * np.eye(3)[:, None] * np.eye(5)[i][:, None]
-            by_centre = np.stack([(ratios(centres + s) - ratios(centres)) / 1e-6 for s in steps], axis=1)
-            slope[:, known.places[image.name][:3]] = -by_centre @ image.cam_from_world().rotation.matrix().T
+            by_centre = np.stack(
+                [(ratios(centres + s) - ratios(centres)) / 1e-6 for s in steps], axis=1
+            )
+            slope[:, known.places[image.name][:3]] = (
+                -by_centre @ image.cam_from_world().rotation.matrix().T
+            )
         promised.append(np.diag(slope @ known.matrix @ slope.T))
         errors.append(ratios(centres) - ratios([-R.T @ t for R, t in scene.poses.values()]))
     honest = np.mean(np.square(errors) / promised, axis=0)
@@ -90,14 +109,19 @@ def test_without_a_board_seven_freedoms_are_left_out_and_nothing_else():
     bundle = Bundle(scene.model, {}, {})
     information, _, _ = bundle.normal().reduced(0.0)
     covariance = camera_covariance(bundle, Scale("none")).matrix
-    assert np.linalg.matrix_rank(covariance, tol=1e-9 * np.trace(covariance), hermitian=True) == bundle.size - 7
-    # a generalised inverse, to the rounding of numbers that differ by 1e4 between metres and radians
+    assert (
+        np.linalg.matrix_rank(covariance, tol=1e-9 * np.trace(covariance), hermitian=True)
+        == bundle.size - 7
+    )
+    # a generalised inverse, to the rounding of numbers that differ by 1e4 between metres and
+    # radians
     for a, b in ((information, covariance), (covariance, information)):
         np.testing.assert_allclose(a @ b @ a, a, atol=1e-8 * np.abs(a).max())
 
 
 def test_known_poses_hold_the_frame_to_what_they_miss():
-    """The mean of five centres, each known to 2 mm along each axis, is known to 2/√5 mm: no feature tells of it."""
+    """The mean of five centres, each known to 2 mm along each axis, is known to 2/√5 mm: no feature
+    tells of it."""
     scene = noisy_model()
     bundle = Bundle(scene.model, {}, {})
     known = camera_covariance(bundle, Scale("poses", 5, 5, 2e-3))
@@ -112,7 +136,8 @@ def test_known_poses_hold_the_frame_to_what_they_miss():
 
 
 def test_a_point_moves_to_where_the_rays_of_the_moved_cameras_meet():
-    """Of one certain movement; the shift is linear to 1e-6 of itself, the step over the distance."""
+    """Of one certain movement; the shift is linear to 1e-6 of itself, the step over the
+    distance."""
     scene = noisy_model(noise=0, off=0)
     bundle = Bundle(scene.model, scene.corners, scene.corners_m, (0, 4))
     point_m, images = np.array([0.03, -0.05, 0.04]), bundle.images
@@ -127,7 +152,9 @@ def test_a_point_moves_to_where_the_rays_of_the_moved_cameras_meet():
         chosen = [p for p, s in zip(pixels, seen, strict=True) if s]
         shift_m = meeting_point(shown, chosen, point_m) - point_m
         bundle.restore(state)
-        np.testing.assert_allclose(covariance, np.outer(shift_m, shift_m), atol=1e-4 * (shift_m @ shift_m))
+        np.testing.assert_allclose(
+            covariance, np.outer(shift_m, shift_m), atol=1e-4 * (shift_m @ shift_m)
+        )
 
 
 def test_along_a_single_ray_nothing_is_promised_to_move():
@@ -150,7 +177,9 @@ def test_more_points_and_less_noise_make_it_smaller():
 
     plain = sigma()
     assert np.mean(sigma(points=160) / plain) < 0.95
-    np.testing.assert_allclose(sigma(noise=2.0) / plain, 2, rtol=0.1)  # but for what is no more linear
+    np.testing.assert_allclose(
+        sigma(noise=2.0) / plain, 2, rtol=0.1
+    )  # but for what is no more linear
 
 
 @pytest.mark.parametrize("free", [(), (4, 5, 6, 7)])

@@ -1,9 +1,9 @@
-"""Bundle adjustment and the board's frame where geometry tells little: photographs from one place, plane scenes, wrong
-corners, a board that is seen from places that draw together.
+"""Bundle adjustment and the board's frame where geometry tells little: photographs from one place,
+plane scenes, wrong corners, a board that is seen from places that draw together.
 
-Five photographs of loose points before a board of five markers, with seeded noise. A pose is judged by its own standard
-deviation, which has to grow where the geometry tells less: of 340 normal numbers one is beyond 4.8 σ once in 1800
-times.
+Five photographs of loose points before a board of five markers, with seeded noise. A pose is judged
+by its own standard deviation, which has to grow where the geometry tells less: of 340 normal
+numbers one is beyond 4.8 σ once in 1800 times.
 """
 
 from dataclasses import dataclass
@@ -32,15 +32,16 @@ CORNERS_M = {i: SQUARE_M + (*at, BOARD_M) for i, at in enumerate(MARKERS_M)}
 
 @dataclass(frozen=True)
 class Scene:
-    """A COLMAP model whose poses and points are a little off, the corners that its photographs show, and the true poses
-    (R, t) by photograph."""
+    """A COLMAP model whose poses and points are a little off, the corners that its photographs
+    show, and the true poses (R, t) by photograph."""
 
     model: Any
     corners: dict[str, dict[tuple[int, int], np.ndarray]]
     poses: dict[str, tuple[np.ndarray, np.ndarray]]
 
     def errors(self, bundle: Bundle) -> np.ndarray:
-        """Errors of a bundle's parameters [d], in its own terms: x → x + τ + ω × x, then intrinsics."""
+        """Errors of a bundle's parameters [d], in its own terms: x → x + τ + ω × x, then
+        intrinsics."""
         error = np.zeros(bundle.size)
         for image in bundle.images:
             R, t = self.poses[image.name]
@@ -52,14 +53,21 @@ class Scene:
         return error
 
 
-def photographed(spread: float = 1.0, depth: float = 1.0, off: float = 1e-3, seed: int = 0) -> Scene:
-    """spread: of the cameras' places, 1: over 70°, 0: all in one place, turned about themselves; depth: of the points,
-    1: 160 mm, 0: on the board's plane; off: of the poses and points at the start, radians and metres."""
+def photographed(
+    spread: float = 1.0, depth: float = 1.0, off: float = 1e-3, seed: int = 0
+) -> Scene:
+    """spread: of the cameras' places, 1: over 70°, 0: all in one place, turned about themselves;
+    depth: of the points, 1: 160 mm, 0: on the board's plane; off: of the poses and points at the
+    start, radians and metres."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)
-    points_m = np.random.default_rng(99).uniform((-0.12, -0.10, -0.08), (0.12, 0.10, 0.08), (POINTS, 3))
+    points_m = np.random.default_rng(99).uniform(
+        (-0.12, -0.10, -0.08), (0.12, 0.10, 0.08), (POINTS, 3)
+    )
     points_m[:, 2] = BOARD_M + depth * (points_m[:, 2] - BOARD_M)
     model, corners, poses = colmap.Reconstruction(), {}, {}
-    camera = colmap.Camera(camera_id=1, model="OPENCV", width=SIZE_PX[0], height=SIZE_PX[1], params=PARAMS)
+    camera = colmap.Camera(
+        camera_id=1, model="OPENCV", width=SIZE_PX[0], height=SIZE_PX[1], params=PARAMS
+    )
     model.add_camera_with_trivial_rig(camera)
 
     def pixels(at_m: np.ndarray, noise_px: float) -> np.ndarray:
@@ -68,9 +76,13 @@ def photographed(spread: float = 1.0, depth: float = 1.0, off: float = 1e-3, see
 
     for i, along in enumerate(np.linspace(-1, 1, VIEWS)):
         angle = 0.2 + 0.6 * spread * along
-        centre_m = DISTANCE_M * np.array([np.sin(angle), spread * (0.35 * np.cos(3 * i) - 0.3), np.cos(angle)])
+        centre_m = DISTANCE_M * np.array(
+            [np.sin(angle), spread * (0.35 * np.cos(3 * i) - 0.3), np.cos(angle)]
+        )
         towards = Rotation.align_vectors([(0, 0, 1), (0, 1, 0)], [-centre_m, (0, -1, 0)])[0]
-        R = (Rotation.from_rotvec([0.1 * np.cos(2 * i), 0.1 * np.sin(2 * i), 0.1 * i]) * towards).as_matrix()
+        R = (
+            Rotation.from_rotvec([0.1 * np.cos(2 * i), 0.1 * np.sin(2 * i), 0.1 * i]) * towards
+        ).as_matrix()
         t, name = -R @ centre_m, f"p{i}.png"
         poses[name] = R, t
         seen = [colmap.Point2D(pixel) for pixel in pixels(points_m, FEATURE_PX)]
@@ -89,7 +101,8 @@ def photographed(spread: float = 1.0, depth: float = 1.0, off: float = 1e-3, see
 
 
 def off_in_sigmas(scene: Scene, free: tuple[int, ...]) -> float:
-    """Largest error of a camera's parameter after the adjustment, in its own standard deviations."""
+    """Largest error of a camera's parameter after the adjustment, in its own standard
+    deviations."""
     adjust(scene.model, scene.corners, CORNERS_M, free)
     bundle = Bundle(scene.model, scene.corners, CORNERS_M, free)
     variance = np.diag(camera_covariance(bundle, Scale("board")).matrix)
@@ -118,7 +131,8 @@ def test_a_plane_from_one_place_is_as_uncertain_as_it_says(seed, lens):
 
 @pytest.mark.parametrize("size_px", [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
 def test_misread_corners_of_a_marker_in_five_pull_no_further_than_their_weight(size_px):
-    """With Cauchy's weights a wrong number pulls by 1.2 σ at most: 4 of them beside 16 add 0.36 to the variance."""
+    """With Cauchy's weights a wrong number pulls by 1.2 σ at most: 4 of them beside 16 add 0.36 to
+    the variance."""
     scene, rng = photographed(), np.random.default_rng(7)
     for corners in scene.corners.values():
         for k in range(4):
@@ -128,12 +142,17 @@ def test_misread_corners_of_a_marker_in_five_pull_no_further_than_their_weight(s
 
 
 def board() -> Board:
-    return Board(marker=tuple(Marker(id=i, corners_m=tuple(map(tuple, c.tolist()))) for i, c in CORNERS_M.items()))
+    return Board(
+        marker=tuple(
+            Marker(id=i, corners_m=tuple(map(tuple, c.tolist()))) for i, c in CORNERS_M.items()
+        )
+    )
 
 
 @pytest.mark.parametrize("spread", np.logspace(0, -3, 13))
 def test_a_board_seen_from_places_that_draw_together_has_the_right_scale_or_none(spread):
-    """σ = stated residual over the root of the corners' squared extents, at most: all errors lie along one axis."""
+    """σ = stated residual over the root of the corners' squared extents, at most: all errors lie
+    along one axis."""
     extent_m = np.concatenate(list(CORNERS_M.values()))
     lever_m = np.sqrt(((extent_m - extent_m.mean(axis=0)) ** 2).sum())
     scene = photographed(float(spread), off=0.0)

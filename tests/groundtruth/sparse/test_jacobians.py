@@ -47,7 +47,9 @@ def cameras(draw):
     """Params, R, t and points before the camera; millimetres from it to kilometres."""
     random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     f = draw(st.floats(100, 20_000))
-    params = np.array([f, f * random.uniform(0.9, 1.1), *random.uniform(100, 700, 2), *random.normal(0, 0.05, 4)])
+    params = np.array(
+        [f, f * random.uniform(0.9, 1.1), *random.uniform(100, 700, 2), *random.normal(0, 0.05, 4)]
+    )
     R = Rotation.random(rng=random).as_matrix()
     reach = 10 ** draw(st.floats(-3, 3))
     x = random.uniform((-0.4, -0.4, 0.5), (0.4, 0.4, 1.5), (7, 3)) * reach
@@ -71,7 +73,8 @@ def test_derivatives_are_those_of_an_independent_projection(camera):
     )
     found = by_point, by_camera[..., :3], by_camera[..., 3:6], by_camera[..., 6:]
     for ours, theirs in zip(found, expected, strict=True):
-        # pixels up to 2e4 are rounded to 4e-12: over twice a step of 1e-6 that is 2e-6, and 1e-8 of the slopes by depth
+        # pixels up to 2e4 are rounded to 4e-12: over twice a step of 1e-6 that is 2e-6, and 1e-8 of
+        # the slopes by depth
         scale = np.abs(theirs).max()
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-7 * scale + 4e-6)
 
@@ -92,4 +95,6 @@ def test_other_lenses_are_taken_as_they_are():
     _model, image = image_of((900.0, 400.0, 300.0, -0.1), np.eye(3), np.zeros(3), "SIMPLE_RADIAL")
     points_m = np.array([(0.1, -0.2, 1.0), (-0.3, 0.1, 1.2)])
     _, by_camera = pixel_jacobians(image, points_m, (0,))
-    np.testing.assert_allclose(by_camera[..., 6], (project(image, points_m) - (400, 300)) / 900, rtol=1e-6)
+    np.testing.assert_allclose(
+        by_camera[..., 6], (project(image, points_m) - (400, 300)) / 900, rtol=1e-6
+    )

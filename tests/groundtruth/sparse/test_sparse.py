@@ -1,4 +1,5 @@
-"""Photographs that do not register, and models without depth: said or refused before the work starts."""
+"""Photographs that do not register, and models without depth: said or refused before the work
+starts."""
 
 import pytest
 
@@ -22,7 +23,9 @@ def test_cameras_that_hardly_moved_are_refused():
         if fine:
             check_geometry(model)
         else:
-            with pytest.raises(HandbenchError, match=r"moved by \d\.\d\d% of the distance to the scene only, 3%"):
+            with pytest.raises(
+                HandbenchError, match=r"moved by \d\.\d\d% of the distance to the scene only, 3%"
+            ):
                 check_geometry(model)
 
 

@@ -8,7 +8,12 @@ import pytest
 
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.camera_files import read_model
-from handbench.groundtruth.cameras.cameras import load_cameras, load_pycolmap, registered, save_cameras
+from handbench.groundtruth.cameras.cameras import (
+    load_cameras,
+    load_pycolmap,
+    registered,
+    save_cameras,
+)
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
@@ -35,7 +40,11 @@ def taken(tmp_path_factory):
         R = camera_rotation(-np.array(centre_m))
         pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
         params = (440.0, 440.0, 200.0, 150.0)
-        cameras.append(temple.Camera(name=f"p{i}.png", width=400, height=300, model="PINHOLE", params=params, **pose))
+        cameras.append(
+            temple.Camera(
+                name=f"p{i}.png", width=400, height=300, model="PINHOLE", params=params, **pose
+            )
+        )
     save_cameras(folder / "cameras.json", tuple(cameras))
     return folder
 
@@ -56,21 +65,28 @@ def moved(folder, name, metres):
     """The file's cameras with each moved at random, written beside it."""
     random = np.random.default_rng(0)
     cameras = load_cameras(folder / "cameras.json")
-    shifted = [c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, metres, 3))}) for c in cameras]
+    shifted = [
+        c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, metres, 3))})
+        for c in cameras
+    ]
     save_cameras(folder / name, tuple(shifted))
     return tuple(shifted)
 
 
 def _off_m(cameras, true):
     """Mean distance of the cameras' centres from the true ones after one similarity."""
-    centres_m, true_m = (np.array([c.centre_m for c in each]) for each in (cameras, [true[c.name] for c in cameras]))
+    centres_m, true_m = (
+        np.array([c.centre_m for c in each]) for each in (cameras, [true[c.name] for c in cameras])
+    )
     matrix = umeyama(centres_m, true_m, with_scale=True)
     return np.linalg.norm(centres_m @ matrix[:3, :3].T + matrix[:3, 3] - true_m, axis=1).mean()
 
 
 def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, taken):
     given = load_cameras(taken / "cameras.json")
-    assert found.scale.source == "poses" and found.scale.residual_m == 0 and found.scale.used == VIEWS
+    assert (
+        found.scale.source == "poses" and found.scale.residual_m == 0 and found.scale.used == VIEWS
+    )
     for camera, true in zip(found.cameras(), given, strict=True):
         assert camera.params == true.params and camera.t == true.t
         np.testing.assert_allclose(camera.rotation, true.rotation, atol=1e-15)
@@ -88,7 +104,10 @@ def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_said(photos, c
     refined = solved(photos, cameras=photos / "moved.json", refine_poses=True)
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("refined: ")]
     assert len(said) == 1 and "the given cameras moved by" in said[0]
-    assert refined.model.compute_mean_reprojection_error() < 0.5 * held.model.compute_mean_reprojection_error()
+    assert (
+        refined.model.compute_mean_reprojection_error()
+        < 0.5 * held.model.compute_mean_reprojection_error()
+    )
     assert _off_m(refined.cameras(), true) < 0.2 * _off_m(given, true)
     assert 0 < refined.scale.residual_m < 6e-3
 
@@ -104,21 +123,30 @@ def test_a_model_without_points_is_completed(found, photos):
     assert completed.scale.source == "model" and completed.model.num_points3D() > 1000
     given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
     for image in registered(completed.model):
-        np.testing.assert_allclose(image.projection_center(), given[image.name].centre_m, atol=1e-12)
+        np.testing.assert_allclose(
+            image.projection_center(), given[image.name].centre_m, atol=1e-12
+        )
 
 
 def test_wrong_poses_are_refused(photos):
     given = load_cameras(photos / "cameras.json")
-    turned = tuple(c.model_copy(update={"R": tuple(map(tuple, c.rotation.T.tolist()))}) for c in given)
+    turned = tuple(
+        c.model_copy(update={"R": tuple(map(tuple, c.rotation.T.tolist()))}) for c in given
+    )
     save_cameras(photos / "turned.json", turned)
-    with pytest.raises(HandbenchError, match=r"matched features agree with the given poses.*world to camera"):
+    with pytest.raises(
+        HandbenchError, match=r"matched features agree with the given poses.*world to camera"
+    ):
         solved(photos, cameras=photos / "turned.json")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"refine_poses": True, "intrinsics": (440, 440, 200, 150)}, "refine_poses: not all photographs have a pose"),
+        (
+            {"refine_poses": True, "intrinsics": (440, 440, 200, 150)},
+            "refine_poses: not all photographs have a pose",
+        ),
         ({"refine_distortion": True}, "refine_distortion: is for --intrinsics"),
     ],
 )

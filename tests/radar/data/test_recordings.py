@@ -1,4 +1,5 @@
-"""Captures of any kind by `echoes.h5`: a file of version 2 becomes the capture that version 1 would hold."""
+"""Captures of any kind by `echoes.h5`: a file of version 2 becomes the capture that version 1 would
+hold."""
 
 from dataclasses import replace
 
@@ -52,7 +53,9 @@ def test_versions_of_the_same_echoes_are_the_same_capture(tmp_path):
         np.testing.assert_array_equal(other.samples, first.samples)
         np.testing.assert_array_equal(other.frequencies_hz, first.frequencies_hz)
         for name in ("tx_m", "rx_m"):
-            np.testing.assert_array_equal(getattr(other.aperture, name), getattr(first.aperture, name))
+            np.testing.assert_array_equal(
+                getattr(other.aperture, name), getattr(first.aperture, name)
+            )
         assert other.aperture.measured is None
 
 
@@ -65,14 +68,23 @@ def test_pairs_that_were_not_measured_are_zeros_that_are_known(tmp_path):
     for capture in (listed, blank, gains):
         np.testing.assert_array_equal(capture.aperture.measured, there)
         np.testing.assert_array_equal(capture.samples, np.where(there, SAMPLES, 0))
-    with pytest.raises(HandbenchError, match="1 of 120 are NaN or infinite"):  # a channel with one bad tone
-        loaded(tmp_path, samples=np.where(np.arange(120).reshape(SAMPLES.shape) == 3, np.nan, SAMPLES))
+    with pytest.raises(
+        HandbenchError, match="1 of 120 are NaN or infinite"
+    ):  # a channel with one bad tone
+        loaded(
+            tmp_path, samples=np.where(np.arange(120).reshape(SAMPLES.shape) == 3, np.nan, SAMPLES)
+        )
 
 
 def test_samples_are_divided_by_gains(tmp_path):
-    by_channel, by_tone = np.exp(1j * RNG.uniform(-3, 3, (T, R))), RNG.uniform(1, 2, (5, T, R)) * (1 + 0.2j)
+    by_channel, by_tone = (
+        np.exp(1j * RNG.uniform(-3, 3, (T, R))),
+        RNG.uniform(1, 2, (5, T, R)) * (1 + 0.2j),
+    )
     for gains in (by_channel, by_tone):
-        capture = loaded(tmp_path, {"time": "-jwt"}, samples=(SAMPLES * gains).conj(), gains=gains.conj())
+        capture = loaded(
+            tmp_path, {"time": "-jwt"}, samples=(SAMPLES * gains).conj(), gains=gains.conj()
+        )
         np.testing.assert_allclose(capture.samples, SAMPLES, rtol=1e-6)  # single precision
 
 
@@ -80,7 +92,9 @@ def test_repeated_sweeps_are_averaged_or_become_frames(tmp_path):
     sweeps = np.stack([SAMPLES + 1, SAMPLES - 1, SAMPLES], axis=1)
     mean = loaded(tmp_path, {"sweeps": "mean"}, samples=sweeps)
     np.testing.assert_allclose(mean.samples, SAMPLES, atol=1e-6)
-    with pytest.raises(HandbenchError, match="10 of 120 are NaN"):  # one sweep of a channel failed, the others did not
+    with pytest.raises(
+        HandbenchError, match="10 of 120 are NaN"
+    ):  # one sweep of a channel failed, the others did not
         failed = np.where(np.arange(36).reshape(1, 3, 1, T, R) == 5, np.nan, sweeps)
         loaded(tmp_path, {"sweeps": "mean"}, samples=failed)
     frames = loaded(tmp_path, {"sweeps": "frames"}, samples=sweeps)
@@ -91,7 +105,11 @@ def test_a_short_list_of_pairs_is_no_array(tmp_path):
     """An array of both antennas' places would have SPARSE times as many pairs, or more."""
     n = SPARSE + 1
     places = RNG.uniform(-0.1, 0.1, (n, 3))
-    together = {"tx_m": places, "rx_m": places + [0.01, 0, 0], "pairs": np.repeat(np.arange(n)[:, None], 2, axis=1)}
+    together = {
+        "tx_m": places,
+        "rx_m": places + [0.01, 0, 0],
+        "pairs": np.repeat(np.arange(n)[:, None], 2, axis=1),
+    }
     samples = (RNG.standard_normal((1, 5, n, 2)) @ [1, 1j]).astype(np.complex64)
     capture = loaded(tmp_path, samples=samples, **together)
     assert isinstance(capture.aperture, BistaticScan)
@@ -110,10 +128,14 @@ def test_a_scan_without_some_of_its_positions(tmp_path):
 
 
 def test_several_arrays_hear_themselves_alone():
-    one, other = (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M + x, RX_M + x)) for x in (0.0, 1.0))
+    one, other = (
+        RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M + x, RX_M + x)) for x in (0.0, 1.0)
+    )
     capture = joined([one, other])
     assert capture.samples.shape == (2, 5, 2 * T, 2 * R)
-    np.testing.assert_array_equal(capture.aperture.measured, np.kron(np.eye(2), np.ones((T, R))) > 0)
+    np.testing.assert_array_equal(
+        capture.aperture.measured, np.kron(np.eye(2), np.ones((T, R))) > 0
+    )
     for k, x in enumerate((0.0, 1.0)):
         block = np.s_[:, :, k * T : (k + 1) * T, k * R : (k + 1) * R]
         np.testing.assert_array_equal(capture.samples[block], SAMPLES)
@@ -142,9 +164,30 @@ MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
     [
         (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M, RX_M)), 1),
         (RadarCapture(SAMPLES[..., 0], TONES_HZ, PlanarScan(TX_M)), 1),
-        (RadarCapture(np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)), 2),
-        (RadarCapture(np.tile(SAMPLES[..., 0], 6), TONES_HZ, BistaticScan(*RNG.uniform(size=(2, 18, 3)))), 2),
-        (RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M, RX_M), 2e8, "a laboratory", "CC BY 4.0", {"tx": [1]}), 2),
+        (
+            RadarCapture(
+                np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)
+            ),
+            2,
+        ),
+        (
+            RadarCapture(
+                np.tile(SAMPLES[..., 0], 6), TONES_HZ, BistaticScan(*RNG.uniform(size=(2, 18, 3)))
+            ),
+            2,
+        ),
+        (
+            RadarCapture(
+                SAMPLES,
+                TONES_HZ,
+                AntennaArray(TX_M, RX_M),
+                2e8,
+                "a laboratory",
+                "CC BY 4.0",
+                {"tx": [1]},
+            ),
+            2,
+        ),
     ],
 )
 def test_what_was_saved_comes_back(tmp_path, capture, version):
@@ -160,16 +203,22 @@ def test_what_was_saved_comes_back(tmp_path, capture, version):
 
 
 def test_thinning_keeps_what_was_measured():
-    capture = RadarCapture(np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED))
+    capture = RadarCapture(
+        np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)
+    )
     np.testing.assert_array_equal(thinned(capture, 2).aperture.measured, MEASURED[::2, ::2])
     lonely = np.zeros((T, R), bool)
     lonely[1, 1] = True
     with pytest.raises(HandbenchError, match="is anything left"):
-        thinned(RadarCapture(np.where(lonely, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, lonely)), 2)
+        thinned(
+            RadarCapture(np.where(lonely, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, lonely)),
+            2,
+        )
 
 
 def test_the_array_s_calibration_lies_inside(tmp_path):
-    """The samples of the inner file are those of the one beside; without either, nothing is applied."""
+    """The samples of the inner file are those of the one beside; without either, nothing is
+    applied."""
     calibration = array_calibration(TX_M, RX_M)
     save_array(tmp_path / "array.json", calibration)
     there = np.argwhere(MEASURED)
@@ -191,25 +240,49 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
 @pytest.mark.parametrize(
     ("attributes", "data", "reason"),
     [
-        ({}, {"tx_m": None, "samples": None}, "version 2 lacks data set 'samples', data set 'tx_m'; add them"),
+        (
+            {},
+            {"tx_m": None, "samples": None},
+            "version 2 lacks data set 'samples', data set 'tx_m'; add them",
+        ),
         ({"wave_speed": 1e8}, {}, "unknown 'wave_speed'; did you mean 'wave_speed_m_s'?"),
         ({}, {"gain": np.ones((T, R))}, "unknown 'gain'; did you mean 'gains'?"),
         ({"time": "jwt"}, {}, r"time is 'jwt'; expected '\+jwt' or '-jwt'"),
         ({"frame": "z"}, {}, "frame is 'z'; expected 'x left, y up, z away' or"),
         ({"units": "mm"}, {}, "units is 'mm'; expected 'm, Hz, m/s'"),
-        ({"sweeps": "median"}, {"samples": SAMPLES[:, None]}, "sweeps: is 'median'; expected mean or frames"),
-        ({"sweeps": "mean"}, {}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, sweep, 5, 3, 4\]"),
+        (
+            {"sweeps": "median"},
+            {"samples": SAMPLES[:, None]},
+            "sweeps: is 'median'; expected mean or frames",
+        ),
+        (
+            {"sweeps": "mean"},
+            {},
+            r"samples: have shape \(2, 5, 3, 4\); expected \[frame, sweep, 5, 3, 4\]",
+        ),
         ({"wave_speed_m_s": "fast"}, {}, "expected one number"),
-        ({}, {"gains": np.ones((T, R + 1))}, r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone"),
+        (
+            {},
+            {"gains": np.ones((T, R + 1))},
+            r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone",
+        ),
         ({}, {"gains": np.zeros((T, R))}, "no channel was measured"),
         ({}, {"pairs": EVERY}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, 5, 12\]"),
-        ({}, {"pairs": EVERY + 1, "samples": SAMPLES.reshape(2, 5, -1)}, "pairs: .* whole numbers from 0, of one of 3"),
+        (
+            {},
+            {"pairs": EVERY + 1, "samples": SAMPLES.reshape(2, 5, -1)},
+            "pairs: .* whole numbers from 0, of one of 3",
+        ),
         (
             {},
             {"pairs": EVERY * 0, "samples": SAMPLES.reshape(2, 5, -1)},
             "pairs: 11 are there again; expected each once",
         ),
-        ({}, {"position_m": TX_M}, "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples"),
+        (
+            {},
+            {"position_m": TX_M},
+            "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples",
+        ),
         ({}, {"array.json": np.ones(3)}, "holds float64 of shape"),
         ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],
@@ -217,7 +290,9 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
 def test_what_does_not_fit_is_named(tmp_path, attributes, data, reason):
     with pytest.raises(HandbenchError, match=reason) as caught:
         loaded(tmp_path, attributes, **data)
-    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(tmp_path / "echoes.h5"))
+    assert "\n" not in str(caught.value) and str(caught.value).startswith(
+        str(tmp_path / "echoes.h5")
+    )
 
 
 def test_all_that_is_missing_is_named_at_once(tmp_path):
@@ -231,5 +306,7 @@ def test_all_that_is_missing_is_named_at_once(tmp_path):
 
 def test_texts_of_fixed_length_are_texts(tmp_path):
     """MATLAB's h5writeatt writes them so."""
-    fixed = {name: np.bytes_(value) for name, value in TOLD.items()} | {"licence": np.bytes_("CC0-1.0")}
+    fixed = {name: np.bytes_(value) for name, value in TOLD.items()} | {
+        "licence": np.bytes_("CC0-1.0")
+    }
     assert loaded(tmp_path, fixed | {"version": np.float64(2)}).licence == "CC0-1.0"

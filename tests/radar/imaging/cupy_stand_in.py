@@ -1,7 +1,9 @@
-"""A module that stands in for CuPy where there is no GPU: numpy behind arrays as strict as a device's.
+"""A module that stands in for CuPy where there is no GPU: numpy behind arrays as strict as a
+device's.
 
-An array lives on the "device" and mixes with others there and with scalars alone: what would meet a numpy array, or
-turn silently into one, raises as CuPy does. Only functions that CuPy has under the same name exist.
+An array lives on the "device" and mixes with others there and with scalars alone: what would meet a
+numpy array, or turn silently into one, raises as CuPy does. Only functions that CuPy has under the
+same name exist.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ class DeviceArray(NDArrayOperatorsMixin):
         if name in ATTRIBUTES:
             return _wrapped(getattr(self._inner, name))
         if name in METHODS:
-            return lambda *args, **options: _wrapped(getattr(self._inner, name)(*_bare(args), **_bare(options)))
+            return lambda *args, **options: _wrapped(
+                getattr(self._inner, name)(*_bare(args), **_bare(options))
+            )
         raise AttributeError(f"{name}: not among the attributes known to exist in CuPy")
 
     def __setattr__(self, name, value):
@@ -101,10 +105,17 @@ def cupy_stand_in() -> ModuleType:
     module = ModuleType("cupy")
     for name in FUNCTIONS:
         setattr(module, name, _function(name))
-    module.asarray = lambda value, dtype=None: DeviceArray(np.array(getattr(value, "_inner", value), dtype=dtype))
-    runtime = SimpleNamespace(getDeviceCount=lambda: 1, getDeviceProperties=lambda _: {"name": b"Stand-in"})
+    module.asarray = lambda value, dtype=None: DeviceArray(
+        np.array(getattr(value, "_inner", value), dtype=dtype)
+    )
+    runtime = SimpleNamespace(
+        getDeviceCount=lambda: 1, getDeviceProperties=lambda _: {"name": b"Stand-in"}
+    )
     module.cuda = SimpleNamespace(
-        runtime=runtime, Device=lambda: SimpleNamespace(id=0), Event=_Event, get_elapsed_time=lambda *_: 1.0
+        runtime=runtime,
+        Device=lambda: SimpleNamespace(id=0),
+        Event=_Event,
+        get_elapsed_time=lambda *_: 1.0,
     )
     return module
 

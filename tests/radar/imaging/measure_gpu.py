@@ -1,7 +1,8 @@
-"""Imaging on a CUDA device: milliseconds between CUDA events, copies to and from the device included.
+"""Imaging on a CUDA device: milliseconds between CUDA events, copies to and from the device
+included.
 
-The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. --device cpu times the same on
-the processor, numpy in CuPy's place.
+The echoes are those of a bumpy surface at 0.28 m; grid, tones and array are the paper's. --device
+cpu times the same on the processor, numpy in CuPy's place.
 
 python -m tests.radar.imaging.measure_gpu [--device cuda|cpu|numpy] [--repeats 10] [-o DIR]
 """
@@ -34,7 +35,9 @@ from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 
 TOLERANCE = 1e-3
-SHARE = Axis(start_m=-0.03, stop_m=0.03, step_m=0.001)  # x and y of the exact sum's part of the volume
+SHARE = Axis(
+    start_m=-0.03, stop_m=0.03, step_m=0.001
+)  # x and y of the exact sum's part of the volume
 FIRST = "the first call: with the plan and, once per machine, the compilation"
 WHOLE = "of the exact sum of the whole volume, from the part's"
 ERROR = "relative L2 error at random voxels against the processor's exact sum"
@@ -60,9 +63,11 @@ def study(work: Path, device: str, repeats: int) -> Study:
     )
 
 
-def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeats: int) -> list[Record]:
-    """One row each for the exact sum of a part of the volume (x, y: `share`), the volume and its projection at
-    TOLERANCE, and a 3-FSK frame, exact and at TOLERANCE."""
+def measure(
+    volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeats: int
+) -> list[Record]:
+    """One row each for the exact sum of a part of the volume (x, y: `share`), the volume and its
+    projection at TOLERANCE, and a 3-FSK frame, exact and at TOLERANCE."""
     grid, part = volume.grid(), volume.model_copy(update={"x": share, "y": share}).grid()
     wide = surface_echoes(volume.tones_hz())
     tones = surface_echoes(np.array(frame.ladder_hz))
@@ -72,13 +77,18 @@ def measure(volume: BroadbandConfig, frame: ThreeToneConfig, share: Axis, repeat
     fast, volume_row = _timed("volume", lambda: image_volume(*one, grid, TOLERANCE), repeats)
     _, peaks_row = _timed("projection", lambda: project_volume(*one, grid, TOLERANCE), repeats)
     frames = [
-        _timed(name, partial(fsk_with_uncertainty, tones, frame.model_copy(update={"tolerance": tolerance})), repeats)[
-            1
-        ]
+        _timed(
+            name,
+            partial(fsk_with_uncertainty, tones, frame.model_copy(update={"tolerance": tolerance})),
+            repeats,
+        )[1]
         for name, tolerance in (("3-FSK frame, exact", None), ("3-FSK frame", TOLERANCE))
     ]
     share_row |= {"voxels": exact.size, "whole_volume_ms": share_row["ms"] * whole}
-    share_row["error"], volume_row["error"] = imaging_error(exact, *one, part), imaging_error(fast, *one, grid)
+    share_row["error"], volume_row["error"] = (
+        imaging_error(exact, *one, part),
+        imaging_error(fast, *one, grid),
+    )
     volume_row["voxels"] = fast.size
     return [share_row, volume_row, peaks_row, *frames]
 
@@ -93,7 +103,8 @@ def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
 
 
 def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Record]:
-    """The value of work(), and its row: the first call's milliseconds and the median of `repeats` further ones."""
+    """The value of work(), and its row: the first call's milliseconds and the median of `repeats`
+    further ones."""
     result, first = _milliseconds(work)
     return result, {
         "what": name,
@@ -119,8 +130,12 @@ def main() -> None:
     """Time, write the files of a study, print the table."""
     prog, purpose = "python -m tests.radar.imaging.measure_gpu", (__doc__ or "").partition("\n")[0]
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("--device", choices=("cuda", "cpu", "numpy"), default="cuda", help="default cuda")
-    parser.add_argument("--repeats", type=int, default=10, help="timings after the first (default 10)")
+    parser.add_argument(
+        "--device", choices=("cuda", "cpu", "numpy"), default="cuda", help="default cuda"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=10, help="timings after the first (default 10)"
+    )
     measured(parser, study, "gpu")
 
 

@@ -14,12 +14,15 @@ from tests.radar.samples import noise, relative_error
 from tests.strategies import examples
 
 PAPER_HZ = np.linspace(72e9, 82e9, 128)
-# A float32 sum of N terms of random sign loses about √N · 6e-8 of its size; 1e-5 is the project's bar.
+# A float32 sum of N terms of random sign loses about √N · 6e-8 of its size; 1e-5 is the project's
+# bar.
 RELATIVE = 1e-5
 
 
 def paper_points(count: int, seed: int = 1) -> np.ndarray:
-    return np.random.default_rng(seed).uniform([-0.15, -0.15, 0.245], [0.15, 0.15, 0.325], (count, 3))
+    return np.random.default_rng(seed).uniform(
+        [-0.15, -0.15, 0.245], [0.15, 0.15, 0.325], (count, 3)
+    )
 
 
 def test_broadband_at_random_points_agrees_with_the_direct_sum():
@@ -60,7 +63,8 @@ def test_any_array_at_any_range_agrees_with_the_direct_sum(t, r, n, offset_m, se
     points = generator.uniform(-0.05, 0.05, (n, 3)) + [0, 0, 0.2 + offset_m]
     tones_hz, samples = generator.uniform(60e9, 90e9, 3), noise((3, t, r), seed)
     reference = direct_sum(samples, tones_hz, array, points)
-    # Cancellation may make single points small: compare with the size of the terms, 1e-6 of each (float32).
+    # Cancellation may make single points small: compare with the size of the terms, 1e-6 of each
+    # (float32).
     error = np.abs(backproject(samples, tones_hz, array, points) - reference)
     assert error.max() < 1e-6 * np.abs(samples).sum()
 

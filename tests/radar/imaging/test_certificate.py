@@ -1,4 +1,5 @@
-"""A certificate is no smaller than the error it certifies. Reference: the sum as it stands, in float64."""
+"""A certificate is no smaller than the error it certifies. Reference: the sum as it stands, in
+float64."""
 
 import numpy as np
 import pytest
@@ -22,19 +23,27 @@ MOST = 2 * FACTOR  # looser than this, a certificate says little
 
 
 def random_array(generator, t, r):
-    return AntennaArray(generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3)))
+    return AntennaArray(
+        generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3))
+    )
 
 
 def back(images, array, grid):
     """Echoes [f, t, r] of the voxels, as strong as images [f or 1, n]: the adjoint, written out."""
-    to, along = (np.linalg.norm(leg.position_m[:, None] - grid.points_m().reshape(-1, 3), axis=2) for leg in array.legs)
+    to, along = (
+        np.linalg.norm(leg.position_m[:, None] - grid.points_m().reshape(-1, 3), axis=2)
+        for leg in array.legs
+    )
     waves = [phasor(length_m, TONES_HZ[:, None, None], -1) for length_m in (to, along)]
-    return np.einsum("ftn,frn,fn->ftr", *waves, np.broadcast_to(images, (len(TONES_HZ), images.shape[1])))
+    return np.einsum(
+        "ftn,frn,fn->ftr", *waves, np.broadcast_to(images, (len(TONES_HZ), images.shape[1]))
+    )
 
 
 def echoes_of(kind, generator, array, grid, tolerance):
-    """Echoes that a tolerance finds easy (noise), hard (an image that is small beside its samples: a leak, a target
-    outside, what the voxels hardly see) or hardest: what the fast image itself gets wrong, over and over."""
+    """Echoes that a tolerance finds easy (noise), hard (an image that is small beside its samples:
+    a leak, a target outside, what the voxels hardly see) or hardest: what the fast image itself
+    gets wrong, over and over."""
     t, r = array.channels
     samples = noise((len(TONES_HZ), t, r), int(generator.integers(1 << 30)))
     if kind == "leak":
@@ -42,13 +51,21 @@ def echoes_of(kind, generator, array, grid, tolerance):
     if kind == "channel":
         samples[:, 1:] = 0
     if kind == "outside":
-        there, again = (leg.lengths_m(np.array([grid.x_m[-1] + 0.3, 0.0, 0.3])) for leg in array.legs)
+        there, again = (
+            leg.lengths_m(np.array([grid.x_m[-1] + 0.3, 0.0, 0.3])) for leg in array.legs
+        )
         samples = phasor(there[:, None] + again, TONES_HZ[:, None, None], -1)
     for _ in range(3):
         points_m = grid.points_m().reshape(-1, 3)
         if kind == "made":
-            fast = image_volume(samples.astype(np.complex64), TONES_HZ, array, grid, tolerance).reshape(1, -1)
-            samples = back(fast - exact_sums(samples.astype(np.complex64), TONES_HZ, array, points_m), array, grid)
+            fast = image_volume(
+                samples.astype(np.complex64), TONES_HZ, array, grid, tolerance
+            ).reshape(1, -1)
+            samples = back(
+                fast - exact_sums(samples.astype(np.complex64), TONES_HZ, array, points_m),
+                array,
+                grid,
+            )
             samples /= np.abs(samples).max() or 1.0
         elif kind == "unseen":
             seen = exact_sums(samples, TONES_HZ, array, points_m)
@@ -71,10 +88,14 @@ def echoes_of(kind, generator, array, grid, tolerance):
 def test_no_error_is_above_its_certificate(kind, t, r, tolerance, counts, apart, seed):
     generator = np.random.default_rng(seed)
     array = random_array(generator, t, r)
-    grid = VoxelGrid(*(low + 0.004 * np.arange(n) for low, n in zip((-0.05, 0.0, 0.25), counts, strict=True)))
+    grid = VoxelGrid(
+        *(low + 0.004 * np.arange(n) for low, n in zip((-0.05, 0.0, 0.25), counts, strict=True))
+    )
     samples = echoes_of(kind, generator, array, grid, tolerance)
     with certified() as certificate:
-        volume = image_volume(samples, TONES_HZ, array, grid, tolerance, apart).reshape(5 if apart else 1, -1)
+        volume = image_volume(samples, TONES_HZ, array, grid, tolerance, apart).reshape(
+            5 if apart else 1, -1
+        )
     exact = exact_sums(samples, TONES_HZ, array, grid.points_m().reshape(-1, 3), apart)
     errors = [relative_error(image, true) for image, true in zip(volume, exact, strict=True)]
     assert max(errors) <= certificate.bound <= MOST * max(errors)
@@ -83,17 +104,26 @@ def test_no_error_is_above_its_certificate(kind, t, r, tolerance, counts, apart,
 def test_the_sum_in_float64_is_right_to_its_last_digits():
     uneven_hz = np.sort(np.random.default_rng(1).uniform(72e9, 82e9, 40))
     points = np.array([[0.01, 0.02, 0.3], [-0.1, 0.05, 1.0]])
-    alike_hz = np.r_[[80e9] * 3, np.linspace(82e9, 72e9, 29), [81e9] * 8]  # more than once, descending
+    alike_hz = np.r_[
+        [80e9] * 3, np.linspace(82e9, 72e9, 29), [81e9] * 8
+    ]  # more than once, descending
     for tones_hz in (np.linspace(72e9, 82e9, 40), uneven_hz, alike_hz):
         samples = noise((40, 94, 94))
-        off = exact_sums(samples, tones_hz, qar50(), points)[0] - direct_sum(samples, tones_hz, qar50(), points)
+        off = exact_sums(samples, tones_hz, qar50(), points)[0] - direct_sum(
+            samples, tones_hz, qar50(), points
+        )
         assert np.abs(off).max() < 1e-12 * np.abs(samples).sum()
 
 
 @pytest.mark.parametrize("plane", [False, True])
 def test_projections_planes_and_points_are_certified_too(plane):
-    grid = VoxelGrid(0.002 * np.arange(40), 0.002 * np.arange(50), 0.3 + 0.002 * np.arange(1 if plane else 20))
-    samples, scan = noise((5, 94, 94)), PlanarScan(np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3)) * [1, 1, 0])
+    grid = VoxelGrid(
+        0.002 * np.arange(40), 0.002 * np.arange(50), 0.3 + 0.002 * np.arange(1 if plane else 20)
+    )
+    samples, scan = (
+        noise((5, 94, 94)),
+        PlanarScan(np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3)) * [1, 1, 0]),
+    )
     with certified() as certificate:
         project_volume(samples, TONES_HZ, qar50(), grid, 1e-3)
         image_points(samples, TONES_HZ, qar50(), grid.points_m(), 1e-3)
@@ -113,13 +143,25 @@ def test_an_exact_image_is_certified_to_single_precision_and_an_empty_one_to_not
 
 def test_weighted_picks_have_the_mean_of_all():
     generator = np.random.default_rng(0)
-    power, rows, counts = generator.exponential(size=(40, 100)) ** 4, np.arange(40) % 5, generator.integers(0, 5, 100)
+    power, rows, counts = (
+        generator.exponential(size=(40, 100)) ** 4,
+        np.arange(40) % 5,
+        generator.integers(0, 5, 100),
+    )
     quantity, voxels = power + generator.exponential(size=power.shape), np.outer(rows, counts)
     found = []
     for shift in range(300):  # picks depend on the number of places alone: rolled, others are met
-        moved = (np.roll(np.sqrt(power), shift, 0)[None].astype(np.complex64), np.roll(rows, shift), counts)
+        moved = (
+            np.roll(np.sqrt(power), shift, 0)[None].astype(np.complex64),
+            np.roll(rows, shift),
+            counts,
+        )
         at, weight = picked(Brightness(*moved), PICKS)
         found.append((np.roll(quantity, shift, 0)[at] * weight).mean())
         assert len(at[0]) == PICKS and np.roll(voxels, shift, 0)[at].all()
-    assert np.mean(found) == pytest.approx(np.average(quantity, weights=voxels), rel=0.1)  # ± 3 % by its scatter
-    assert Brightness(*moved).mean_square() == pytest.approx(np.average(power, weights=voxels), rel=1e-5)
+    assert np.mean(found) == pytest.approx(
+        np.average(quantity, weights=voxels), rel=0.1
+    )  # ± 3 % by its scatter
+    assert Brightness(*moved).mean_square() == pytest.approx(
+        np.average(power, weights=voxels), rel=1e-5
+    )

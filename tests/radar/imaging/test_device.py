@@ -1,4 +1,5 @@
-"""Imaging as array code, in numpy and behind a strict stand-in for CuPy, agrees with the processor's kernels."""
+"""Imaging as array code, in numpy and behind a strict stand-in for CuPy, agrees with the
+processor's kernels."""
 
 import json
 import os
@@ -54,12 +55,21 @@ def scan(positions: int) -> PlanarScan:
 
 def corner(nx=23, ny=29, nz=21) -> VoxelGrid:
     """A corner of the paper's volume."""
-    return VoxelGrid(0.1 + 1e-3 * np.arange(nx), -0.15 + 1e-3 * np.arange(ny), 0.245 + 1e-3 * np.arange(nz))
+    return VoxelGrid(
+        0.1 + 1e-3 * np.arange(nx), -0.15 + 1e-3 * np.arange(ny), 0.245 + 1e-3 * np.arange(nz)
+    )
 
 
-ARRAY = AntennaArray(qar50().tx_m[::3], qar50().rx_m[::4])  # 32 × 24: enough to be thinned, and quickly planned
+ARRAY = AntennaArray(
+    qar50().tx_m[::3], qar50().rx_m[::4]
+)  # 32 × 24: enough to be thinned, and quickly planned
 PAIRS = BistaticScan(scan(50).position_m, scan(50).position_m + [0.01, 0.02, 0.0])
-APERTURES = {"array": ARRAY, "one receiver": AntennaArray(ARRAY.tx_m, ARRAY.rx_m[:1]), "scan": scan(60), "pairs": PAIRS}
+APERTURES = {
+    "array": ARRAY,
+    "one receiver": AntennaArray(ARRAY.tx_m, ARRAY.rx_m[:1]),
+    "scan": scan(60),
+    "pairs": PAIRS,
+}
 
 
 @pytest.mark.parametrize("aperture", APERTURES.values(), ids=APERTURES)
@@ -68,8 +78,14 @@ APERTURES = {"array": ARRAY, "one receiver": AntennaArray(ARRAY.tx_m, ARRAY.rx_m
 def test_points(device, aperture, tolerance, apart):
     tones_hz = TONES_HZ[::5] if apart else TONES_HZ
     samples = noise((len(tones_hz), *aperture.channels))
-    points = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 61, 3)) * [0.06, 0.04, 0.03] + [0.0, 0.05, 0.3]
-    there, here = on(device, image_points, samples, tones_hz, aperture, points, tolerance, apart, True)
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (5, 61, 3)) * [0.06, 0.04, 0.03] + [
+        0.0,
+        0.05,
+        0.3,
+    ]
+    there, here = on(
+        device, image_points, samples, tones_hz, aperture, points, tolerance, apart, True
+    )
     assert there.shape == here.shape and there.dtype == np.complex64
     assert relative_error(there, here) < AGREED
     each = [slice(f, f + 1) for f in range(len(tones_hz))] if apart else [slice(None)]
@@ -85,7 +101,9 @@ def test_volumes(device, aperture, tolerance):
     there, here = on(device, image_volume, samples, TONES_HZ, aperture, grid, tolerance)
     assert relative_error(there, here) < AGREED
     chosen_voxels = np.random.default_rng(2).integers(0, there.size, 40)
-    reference = direct_sum(samples, TONES_HZ, aperture, grid.points_m().reshape(-1, 3)[chosen_voxels])
+    reference = direct_sum(
+        samples, TONES_HZ, aperture, grid.points_m().reshape(-1, 3)[chosen_voxels]
+    )
     assert relative_error(there.ravel()[chosen_voxels], reference) < (tolerance or AGREED)
 
 
@@ -94,7 +112,9 @@ def test_the_paper_s_array_with_and_without_the_carrier(device, monkeypatch):
     monkeypatch.setitem(sys.modules, "cupy", cupy_stand_in())
     for carrier in (True, False):
         samples = noise((16, 94, 94))
-        there, here = on(device, image_volume, samples, TONES_HZ, qar50(), corner(), 1e-3, False, carrier)
+        there, here = on(
+            device, image_volume, samples, TONES_HZ, qar50(), corner(), 1e-3, False, carrier
+        )
         assert relative_error(there, here) < AGREED
 
 
@@ -124,7 +144,9 @@ def test_planes_at_any_depth_with_the_tones_apart(device):
 def test_projections(device):
     there, here = on(device, project_volume, noise((16, 32, 24)), TONES_HZ, ARRAY, corner(), 1e-3)
     assert np.array_equal(there.index, here.index)
-    np.testing.assert_allclose(there.magnitude, here.magnitude, rtol=1e-4)  # NaN where the other has it
+    np.testing.assert_allclose(
+        there.magnitude, here.magnitude, rtol=1e-4
+    )  # NaN where the other has it
     assert np.isnan(there.magnitude).any()
     assert np.array_equal(there.rival, here.rival) and there.error == pytest.approx(here.error)
     np.testing.assert_allclose(there.second, here.second, rtol=1e-4)
@@ -135,7 +157,9 @@ def test_small_blocks_change_nothing(device, monkeypatch):
 
     def everything():
         samples = noise((16, 32, 24))
-        volume = image_volume(samples, TONES_HZ, ARRAY, corner(nz=20), 1e-3)  # of another shape: a plan of its own
+        volume = image_volume(
+            samples, TONES_HZ, ARRAY, corner(nz=20), 1e-3
+        )  # of another shape: a plan of its own
         return [volume, image_points(samples, TONES_HZ, ARRAY, points, None)]
 
     for module in (levels, executor):
@@ -153,10 +177,14 @@ def test_limbs_are_planned_when_points_first_touch_them(device):
         first, second = plan.sort(points[:1]), plan.sort(points[1:])
         engine.place(first)
         sent = engine.place(second).limbs
-        for row, where in enumerate((first, second, plan.sort(points[:1]))):  # the first stays valid
+        for row, where in enumerate(
+            (first, second, plan.sort(points[:1]))
+        ):  # the first stays valid
             reference = direct_sum(samples, TONES_HZ, ARRAY, points[row % 2][None])
             assert relative_error(engine.image(samples, where)[0], reference) < 1e-2
-        assert engine.place(plan.sort(points)).limbs is sent  # all were planned, so that nothing was sent again
+        assert (
+            engine.place(plan.sort(points)).limbs is sent
+        )  # all were planned, so that nothing was sent again
 
 
 def test_a_frame_of_three_tones(device):
@@ -200,20 +228,35 @@ def no_device() -> int:
     [
         (None, "CuPy is not installed; pip install 'handbench[gpu]', or leave the option out"),
         (lambda: 0, "no CUDA device found (the driver counts none); leave the option out"),
-        (no_device, "no CUDA device found (cudaErrorNoDevice: none is detected); leave the option out"),
+        (
+            no_device,
+            "no CUDA device found (cudaErrorNoDevice: none is detected); leave the option out",
+        ),
     ],
 )
 def test_without_a_device_every_door_says_so_in_one_line(count, message, monkeypatch, capsys):
     module = cupy_stand_in()
     module.cuda.runtime.getDeviceCount = count
     monkeypatch.setitem(sys.modules, "cupy", module if count else None)
-    reconstruct = ["reconstruct", "nowhere", "--method", "3fsk", "-o", "depth.npz", "--device", "cuda"]
+    reconstruct = [
+        "reconstruct",
+        "nowhere",
+        "--method",
+        "3fsk",
+        "-o",
+        "depth.npz",
+        "--device",
+        "cuda",
+    ]
     assert main(reconstruct) == 2
     assert capsys.readouterr().err == f"handbench: --device cuda: {message}\n"
     monkeypatch.setattr("sys.argv", ["measure_gpu"])
     with pytest.raises(SystemExit):
         measure_gpu.main()
-    assert capsys.readouterr().err == f"python -m tests.radar.imaging.measure_gpu: --device cuda: {message}\n"
+    assert (
+        capsys.readouterr().err
+        == f"python -m tests.radar.imaging.measure_gpu: --device cuda: {message}\n"
+    )
     monkeypatch.setenv(SETTING, "cuda")
     with pytest.raises(HandbenchError):
         image_points(noise((16, 32, 24)), TONES_HZ, ARRAY, np.ones((1, 3)), None)
@@ -225,7 +268,10 @@ def test_a_device_that_cannot_compute_or_is_full_is_a_known_error(monkeypatch):
     with pytest.raises(HandbenchError, match="its memory is full"), use_device("cuda"):
         raise MemoryError("out of memory allocating 1,000 bytes")
     module.matmul = lambda *_: (_ for _ in ()).throw(RuntimeError("no libcublas.so.12"))
-    with pytest.raises(HandbenchError, match=r"cannot compute \(no libcublas\.so\.12\)"), use_device("cuda"):
+    with (
+        pytest.raises(HandbenchError, match=r"cannot compute \(no libcublas\.so\.12\)"),
+        use_device("cuda"),
+    ):
         pass
     with pytest.raises(MemoryError), use_device("cpu"):
         raise MemoryError
@@ -233,7 +279,9 @@ def test_a_device_that_cannot_compute_or_is_full_is_a_known_error(monkeypatch):
 
 def test_unknown_devices_are_refused(monkeypatch):
     monkeypatch.setenv(SETTING, "tpu")
-    with pytest.raises(HandbenchError, match="HANDBENCH_DEVICE: is 'tpu'; expected cpu, cuda, numpy, or nothing"):
+    with pytest.raises(
+        HandbenchError, match="HANDBENCH_DEVICE: is 'tpu'; expected cpu, cuda, numpy, or nothing"
+    ):
         chosen()
     with pytest.raises(HandbenchError, match="'cpu' runs no array code"):
         array_module("cpu")
@@ -254,9 +302,13 @@ def test_the_benchmark_writes_its_rows(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(study, "compile_kernels", lambda: None)
     few, deep = (Axis(start_m=z - 0.004, stop_m=z + 0.004, step_m=0.001) for z in (0.0, 0.28))
     monkeypatch.setattr(measure_gpu, "SHARE", few)
-    monkeypatch.setattr(measure_gpu, "BroadbandConfig", lambda: BroadbandConfig(x=few, y=few, z=deep, count=5))
+    monkeypatch.setattr(
+        measure_gpu, "BroadbandConfig", lambda: BroadbandConfig(x=few, y=few, z=deep, count=5)
+    )
     monkeypatch.setattr(measure_gpu, "ThreeToneConfig", lambda: ThreeToneConfig(x=few, y=few))
-    monkeypatch.setattr("sys.argv", ["measure_gpu", "--repeats", "1", "-o", str(tmp_path / "gpu.json")])
+    monkeypatch.setattr(
+        "sys.argv", ["measure_gpu", "--repeats", "1", "-o", str(tmp_path / "gpu.json")]
+    )
     measure_gpu.main()
     result = json.loads((tmp_path / "gpu.json").read_text())
     assert result["machine"]["imaging_device"] == "cuda: Stand-in"

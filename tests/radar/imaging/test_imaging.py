@@ -27,7 +27,9 @@ FEW_HZ = PAPER_HZ[::8]
 
 def cut(nx=41, ny=43, nz=33, x_m=0.1, y_m=-0.15) -> VoxelGrid:
     """A corner of the paper's volume, where waves come in most obliquely."""
-    return VoxelGrid(x_m + 1e-3 * np.arange(nx), y_m + 1e-3 * np.arange(ny), 0.245 + 1e-3 * np.arange(nz))
+    return VoxelGrid(
+        x_m + 1e-3 * np.arange(nx), y_m + 1e-3 * np.arange(ny), 0.245 + 1e-3 * np.arange(nz)
+    )
 
 
 def at_random_voxels(grid: VoxelGrid, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
@@ -47,13 +49,15 @@ def test_volume_of_white_noise_meets_the_tolerance(tolerance):
     shape = () if tolerance else (11, 9, 7)  # each voxel is a sum of its own on the exact path
     volume = image_volume(noise((128, 94, 94)), PAPER_HZ, qar50(), cut(*shape), tolerance)
     chosen, reference = summed_at_random_voxels(shape)
-    # The exact path is a float32 sum of N terms of random sign: √N · 6e-8 of its size; 1e-5 is the project's bar.
+    # The exact path is a float32 sum of N terms of random sign: √N · 6e-8 of its size; 1e-5 is the
+    # project's bar.
     assert relative_error(volume.ravel()[chosen], reference) < (tolerance or 1e-5)
 
 
 def test_the_faces_of_a_volume_are_as_good_as_its_middle():
-    """Nothing is known beyond a grid's ends, and few random voxels lie there. Reference: the direct sum. With the bands
-    of the grid alone, without what chirps leak out of them, the faces' error is 2.6e-3 here."""
+    """Nothing is known beyond a grid's ends, and few random voxels lie there. Reference: the direct
+    sum. With the bands of the grid alone, without what chirps leak out of them, the faces' error is
+    2.6e-3 here."""
     grid, samples = cut(301, 3, 81, x_m=-0.15, y_m=-0.001), noise((16, 94, 94))
     volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-5)
     face = np.ones(grid.shape, bool)
@@ -66,10 +70,13 @@ def test_the_faces_of_a_volume_are_as_good_as_its_middle():
 
 @pytest.mark.parametrize(("size_m", "z_m"), [(0.040, 0.010), (0.012, 0.010)])
 def test_the_inside_of_a_volume_over_the_array_is_as_good_as_its_ends(size_m, z_m):
-    """Chirps are strongest under an antenna, so that lines along a close grid's ends alone see little of them: with
-    those the error of the larger cube is 14 times the tolerance. Reference: the direct sum."""
+    """Chirps are strongest under an antenna, so that lines along a close grid's ends alone see
+    little of them: with those the error of the larger cube is 14 times the tolerance. Reference:
+    the direct sum."""
     generator = np.random.default_rng(5)
-    array = AntennaArray(*(np.c_[generator.uniform(-0.07, 0.07, (20, 2)), np.zeros(20)] for _ in "tr"))
+    array = AntennaArray(
+        *(np.c_[generator.uniform(-0.07, 0.07, (20, 2)), np.zeros(20)] for _ in "tr")
+    )
     axis = np.linspace(-size_m / 2, size_m / 2, 40)
     grid = VoxelGrid(axis, axis + 0.01, z_m + size_m / 2 + axis)
     samples = noise((16, 20, 20))
@@ -81,7 +88,9 @@ def test_the_inside_of_a_volume_over_the_array_is_as_good_as_its_ends(size_m, z_
 def test_a_looser_tolerance_is_not_wasted():
     grid, samples = cut(), noise((16, 94, 94))
     exact = image_volume(samples, FEW_HZ, qar50(), grid, None)
-    errors = [relative_error(image_volume(samples, FEW_HZ, qar50(), grid, t), exact) for t in (1e-2, 1e-4)]
+    errors = [
+        relative_error(image_volume(samples, FEW_HZ, qar50(), grid, t), exact) for t in (1e-2, 1e-4)
+    ]
     assert errors[0] > 10 * errors[1]
 
 
@@ -93,7 +102,9 @@ def test_one_live_channel_meets_the_tolerance(channel):
     grid = cut()
     volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
     chosen, points = at_random_voxels(grid, 300)
-    assert relative_error(volume.ravel()[chosen], direct_sum(samples, FEW_HZ, qar50(), points)) < 1e-3
+    assert (
+        relative_error(volume.ravel()[chosen], direct_sum(samples, FEW_HZ, qar50(), points)) < 1e-3
+    )
 
 
 @examples(15)
@@ -107,19 +118,26 @@ def test_one_live_channel_meets_the_tolerance(channel):
     apart=st.booleans(),
     seed=st.integers(0, 2**31),
 )
-def test_points_of_any_box_and_array_meet_the_tolerance(t, r, tones, size_m, range_m, tolerance, apart, seed):
+def test_points_of_any_box_and_array_meet_the_tolerance(
+    t, r, tones, size_m, range_m, tolerance, apart, seed
+):
     generator = np.random.default_rng(seed)
-    array = AntennaArray(generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3)))
+    array = AntennaArray(
+        generator.uniform(-0.07, 0.07, (t, 3)), generator.uniform(-0.07, 0.07, (r, 3))
+    )
     tones_hz = np.sort(generator.uniform(70e9, 85e9, tones))
     points = generator.uniform(-0.5, 0.5, (200, 3)) * size_m + [0.0, 0.05, 0.07 + range_m]
     samples = noise((tones, t, r), seed)
     image = image_points(samples, tones_hz, array, points, tolerance, apart)
     each = range(tones)
     if apart:
-        reference = np.stack([direct_sum(samples[i : i + 1], tones_hz[i : i + 1], array, points) for i in each])
+        reference = np.stack(
+            [direct_sum(samples[i : i + 1], tones_hz[i : i + 1], array, points) for i in each]
+        )
     else:
         reference = direct_sum(samples, tones_hz, array, points)
-    # Where all points lie together, the terms may cancel there by chance: compare with the terms' own size.
+    # Where all points lie together, the terms may cancel there by chance: compare with the terms'
+    # own size.
     size = np.linalg.norm(samples) * np.sqrt(len(points))
     assert np.linalg.norm(image - reference) < tolerance * max(np.linalg.norm(reference), size)
 
@@ -145,7 +163,9 @@ def test_volumes_of_any_shape_meet_the_tolerance(counts, step_m, tolerance, seed
     assert np.linalg.norm(volume - exact) < tolerance * max(np.linalg.norm(exact), size)
 
 
-@pytest.mark.parametrize("positions", [300, 1500])  # with skeletons of positions, and too many for them
+@pytest.mark.parametrize(
+    "positions", [300, 1500]
+)  # with skeletons of positions, and too many for them
 def test_a_scan_meets_the_tolerance(positions):
     generator = np.random.default_rng(3)
     scan = PlanarScan(np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)])
@@ -153,7 +173,9 @@ def test_a_scan_meets_the_tolerance(positions):
     grid = VoxelGrid(2e-3 * np.arange(30), 2e-3 * np.arange(25), 0.07 + 1e-3 * np.arange(20))
     chosen, points = at_random_voxels(grid)
     volume = image_volume(samples, tones_hz, scan, grid, 1e-3)
-    assert relative_error(volume.ravel()[chosen], direct_sum(samples, tones_hz, scan, points)) < 1e-3
+    assert (
+        relative_error(volume.ravel()[chosen], direct_sum(samples, tones_hz, scan, points)) < 1e-3
+    )
 
 
 def test_a_plane_serves_any_depth_with_one_plan():
@@ -173,7 +195,9 @@ def test_projection_equals_the_volume_s():
     expected = strongest_voxels(volume)
     assert np.array_equal(expected.index, np.abs(volume).argmax(axis=0))
     assert np.array_equal(peaks.index, expected.index)
-    np.testing.assert_allclose(peaks.magnitude, expected.magnitude, rtol=1e-5)  # float32: with and without the carrier
+    np.testing.assert_allclose(
+        peaks.magnitude, expected.magnitude, rtol=1e-5
+    )  # float32: with and without the carrier
     assert np.isnan(peaks.magnitude[0][peaks.index == 0]).all()
 
 
@@ -181,7 +205,9 @@ def test_the_check_after_the_fact_finds_a_wrong_volume():
     grid, samples = cut(), noise((16, 94, 94))
     volume = image_volume(samples, FEW_HZ, qar50(), grid, 1e-3)
     assert imaging_error(volume, samples, FEW_HZ, qar50(), grid) < 1e-3
-    assert imaging_error(1.01 * volume, samples, FEW_HZ, qar50(), grid) == pytest.approx(0.01, rel=0.2)
+    assert imaging_error(1.01 * volume, samples, FEW_HZ, qar50(), grid) == pytest.approx(
+        0.01, rel=0.2
+    )
 
 
 def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
@@ -192,13 +218,16 @@ def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
     assert points_executor(PAPER_HZ, moved, points, family, Executor) is not kept
     assert points_executor(PAPER_HZ + 1.0, qar50(), points, family, Executor) is not kept
     assert points_executor(PAPER_HZ, qar50(), points + 0.2, family, Executor) is not kept
-    assert points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), Executor) is not kept
+    assert (
+        points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), Executor) is not kept
+    )
 
 
 @examples(10)
 @given(seed=st.integers(0, 2**31), size_m=st.sampled_from([0.01, 0.05]))
 def test_leaves_are_planned_as_points_touch_them_and_the_order_does_not_matter(seed, size_m):
-    """An equality: the same images, bit by bit, of points imaged after others and of those imaged first."""
+    """An equality: the same images, bit by bit, of points imaged after others and of those imaged
+    first."""
     points_m = np.random.default_rng(seed).uniform(-size_m, size_m, (40, 3)) + [0, 0, 0.3]
     one, other = points_m[:1], points_m[1:]
     samples = noise((16, 94, 94))
@@ -225,28 +254,44 @@ def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.005")
     fine = VoxelGrid(2e-4 * np.arange(200), 2e-4 * np.arange(150), 0.25 + 2e-4 * np.arange(100))
     samples = noise((16, 94, 94))
-    with pytest.raises(HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"):
+    with pytest.raises(
+        HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"
+    ):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
     assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3).index.shape == fine.shape[1:]
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.00001")
-    with pytest.raises(HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"):
+    with pytest.raises(
+        HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"
+    ):
         project_volume(samples, FEW_HZ + 1, qar50(), fine, 1e-3)
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "much")
     with pytest.raises(HandbenchError, match="HANDBENCH_MEMORY_GB: is 'much'"):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
 
 
-def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_told(monkeypatch, capsys):
+def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_told(
+    monkeypatch, capsys
+):
     grid, samples = cut(), noise((16, 94, 94))
     points_m = grid.points_m().reshape(-1, 3)
     monkeypatch.setenv("HANDBENCH_WORKERS", "2")
     monkeypatch.setenv("HANDBENCH_HOURS", "1e-9")
     whole = VoxelGrid(*(1e-3 * np.arange(400) + low for low in (-0.2, -0.2, 0.2)))
-    monkeypatch.setattr("handbench.radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began"))
-    with pytest.raises(HandbenchError, match=rf"imaging {len(points_m)} points: would take about .* HANDBENCH_HOURS"):
+    monkeypatch.setattr(
+        "handbench.radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began")
+    )
+    with pytest.raises(
+        HandbenchError,
+        match=rf"imaging {len(points_m)} points: would take about .* HANDBENCH_HOURS",
+    ):
         image_points(samples, FEW_HZ, qar50(), points_m, None)
-    with pytest.raises(HandbenchError, match=r"exact volume of \(400, 400, 400\) voxels .* 8 min, more than the limit"):
-        image_volume(samples, FEW_HZ, qar50(), whole, None)  # 16 · 94² · 400³ terms, 1e10 a core and second: 452 s
+    with pytest.raises(
+        HandbenchError,
+        match=r"exact volume of \(400, 400, 400\) voxels .* 8 min, more than the limit",
+    ):
+        image_volume(
+            samples, FEW_HZ, qar50(), whole, None
+        )  # 16 · 94² · 400³ terms, 1e10 a core and second: 452 s
     monkeypatch.delenv("HANDBENCH_HOURS")
     require_time(50.0, "work")
     require_time(5.0, "short work")
@@ -263,8 +308,12 @@ def test_points_metres_apart_do_not_plan_what_lies_between_them():
     samples = noise((16, 94, 94))
     points = np.array([[0.0, 0.0, 0.3], [3.0, 0.1, 0.4], [0.01, 0.0, 0.31], [-2.0, 9.0, 30.0]])
     reference = direct_sum(samples, FEW_HZ, qar50(), points)
-    assert relative_error(image_points(samples, FEW_HZ, qar50(), points, 1e-3), reference) < 2e-3  # four points only
+    assert (
+        relative_error(image_points(samples, FEW_HZ, qar50(), points, 1e-3), reference) < 2e-3
+    )  # four points only
 
 
 def test_no_points_make_no_image():
-    assert image_points(noise((2, 94, 94)), FEW_HZ[:2], qar50(), np.zeros((0, 3)), 1e-3, apart=True).shape == (2, 0)
+    assert image_points(
+        noise((2, 94, 94)), FEW_HZ[:2], qar50(), np.zeros((0, 3)), 1e-3, apart=True
+    ).shape == (2, 0)

@@ -16,7 +16,9 @@ FEW_HZ = np.linspace(72e9, 82e9, 16)
 def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m, monkeypatch):
     """Tones over 500 GHz, and a box across the array: thousands of limbs for a thousand points."""
     points = np.random.default_rng(0).uniform(-size_m, size_m, (1000, 3))
-    monkeypatch.setattr("handbench.radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned"))
+    monkeypatch.setattr(
+        "handbench.radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned")
+    )
     samples = noise((len(tones_hz), 94, 94))
     image = image_points(samples, tones_hz, qar50(), points, 1e-3)
     assert relative_error(image[:20], direct_sum(samples, tones_hz, qar50(), points[:20])) < 1e-5
@@ -24,8 +26,9 @@ def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m,
 
 @pytest.mark.parametrize("tones, exact", [(2, True), (128, False)])
 def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exact):
-    """2000 points on 60 mm × 60 mm: at two tones their exact sum costs less than the plan of their leaves. Reference:
-    the direct sum in float64, which float32 meets to 1e-5 and a plan to its tolerance alone."""
+    """2000 points on 60 mm × 60 mm: at two tones their exact sum costs less than the plan of their
+    leaves. Reference: the direct sum in float64, which float32 meets to 1e-5 and a plan to its
+    tolerance alone."""
     x_m, y_m = np.random.default_rng(0).uniform(-0.03, 0.03, (2, 2000))
     points_m = np.stack([x_m, y_m, 0.3 + 0.2 * x_m], axis=1)
     tones_hz, samples = np.linspace(72e9, 82e9, tones), noise((tones, 94, 94))
@@ -36,13 +39,15 @@ def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exa
 
 
 def test_a_scan_s_exact_sum_is_no_matrix_product_and_planned_earlier(monkeypatch):
-    """4 000 points, 32 tones and 60 positions: 7.7e6 terms, which take as long as 1.2e8 of a product. A limb or a
-    leaf costs 1.5e6 to plan: as many as 5 were made if terms were alike, and up to 80 as they are."""
+    """4 000 points, 32 tones and 60 positions: 7.7e6 terms, which take as long as 1.2e8 of a
+    product. A limb or a leaf costs 1.5e6 to plan: as many as 5 were made if terms were alike, and
+    up to 80 as they are."""
     positions_m = np.c_[np.random.default_rng(3).uniform(-0.1, 0.1, (60, 2)), np.zeros(60)]
     points_m = np.random.default_rng(1).uniform(-0.01, 0.01, (4000, 3)) + [0, 0, 0.3]
     limbs = []
     monkeypatch.setattr(
-        "handbench.radar.imaging.plan.TreePlan.limb", lambda *a, of=TreePlan.limb: limbs.append(a) or of(*a)
+        "handbench.radar.imaging.plan.TreePlan.limb",
+        lambda *a, of=TreePlan.limb: limbs.append(a) or of(*a),
     )
     scan, tones_hz, samples = PlanarScan(positions_m), np.linspace(72e9, 82e9, 32), noise((32, 60))
     with fresh_plans():

@@ -1,4 +1,5 @@
-"""Imaging functions given what no capture holds: the right image, or an error that names the argument."""
+"""Imaging functions given what no capture holds: the right image, or an error that names the
+argument."""
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from tests.radar.exact import backproject
 pytestmark = pytest.mark.usefixtures("planned")
 
 RANDOM = np.random.default_rng(0)
-ARRAY = AntennaArray(RANDOM.uniform(-0.07, 0.07, (6, 3)) * [1, 1, 0], RANDOM.uniform(-0.07, 0.07, (5, 3)) * [1, 1, 0])
+ARRAY = AntennaArray(
+    RANDOM.uniform(-0.07, 0.07, (6, 3)) * [1, 1, 0], RANDOM.uniform(-0.07, 0.07, (5, 3)) * [1, 1, 0]
+)
 SCAN = PlanarScan(RANDOM.uniform(-0.07, 0.07, (9, 3)) * [1, 1, 0])
 TONES_HZ = np.array([72e9, 82e9, 80e9])
 POINTS_M = RANDOM.uniform(-0.03, 0.03, (40, 3)) + [0, 0, 0.3]
@@ -44,9 +47,13 @@ def test_an_image_scales_with_its_samples(scale, aperture):
     """Against the image of the samples near 1: it shares the engine, and not the scale."""
     samples = echoes(aperture)
     for scaled, plain in zip(
-        images(samples * scale, TONES_HZ, aperture), images(samples, TONES_HZ, aperture), strict=True
+        images(samples * scale, TONES_HZ, aperture),
+        images(samples, TONES_HZ, aperture),
+        strict=True,
     ):
-        np.testing.assert_allclose(scaled / scale, plain, rtol=1e-3, atol=1e-4 * np.nanmax(np.abs(plain)))
+        np.testing.assert_allclose(
+            scaled / scale, plain, rtol=1e-3, atol=1e-4 * np.nanmax(np.abs(plain))
+        )
 
 
 def test_the_direct_sum_agrees_at_any_scale():
@@ -62,7 +69,9 @@ def test_one_sample_beyond_all_others_gives_its_image():
     alone = np.zeros_like(samples)
     alone[0, 1, 2] = 1.0
     image = image_points(samples, TONES_HZ, ARRAY, POINTS_M, None)
-    np.testing.assert_allclose(image / 1e300, image_points(alone, TONES_HZ, ARRAY, POINTS_M, None), atol=1e-5)
+    np.testing.assert_allclose(
+        image / 1e300, image_points(alone, TONES_HZ, ARRAY, POINTS_M, None), atol=1e-5
+    )
 
 
 def test_ordinary_samples_keep_their_type_and_zeros_are_zeros():

@@ -1,7 +1,9 @@
-"""Every path that computes in single precision against double precision, written apart, or the closed form.
+"""Every path that computes in single precision against double precision, written apart, or the
+closed form.
 
-u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of their magnitudes, in
-any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than that, shows the errors best.
+u = 2⁻²⁴ is the rounding of float32. A sum of n products in it errs by at most n·u of the sum of
+their magnitudes, in any order (Higham 2002, sec. 3.1); white noise, whose sum is far smaller than
+that, shows the errors best.
 """
 
 from __future__ import annotations
@@ -28,7 +30,16 @@ from handbench.support.rays import Rays
 from tests.bench.studies.study import relative_error
 from tests.hard_cases.cases import U_SINGLE as U
 from tests.hard_cases.cases import U as U_DOUBLE
-from tests.hard_cases.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array, white_noise
+from tests.hard_cases.scenes import (
+    LADDER_HZ,
+    POINT_M,
+    C,
+    capture,
+    depth_map,
+    echoes,
+    small_array,
+    white_noise,
+)
 from tests.hard_cases.test_meshes_cases import on_plane, plane_error_m
 from tests.radar.exact import backproject, tone_images
 
@@ -39,7 +50,9 @@ PAIR_MM = 1e3 * C / (4 * np.pi * 0.2e9)  # depth per radian between the closest 
 TONES_HZ = np.linspace(72e9, 82e9, 16)
 MANY_HZ = np.linspace(72e9, 82e9, 4096)
 UNEVEN_HZ = np.sort(np.random.default_rng(7).uniform(72e9, 82e9, 16))
-GRID = VoxelGrid(np.linspace(-0.01, 0.01, 11), np.linspace(-0.01, 0.01, 11), np.linspace(0.27, 0.29, 21))
+GRID = VoxelGrid(
+    np.linspace(-0.01, 0.01, 11), np.linspace(-0.01, 0.01, 11), np.linspace(0.27, 0.29, 21)
+)
 
 
 class Line(NamedTuple):
@@ -57,7 +70,9 @@ def waves(points_m: np.ndarray, leg_m: np.ndarray, tone_hz: float) -> np.ndarray
     return np.exp(2j * np.pi * (turns - np.rint(turns)))
 
 
-def direct(samples: np.ndarray, tones_hz: np.ndarray, array: Aperture, points_m: np.ndarray) -> np.ndarray:
+def direct(
+    samples: np.ndarray, tones_hz: np.ndarray, array: Aperture, points_m: np.ndarray
+) -> np.ndarray:
     """Σ S e^{+j2πf(|p−t|+|p−r|)/c} [p] of samples [f, t, r], or of a scan's [f, n]."""
     total = np.zeros(len(points_m), np.complex128)
     for tone_hz, of_tone in zip(tones_hz, samples.astype(np.complex128), strict=True):
@@ -94,20 +109,42 @@ def of_exact() -> Iterator[Line]:
     added = "steering, products, sums over antennas and tones"
     for name, single, array, tones, bound in (
         ("exact points, 94 + 94 antennas", added, qar50(), TONES_HZ[:4], sums(qar50(), 4)),
-        ("exact points, tones unevenly spaced", added, small_array(), UNEVEN_HZ, sums(small_array(), len(UNEVEN_HZ))),
+        (
+            "exact points, tones unevenly spaced",
+            added,
+            small_array(),
+            UNEVEN_HZ,
+            sums(small_array(), len(UNEVEN_HZ)),
+        ),
         ("exact points, 4096 tones", added, few, MANY_HZ, sums(few, len(MANY_HZ))),
-        ("planar scan", "steering; sums over positions in double", scan, TONES_HZ[:4], STEER + 5 * U),
+        (
+            "planar scan",
+            "steering; sums over positions in double",
+            scan,
+            TONES_HZ[:4],
+            STEER + 5 * U,
+        ),
     ):
         samples = white_noise((len(tones), *array.channels))
-        off = np.abs(backproject(samples, tones, array, points) - direct(samples, tones, array, points)).max()
+        off = np.abs(
+            backproject(samples, tones, array, points) - direct(samples, tones, array, points)
+        ).max()
         yield Line(name, single, bound, off / np.abs(samples).sum())
     samples = white_noise((len(TONES_HZ), *small_array().channels))
-    off = np.abs(image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel() - _volume(samples)).max()
-    yield Line("exact volume", "as exact points", sums(small_array(), len(TONES_HZ)), off / np.abs(samples).sum())
+    off = np.abs(
+        image_volume(samples, TONES_HZ, small_array(), GRID, None).ravel() - _volume(samples)
+    ).max()
+    yield Line(
+        "exact volume",
+        "as exact points",
+        sums(small_array(), len(TONES_HZ)),
+        off / np.abs(samples).sum(),
+    )
 
 
 def sums(array: Aperture, tones: int) -> float:
-    """Most that an exact image errs by, over Σ|S|: steering twice, and sums over 2t, 2r and the tones."""
+    """Most that an exact image errs by, over Σ|S|: steering twice, and sums over 2t, 2r and the
+    tones."""
     t, r = (len(leg.position_m) for leg in array.legs)
     return 2 * STEER + (2 * t + 2 * r + tones) * U
 
@@ -123,16 +160,22 @@ def of_fast() -> Iterator[Line]:
                 project_volume(samples, TONES_HZ, array, GRID, tolerance).magnitude[1],
                 np.abs(exact.reshape(GRID.shape)).max(axis=0),
             ),
-            "points, tones unevenly spaced": (image_points(samples, UNEVEN_HZ, array, points, tolerance), at_points),
+            "points, tones unevenly spaced": (
+                image_points(samples, UNEVEN_HZ, array, points, tolerance),
+                at_points,
+            ),
         }
         for name, both in found.items():
             single = f"weights, phases within a leaf, products; tolerance {tolerance:g}"
-            yield Line(f"fast {name}", single, tolerance + fast_floor(len(TONES_HZ)), relative_error(*both))
+            yield Line(
+                f"fast {name}", single, tolerance + fast_floor(len(TONES_HZ)), relative_error(*both)
+            )
 
 
 def fast_floor(tones: int) -> float:
-    """The roundings of the fast chain on noise, relative L2: three levels, each a steering and products of three sums
-    whose roundings are independent, so that they grow with the root of their terms."""
+    """The roundings of the fast chain on noise, relative L2: three levels, each a steering and
+    products of three sums whose roundings are independent, so that they grow with the root of their
+    terms."""
     terms = 2 * sum(small_array().channels) + tones
     return 3 * (2 * STEER + np.sqrt(terms) * U)
 
@@ -141,7 +184,10 @@ def of_forward() -> Iterator[Line]:
     generator, count = np.random.default_rng(3), 300
     position = np.array(POINT_M) + generator.uniform(-0.01, 0.01, (count, 3))
     weight = generator.normal(size=count)
-    legs = [[waves(position, leg, tone) for tone in TONES_HZ] for leg in (small_array().tx_m, small_array().rx_m)]
+    legs = [
+        [waves(position, leg, tone) for tone in TONES_HZ]
+        for leg in (small_array().tx_m, small_array().rx_m)
+    ]
     exact = np.einsum("fpt,p,fpr->ftr", np.conj(legs[0]), weight, np.conj(legs[1]), optimize=True)
     scatterers = Scatterers(position, weight)
     found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=None)
@@ -149,7 +195,12 @@ def of_forward() -> Iterator[Line]:
     yield Line("forward model, exact", "gains, steering, sums", 2 * STEER + (count + 6) * U, error)
     found = simulate(scatterers, TONES_HZ, small_array(), spreading=False, tolerance=1e-5)
     bound = 1e-5 + fast_floor(len(TONES_HZ)) + np.sqrt(count) * U
-    yield Line("forward model, fast", "as fast volume; tolerance 1e-05", bound, relative_error(found, exact))
+    yield Line(
+        "forward model, fast",
+        "as fast volume; tolerance 1e-05",
+        bound,
+        relative_error(found, exact),
+    )
 
 
 def _volume(samples: np.ndarray) -> np.ndarray:
@@ -173,7 +224,8 @@ def of_resampling() -> Iterator[Line]:
 
 
 def of_fsk() -> Iterator[Line]:
-    """Depth steps of a point's pixels from images in single and double precision; maps at the default tolerance."""
+    """Depth steps of a point's pixels from images in single and double precision; maps at the
+    default tolerance."""
     samples = echoes(POINT_M, frequencies_hz=LADDER_HZ).astype(np.complex64)
     tones, array = np.array(LADDER_HZ), small_array()
     x, y = np.meshgrid(np.linspace(-0.004, 0.004, 9), np.linspace(-0.004, 0.004, 9))
@@ -184,7 +236,10 @@ def of_fsk() -> Iterator[Line]:
     total, weakest = np.abs(samples[0]).sum(), np.abs(double[:, seen]).min()
     for name, a, b in (("two tones", 0, 1), ("three tones", 0, 3), ("ladder", 0, 4)):
         difference_hz = tones[a] - tones[b]
-        steps_m = [depth_step_m(images[a, seen], images[b, seen], difference_hz) for images in (single, double)]
+        steps_m = [
+            depth_step_m(images[a, seen], images[b, seen], difference_hz)
+            for images in (single, double)
+        ]
         error = 1e3 * np.abs(steps_m[0] - steps_m[1]).max()
         bound = 1e3 * C / (4 * np.pi * difference_hz) * 2 * sums(array, 0) * total / weakest
         yield Line(f"FSK depth, {name}", "images; phases and depths in double", bound, error)
@@ -192,10 +247,12 @@ def of_fsk() -> Iterator[Line]:
 
 
 def _map_line(id: str) -> Line:
-    """A whole map at the default tolerance against the exact sum. The tolerance bounds the image's error as a whole,
-    which at worst lies in one pixel, here one at the threshold."""
+    """A whole map at the default tolerance against the exact sum. The tolerance bounds the image's
+    error as a whole, which at worst lies in one pixel, here one at the threshold."""
     taken, pixels = capture(echoes(POINT_M, frequencies_hz=LADDER_HZ), LADDER_HZ), 25 * 25
-    fast, exact = (depth_map(id, taken, tolerance=tolerance, first_depth_m=0.28) for tolerance in (1e-5, None))
+    fast, exact = (
+        depth_map(id, taken, tolerance=tolerance, first_depth_m=0.28) for tolerance in (1e-5, None)
+    )
     both = np.isfinite(fast.z_m) & np.isfinite(exact.z_m)
     error = 1e3 * np.abs(fast.z_m - exact.z_m)[both].max()
     power = 10 ** (exact.amplitude_db.astype(np.float64) / 10)
@@ -215,7 +272,10 @@ def of_smoothing() -> Iterator[Line]:
 def of_rays() -> Iterator[Line]:
     slope, axis = np.array([0.7, -0.4]), np.linspace(-0.15, 0.15, 61)
     vertices = on_plane(np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]), slope)
-    faces, places = np.array([[0, 1, 2], [0, 2, 3]]), np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    faces, places = (
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2),
+    )
     error = 1e3 * plane_error_m(depth_on_grid(mesh(vertices, faces), axis, axis), axis, axis, slope)
     bound = 1e3 * 16 * U_DOUBLE * (1 + np.abs(slope).sum())
     single = "which triangle is hit; its depth in double"
@@ -233,10 +293,17 @@ def of_meshes() -> Iterator[Line]:
     faces = np.arange(60).reshape(-1, 3)
     with tempfile.TemporaryDirectory() as folder:
         write_mesh(Path(folder) / "mesh.ply", mesh(vertices, faces))
-        stl = np.zeros(20, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]))
+        stl = np.zeros(
+            20, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        )
         stl["corners"] = vertices[faces]
-        (Path(folder) / "mesh.stl").write_bytes(bytes(80) + (20).to_bytes(4, "little") + stl.tobytes())
-        for name, single, bound in (("mesh.ply", "nothing", 0.0), ("mesh.stl", "the format itself", 1e3 * 0.3 * U)):
+        (Path(folder) / "mesh.stl").write_bytes(
+            bytes(80) + (20).to_bytes(4, "little") + stl.tobytes()
+        )
+        for name, single, bound in (
+            ("mesh.ply", "nothing", 0.0),
+            ("mesh.stl", "the format itself", 1e3 * 0.3 * U),
+        ):
             again, corners, _ = read_triangles(Path(folder) / name)
             error = 1e3 * float(np.abs(again[corners] - vertices[faces]).max())
             yield Line(f"mesh file, {name[-3:].upper()}", single, bound, error)

@@ -1,9 +1,10 @@
-"""What physics and algebra say of imaging and simulation without any reference: nothing changes with the frame, the
-order, the direction or the unit, and sums go through.
+"""What physics and algebra say of imaging and simulation without any reference: nothing changes
+with the frame, the order, the direction or the unit, and sums go through.
 
-Tolerances: exact sums are compared to ROUNDING of the terms' own size, since terms may cancel at single points:
-steering is good to 1e-7 rad, and float32 sums of N terms to √N · 6e-8. Two fast images, each within its tolerance of
-the truth, are within twice of it of each other; where both come from the same plan, one linear map, ROUNDING holds.
+Tolerances: exact sums are compared to ROUNDING of the terms' own size, since terms may cancel at
+single points: steering is good to 1e-7 rad, and float32 sums of N terms to √N · 6e-8. Two fast
+images, each within its tolerance of the truth, are within twice of it of each other; where both
+come from the same plan, one linear map, ROUNDING holds.
 """
 
 from dataclasses import replace
@@ -48,11 +49,16 @@ class Scene:
 
     def image(self, tolerance: float | None, **changes) -> np.ndarray:
         """The image, with samples, tones_hz, array or points_m changed."""
-        given_ = {name: getattr(self, name) for name in ("samples", "tones_hz", "array", "points_m")} | changes
+        given_ = {
+            name: getattr(self, name) for name in ("samples", "tones_hz", "array", "points_m")
+        } | changes
         return image_points(*given_.values(), tolerance)
 
-    def assert_alike(self, found: np.ndarray, expected: np.ndarray, tolerance: float | None) -> None:
-        """Of two images: to twice the tolerance, of the size that noise gives them, or to the rounding of all terms."""
+    def assert_alike(
+        self, found: np.ndarray, expected: np.ndarray, tolerance: float | None
+    ) -> None:
+        """Of two images: to twice the tolerance, of the size that noise gives them, or to the
+        rounding of all terms."""
         size = np.linalg.norm(self.samples) * np.sqrt(found.size)
         assert np.linalg.norm(found - expected) < (2 * tolerance if tolerance else ROUNDING) * size
 
@@ -75,22 +81,35 @@ def test_scene_and_array_may_move_turn_and_be_mirrored_together(seed, tolerance,
     array = AntennaArray(*(moved(leg, *motion) for leg in (scene.array.tx_m, scene.array.rx_m)))
     found = scene.image(tolerance, array=array, points_m=moved(scene.points_m, *motion))
     scene.assert_alike(found, scene.image(tolerance), tolerance)
-    facets = replace(scene.facets, position_m=moved(scene.points_m, *motion), normal=scene.normal @ motion[0].T)
+    facets = replace(
+        scene.facets, position_m=moved(scene.points_m, *motion), normal=scene.normal @ motion[0].T
+    )
     elsewhere = simulate(facets, scene.tones_hz, array, tolerance=tolerance)
-    assert_echoes_alike(elsewhere, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance)
+    assert_echoes_alike(
+        elsewhere,
+        simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance),
+        tolerance,
+    )
 
 
 @few
 @given(seeds, st.floats(0.05, 50.0), tolerances)
 def test_lengths_and_wavelengths_scale_together(seed, scale, tolerance):
     scene = Scene(seed)
-    array, tones_hz = AntennaArray(scale * scene.array.tx_m, scale * scene.array.rx_m), scene.tones_hz / scale
+    array, tones_hz = (
+        AntennaArray(scale * scene.array.tx_m, scale * scene.array.rx_m),
+        scene.tones_hz / scale,
+    )
     found = scene.image(tolerance, array=array, tones_hz=tones_hz, points_m=scale * scene.points_m)
     scene.assert_alike(found, scene.image(tolerance), tolerance)
     # Both legs fade as 1/R, and facets grow as the square: what a mirror returns has no scale.
-    larger = replace(scene.facets, position_m=scale * scene.points_m, weight=scale**2 * scene.facets.weight)
+    larger = replace(
+        scene.facets, position_m=scale * scene.points_m, weight=scale**2 * scene.facets.weight
+    )
     echoes = simulate(larger, tones_hz, array, tolerance=tolerance)
-    assert_echoes_alike(echoes, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance)
+    assert_echoes_alike(
+        echoes, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance
+    )
 
 
 @few
@@ -110,7 +129,11 @@ def test_echoes_of_two_bodies_are_the_sum_of_theirs(seed, tolerance, count):
     scene = Scene(seed)
     first, second, both = (
         simulate(part, scene.tones_hz, scene.array, tolerance=tolerance)
-        for part in (scene.facets.where(np.s_[:count]), scene.facets.where(np.s_[count:]), scene.facets)
+        for part in (
+            scene.facets.where(np.s_[:count]),
+            scene.facets.where(np.s_[count:]),
+            scene.facets,
+        )
     )
     # Each within its tolerance of its own size, which may exceed the sum's.
     size = sum(np.linalg.norm(part) for part in (first, second, both))
@@ -141,8 +164,12 @@ def test_the_order_of_antennas_tones_and_points_means_nothing(seed, tolerance):
         "points_m": scene.points_m[p],
     }
     scene.assert_alike(scene.image(tolerance, **shuffled), scene.image(tolerance)[p], tolerance)
-    echoes = simulate(scene.facets.where(p), shuffled["tones_hz"], shuffled["array"], tolerance=tolerance)
-    expected = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)[np.ix_(f, t, r)]
+    echoes = simulate(
+        scene.facets.where(p), shuffled["tones_hz"], shuffled["array"], tolerance=tolerance
+    )
+    expected = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)[
+        np.ix_(f, t, r)
+    ]
     assert_echoes_alike(echoes, expected, tolerance)
 
 
@@ -153,25 +180,39 @@ def test_imaging_is_the_adjoint_of_simulation_for_any_geometry(seed, tolerance, 
     scene = Scene(seed)
     weights = scene.generator.standard_normal(60)
     tones = [np.s_[i : i + 1] for i in range(6)] if apart else [np.s_[:]]
-    images = image_points(scene.samples, scene.tones_hz, scene.array, scene.points_m, tolerance, apart).reshape(-1, 60)
+    images = image_points(
+        scene.samples, scene.tones_hz, scene.array, scene.points_m, tolerance, apart
+    ).reshape(-1, 60)
     for image, chosen in zip(images, tones, strict=True):
         part = Scatterers(scene.points_m, weights)
-        echoes = simulate(part, scene.tones_hz[chosen], scene.array, spreading=False, tolerance=tolerance)
-        difference = np.vdot(echoes.astype(complex), scene.samples[chosen]) - np.vdot(weights, image)
+        echoes = simulate(
+            part, scene.tones_hz[chosen], scene.array, spreading=False, tolerance=tolerance
+        )
+        difference = np.vdot(echoes.astype(complex), scene.samples[chosen]) - np.vdot(
+            weights, image
+        )
         size = np.linalg.norm(weights) * np.sqrt(60) * np.linalg.norm(scene.samples[chosen])
-        assert abs(difference) < (2 * tolerance if apart and tolerance else ROUNDING) * size  # apart: other plans
+        assert (
+            abs(difference) < (2 * tolerance if apart and tolerance else ROUNDING) * size
+        )  # apart: other plans
 
 
 @few
 @given(seeds, tolerances)
 def test_echoes_turn_against_steering(seed, tolerance):
-    """An image of ones at p is the conjugate of p's echoes, summed: one sign convention for both."""
+    """An image of ones at p is the conjugate of p's echoes, summed: one sign convention for
+    both."""
     scene = Scene(seed)
     ones = np.ones_like(scene.samples)
     for point in scene.points_m[:3, None]:
-        echoes = simulate(Scatterers(point, np.ones(1)), scene.tones_hz, scene.array, False, tolerance)
+        echoes = simulate(
+            Scatterers(point, np.ones(1)), scene.tones_hz, scene.array, False, tolerance
+        )
         image = scene.image(tolerance, samples=ones, points_m=point)[0]
-        assert abs(image - echoes.sum(dtype=complex).conj()) < (2 * tolerance if tolerance else ROUNDING) * ones.size
+        assert (
+            abs(image - echoes.sum(dtype=complex).conj())
+            < (2 * tolerance if tolerance else ROUNDING) * ones.size
+        )
 
 
 @few
@@ -189,10 +230,13 @@ def test_a_delay_everywhere_is_a_phase_of_each_tone(seed, delay_m, tolerance):
 @given(seeds, tolerances, st.integers(2, 4))
 def test_a_finer_grid_holds_the_coarser_one_s_values(seed, tolerance, times):
     scene = Scene(seed)
-    coarse = [start + 2e-3 * np.arange(n) for start, n in zip((-0.01, 0.0, 0.25), (7, 6, 5), strict=True)]
+    coarse = [
+        start + 2e-3 * np.arange(n) for start, n in zip((-0.01, 0.0, 0.25), (7, 6, 5), strict=True)
+    ]
     fine = [axis[0] + 2e-3 / times * np.arange(times * (len(axis) - 1) + 1) for axis in coarse]
     volume, finer = (
-        image_volume(scene.samples, scene.tones_hz, scene.array, VoxelGrid(*axes), tolerance) for axes in (coarse, fine)
+        image_volume(scene.samples, scene.tones_hz, scene.array, VoxelGrid(*axes), tolerance)
+        for axes in (coarse, fine)
     )
     scene.assert_alike(finer[::times, ::times, ::times], volume, tolerance)
 
@@ -221,18 +265,29 @@ def test_captures_and_frames_know_nothing_of_each_other(seed, tolerance):
     scene = Scene(seed)
     frames = noise((3, *scene.samples.shape), seed)
     order = scene.generator.permutation(3)
-    captures = [RadarCapture(samples, scene.tones_hz, scene.array) for samples in (frames, frames[order])]
+    captures = [
+        RadarCapture(samples, scene.tones_hz, scene.array) for samples in (frames, frames[order])
+    ]
     with fresh_plans():
-        first = [scene.image(tolerance, samples=captures[0].tones(scene.tones_hz, i)[0]) for i in range(3)]
+        first = [
+            scene.image(tolerance, samples=captures[0].tones(scene.tones_hz, i)[0])
+            for i in range(3)
+        ]
     with fresh_plans():
         scene.image(tolerance, points_m=scene.points_m + 0.5)
-        again = [scene.image(tolerance, samples=captures[1].tones(scene.tones_hz, i)[0]) for i in range(3)]
+        again = [
+            scene.image(tolerance, samples=captures[1].tones(scene.tones_hz, i)[0])
+            for i in range(3)
+        ]
     assert np.array_equal(np.array(first)[order], again)
 
 
 @pytest.mark.parametrize("tolerance", [None, 1e-3])
 def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkeypatch):
-    scene, grid = Scene(1, 3000), VoxelGrid(1e-3 * np.arange(40), 1e-3 * np.arange(40), 0.25 + 1e-3 * np.arange(20))
+    scene, grid = (
+        Scene(1, 3000),
+        VoxelGrid(1e-3 * np.arange(40), 1e-3 * np.arange(40), 0.25 + 1e-3 * np.arange(20)),
+    )
     found = []
     for workers in ("1", "2", "5"):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
@@ -240,6 +295,18 @@ def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkey
             echoes = simulate(scene.facets, scene.tones_hz, qar50(), tolerance=tolerance)
             tones = tone_images(echoes, scene.tones_hz, qar50(), scene.points_m)
             peaks = project_volume(echoes, scene.tones_hz, qar50(), grid, tolerance)
-            found.append((echoes, tones, peaks.index, peaks.magnitude, peaks.rival, peaks.second, peaks.error))
+            found.append(
+                (
+                    echoes,
+                    tones,
+                    peaks.index,
+                    peaks.magnitude,
+                    peaks.rival,
+                    peaks.second,
+                    peaks.error,
+                )
+            )
     for others in found[1:]:
-        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(found[0], others, strict=True))
+        assert all(
+            np.array_equal(a, b, equal_nan=True) for a, b in zip(found[0], others, strict=True)
+        )

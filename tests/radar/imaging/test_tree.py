@@ -22,7 +22,8 @@ def test_a_skeleton_carries_every_member_of_a_low_rank_family(n, rank, seed):
     family /= np.linalg.norm(family, axis=0)
     index, weights = skeleton(family.T @ family, 1e-6)
     assert len(index) <= min(n, rank)
-    # The Gram matrix squares the condition: 1e-16 there is 1e-8 here, times what the weights amplify.
+    # The Gram matrix squares the condition: 1e-16 there is 1e-8 here, times what the weights
+    # amplify.
     assert np.abs(family[:, index] @ weights - family).max() < 1e-5 * (1 + np.abs(weights).max())
 
 
@@ -33,7 +34,8 @@ def test_a_band_skeleton_carries_every_wave_of_its_band(half_band, exponent, pla
     index, weights = skeleton(band_kernel(wavenumber, wavenumber, np.array([half_band])), tolerance)
     wave = np.exp(1j * place * half_band * wavenumber[:, 0])
     error = np.abs(wave[index] @ weights - wave)
-    # J₀ bounds the mean over the band; a single wave at its edge may err five times more (measured: two to three).
+    # J₀ bounds the mean over the band; a single wave at its edge may err five times more (measured:
+    # two to three).
     assert np.sqrt(np.mean(error**2)) < 5 * tolerance
 
 
@@ -44,15 +46,20 @@ def test_ascending_is_the_adjoint_of_descending(seed, whole):
     above = branch(trunk(TONES_HZ, qar50()), box, Family(1e-3, False))
     node = branch(above, split(above.box, np.array([3, 3, 2]))[4], Family(1e-3, False, whole=whole))
     step = (above.turns_per_m, *node.shifts_m, node.tone_weights, *node.leg_weights)
-    parent = planes(noise((len(above.turns_per_m), *(len(leg.length_m) for leg in above.legs)), seed))
-    child = planes(noise((len(node.turns_per_m), *(len(leg.length_m) for leg in node.legs)), seed + 1))
+    parent = planes(
+        noise((len(above.turns_per_m), *(len(leg.length_m) for leg in above.legs)), seed)
+    )
+    child = planes(
+        noise((len(node.turns_per_m), *(len(leg.length_m) for leg in node.legs)), seed + 1)
+    )
     down, up = descend(parent, *step), ascend(child, *step)
     left, right = np.vdot(down.astype(float), child), np.vdot(parent.astype(float), up)
     assert abs(left - right) < 1e-5 * np.linalg.norm(down) * np.linalg.norm(child)  # float32 sums
 
 
 def test_small_boxes_need_few_tones_and_antennas():
-    # What the paper's arithmetic promises for 22 mm: 7 to 10 tones and about 20 of 94 antennas a leg at 1e-3.
+    # What the paper's arithmetic promises for 22 mm: 7 to 10 tones and about 20 of 94 antennas a
+    # leg at 1e-3.
     box = Box(np.array([0, 0, 0.28]), np.array([0.022, 0.022, 0.302]))
     root = branch(trunk(TONES_HZ, qar50()), box, Family(1e-3, False))
     assert len(root.turns_per_m) <= 10
@@ -60,7 +67,9 @@ def test_small_boxes_need_few_tones_and_antennas():
 
 
 @examples(20)
-@given(n=st.integers(1, 50), size_m=st.sampled_from([1e-3, 1.0, 1e3, 1e6]), seed=st.integers(0, 2**31))
+@given(
+    n=st.integers(1, 50), size_m=st.sampled_from([1e-3, 1.0, 1e3, 1e6]), seed=st.integers(0, 2**31)
+)
 def test_clusters_hold_every_point_once_and_none_far_from_the_others(n, size_m, seed):
     points = np.random.default_rng(seed).uniform(-size_m, size_m, (n, 3))
     near = clusters(points, TONES_HZ)

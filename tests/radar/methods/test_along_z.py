@@ -1,4 +1,5 @@
-"""Capon's spectrum and the coherence factor: one scatterer in closed form, two that a sum cannot part."""
+"""Capon's spectrum and the coherence factor: one scatterer in closed form, two that a sum cannot
+part."""
 
 import numpy as np
 import pytest
@@ -24,8 +25,8 @@ def test_one_scatterer_is_found_to_half_a_step():
 
 
 def test_capon_parts_what_a_sum_does_not():
-    """Two scatterers 10 mm apart, less than the range cell of 15 mm, the nearer one stronger: the sum's maximum is
-    drawn towards the other by 0.5 mm and more in some phases, Capon's stays."""
+    """Two scatterers 10 mm apart, less than the range cell of 15 mm, the nearer one stronger: the
+    sum's maximum is drawn towards the other by 0.5 mm and more in some phases, Capon's stays."""
     phases = np.exp(2j * np.pi * np.arange(12) / 12)
     both = images([0.0] * 12) + 0.7 * phases * images([0.010] * 12)
     found_m = capon(both, TONES_HZ, np.full(12, 2.0), 0.012)

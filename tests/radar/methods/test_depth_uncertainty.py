@@ -25,19 +25,26 @@ PIXELS = around((0.0, 0.0), half_m=0.024)
 
 
 def white_pair(seed, amplitude, noise_rad, gain=1.0):
-    """Two images of the same amplitude with white noise, σ_φ = noise_rad between them where the amplitude is 1."""
+    """Two images of the same amplitude with white noise, σ_φ = noise_rad between them where the
+    amplitude is 1."""
     generator = np.random.default_rng(seed)
     shape = (2, *np.shape(amplitude))
-    noise = noise_rad / np.sqrt(2) * (generator.normal(size=shape) + 1j * generator.normal(size=shape))
+    noise = (
+        noise_rad / np.sqrt(2) * (generator.normal(size=shape) + 1j * generator.normal(size=shape))
+    )
     return (amplitude + noise) * np.array([1.0, gain])[:, None, None]
 
 
 @examples(30)
 @given(
-    seed=st.integers(0, 9999), noise_rad=st.floats(1e-4, 0.1), gain=st.floats(0.5, 2.0), sign=st.sampled_from([-1, 1])
+    seed=st.integers(0, 9999),
+    noise_rad=st.floats(1e-4, 0.1),
+    gain=st.floats(0.5, 2.0),
+    sign=st.sampled_from([-1, 1]),
 )
 def test_the_amplitudes_tell_how_far_the_phases_are_off(seed, noise_rad, gain, sign):
-    # 60 × 60 independent pixels tell a deviation to ±1.2 % (1σ), twice over; a gain of 2 turns ρ by another 12 %.
+    # 60 × 60 independent pixels tell a deviation to ±1.2 % (1σ), twice over; a gain of 2 turns ρ by
+    # another 12 %.
     difference_hz = sign * 200e6
     b, a = white_pair(seed, np.ones((60, 60)), noise_rad, gain)
     actual_m = depth_step_m(b, a, difference_hz).std()
@@ -58,27 +65,36 @@ def test_weak_pixels_are_trusted_less_in_inverse_proportion():
 def test_wrap_probability_is_that_of_two_gaussian_hypotheses(step_mm, sigma_mm):
     here, next_period = norm.logpdf([abs(step_mm), 60 - abs(step_mm)], scale=sigma_mm)
     expected = np.exp(next_period - np.logaddexp(here, next_period))
-    assert wrap_probability(np.array(step_mm), np.array(sigma_mm), 30.0) == pytest.approx(expected, abs=1e-9)
+    assert wrap_probability(np.array(step_mm), np.array(sigma_mm), 30.0) == pytest.approx(
+        expected, abs=1e-9
+    )
 
 
 def test_as_much_noise_as_stated_passes_for_an_echo():
-    # 4000 pixels × 11 depths, of which independent ones are told from the strongest; 1 % of 4000 is known to ± 6.
+    # 4000 pixels × 11 depths, of which independent ones are told from the strongest; 1 % of 4000 is
+    # known to ± 6.
     generator = np.random.default_rng(3)
     tones, known = 128, np.linspace(0, 127, 8).round().astype(int)
     passes = 0
     for _ in range(8):
-        images = generator.normal(size=(500, 11, tones)) + 1j * generator.normal(size=(500, 11, tones))
+        images = generator.normal(size=(500, 11, tones)) + 1j * generator.normal(
+            size=(500, 11, tones)
+        )
         power = np.abs(images.sum(axis=2)) ** 2
         strongest = power.argmax(axis=1)
         mean = np.mean(np.abs(images[np.arange(500), strongest][:, known]) ** 2, axis=1)
-        passes += np.count_nonzero(power.max(axis=1) > least_coherence(tones, 8, 5.0) * tones**2 * mean)
+        passes += np.count_nonzero(
+            power.max(axis=1) > least_coherence(tones, 8, 5.0) * tones**2 * mean
+        )
     assert 0.4 * NOISE_PASSES < passes / 4000 < 1.3 * NOISE_PASSES
 
 
 def test_three_tones_agree_as_well_in_noise_as_in_an_echo():
     assert least_coherence(3, 8, 1.3) > 1
     assert least_coherence(128, 8, 5.3) < 0.1
-    assert least_coherence(100_000, 8, 5.3) == 0.05  # a sidelobe's tones agree to 0.047, however many they are
+    assert (
+        least_coherence(100_000, 8, 5.3) == 0.05
+    )  # a sidelobe's tones agree to 0.047, however many they are
 
 
 def test_wrap_probability_at_the_limits():
@@ -96,14 +112,18 @@ def noisy_maps():
     coarse = TwoToneConfig(**PIXELS, first_depth_m=0.28)
     return {
         "2fsk": [fsk_with_uncertainty(capture, coarse) for capture in captures],
-        "3fsk": [fsk_with_uncertainty(capture, ThreeToneConfig(**PIXELS, first_depth_m=0.28)) for capture in captures],
+        "3fsk": [
+            fsk_with_uncertainty(capture, ThreeToneConfig(**PIXELS, first_depth_m=0.28))
+            for capture in captures
+        ],
     }
 
 
 @pytest.mark.parametrize("method", ["2fsk", "3fsk"])
 def test_sigma_ranks_and_scales_the_errors_of_a_noisy_surface(noisy_maps, method):
-    # An error is one draw of its σ, and σ varies about threefold over the target: even the true σ reaches rank
-    # correlations of 0.36 and 0.44 only. Measured for 2-FSK and 3-FSK: 0.32 and 0.36; the robust ratio is 1.0 and 1.0.
+    # An error is one draw of its σ, and σ varies about threefold over the target: even the true σ
+    # reaches rank correlations of 0.36 and 0.44 only. Measured for 2-FSK and 3-FSK: 0.32 and 0.36;
+    # the robust ratio is 1.0 and 1.0.
     error = np.concatenate([np.abs(error_m(depth, bumpy)).ravel() for depth in noisy_maps[method]])
     sigma = np.concatenate([depth.sigma_m.ravel() for depth in noisy_maps[method]])
     known = np.isfinite(error)
@@ -126,7 +146,9 @@ def test_flag_and_sigma_survive_the_file_and_old_files_have_none(tmp_path):
     again = load_depthmap(tmp_path / "old.npz")
     assert again.sigma_m is None and again.wrapped is None
     DepthMap(*axes, z_m, z_m, "x", {}, z_m[:1]).save(tmp_path / "small.npz")
-    with pytest.raises(HandbenchError, match=r"sigma_m is float64 \(1, 3\); expected real numbers \(2, 3\)"):
+    with pytest.raises(
+        HandbenchError, match=r"sigma_m is float64 \(1, 3\); expected real numbers \(2, 3\)"
+    ):
         load_depthmap(tmp_path / "small.npz")
     DepthMap(*axes, z_m, z_m, "x", {}, z_m, z_m).save(tmp_path / "kind.npz")
     with pytest.raises(HandbenchError, match=r"wrapped is float64 \(2, 3\); expected bool"):

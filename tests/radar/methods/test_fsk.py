@@ -42,11 +42,14 @@ def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_
 @examples(8)
 @given(point_m=anywhere(edge_m=0.05).filter(lambda point_m: np.hypot(*point_m[:2]) <= 0.05))
 def test_3fsk_as_in_the_paper_finds_a_point_near_the_axis(point_m):
-    """Within a tenth of a millimetre, which the filters leave, and what the paper's factor 2 leaves off the axis: of
-    each of its three corrections s − 1, s being 2 over the path's true derivative. The first is of 0.45 m − z. Further
-    off the filters leave more: 0.5 mm at (50, 50, 245) mm."""
+    """Within a tenth of a millimetre, which the filters leave, and what the paper's factor 2 leaves
+    off the axis: of each of its three corrections s − 1, s being 2 over the path's true derivative.
+    The first is of 0.45 m − z. Further off the filters leave more: 0.5 mm at (50, 50, 245) mm."""
     depth = fsk_with_uncertainty(point_capture(point_m), ThreeToneConfig())
-    rise = [np.mean(point_m[2] / np.linalg.norm(leg_m - point_m, axis=1)) for leg_m in (qar50().tx_m, qar50().rx_m)]
+    rise = [
+        np.mean(point_m[2] / np.linalg.norm(leg_m - point_m, axis=1))
+        for leg_m in (qar50().tx_m, qar50().rx_m)
+    ]
     left_m = (2 / sum(rise) - 1) ** 3 * (0.45 - point_m[2])
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4 + left_m
 
@@ -68,15 +71,20 @@ def test_depth_step_is_unambiguous_to_375_mm_and_independent_of_amplitude(step_m
 
 
 def test_two_tone_precision_follows_the_phase_noise():
-    # σ_z = c/(4πΔf)·σ_φ: 0.030 rad at 200 MHz are 3.58 mm. 60 draws give the deviation to ±9 % (1σ): 30 % is 3σ.
+    # σ_z = c/(4πΔf)·σ_φ: 0.030 rad at 200 MHz are 3.58 mm. 60 draws give the deviation to ±9 %
+    # (1σ): 30 % is 3σ.
     point_m = (0.0, 0.0, 0.29)
     clean = point_capture(point_m).samples[0]
     strongest = strongest_amplitude(clean[0], TONES_HZ[0], qar50(), np.array([point_m]))
-    config = TwoToneConfig(**around(point_m, half_m=0.0), first_depth_m=0.29)  # in focus from the start
+    config = TwoToneConfig(
+        **around(point_m, half_m=0.0), first_depth_m=0.29
+    )  # in focus from the start
     depths = []
     for repeat in range(60):
         samples = thermal_noise(clean, TONES_HZ, 0.030, strongest, (1, repeat))
-        depths.append(fsk_with_uncertainty(RadarCapture(samples[None], TONES_HZ, qar50()), config).z_m[0, 0])
+        depths.append(
+            fsk_with_uncertainty(RadarCapture(samples[None], TONES_HZ, qar50()), config).z_m[0, 0]
+        )
     expected = SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * 0.030
     assert np.std(depths, ddof=1) == pytest.approx(expected, rel=0.3)
     assert np.mean(depths) == pytest.approx(0.29, abs=4 * expected / np.sqrt(60))
@@ -89,7 +97,9 @@ def test_noise_repeats_with_its_seed_and_differs_without():
     assert not np.array_equal(draws[0], draws[2])
     assert not np.array_equal(draws[0][0], draws[0][1])
     assert np.array_equal(thermal_noise(clean[1:], TONES_HZ[1:2], 0.1, 1e4, (3, 0))[0], draws[0][1])
-    assert (draws[0] - clean).std() == pytest.approx(0.1 * 1e4 / 94, rel=0.02)  # 17 672 draws: 0.4 % (1σ)
+    assert (draws[0] - clean).std() == pytest.approx(
+        0.1 * 1e4 / 94, rel=0.02
+    )  # 17 672 draws: 0.4 % (1σ)
 
 
 def test_masked_mean_ignores_what_is_off_target():
@@ -105,7 +115,9 @@ def test_masked_mean_ignores_what_is_off_target():
 @given(seed=st.integers(0, 999), size=st.sampled_from([3, 5, 9]))
 def test_masked_mean_weighs_pixels_and_a_weight_of_one_is_none(seed, size):
     generator = np.random.default_rng(seed)
-    values = np.where(generator.random((12, 15)) < 0.6, generator.normal(0.3, 0.01, (12, 15)), np.nan)
+    values = np.where(
+        generator.random((12, 15)) < 0.6, generator.normal(0.3, 0.01, (12, 15)), np.nan
+    )
     weight = generator.random((12, 15)) + 0.01
     half, (y, x) = size // 2, generator.permutation(np.argwhere(np.isfinite(values)))[0]
     window = np.s_[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
@@ -132,13 +144,19 @@ def test_3fsk_is_the_papers_iteration_written_out():
     z_m = masked_mean(coarse.z_m, 3)
     x, y = np.meshgrid(coarse.x_m, coarse.y_m)
     points = np.stack([x, y, z_m], axis=-1)[on_target]
-    o1, o2, o3 = (direct_sum(capture.samples[0, f : f + 1], TONES_HZ[f : f + 1], qar50(), points) for f in range(3))
+    o1, o2, o3 = (
+        direct_sum(capture.samples[0, f : f + 1], TONES_HZ[f : f + 1], qar50(), points)
+        for f in range(3)
+    )
     f1, f2, f3 = TONES_HZ
     from_f1 = -SPEED_OF_LIGHT_M_S * np.angle(o1 * np.conj(o3)) / (4 * np.pi * (f1 - f3))
     from_f2 = -SPEED_OF_LIGHT_M_S * np.angle(o2 * np.conj(o3)) / (4 * np.pi * (f2 - f3))
     expected = z_m[on_target] + (from_f1 + from_f2) / 2
-    # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5 µm.
-    assert np.allclose(fsk_with_uncertainty(capture, config).z_m[on_target], expected, rtol=0, atol=5e-7)
+    # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5
+    # µm.
+    assert np.allclose(
+        fsk_with_uncertainty(capture, config).z_m[on_target], expected, rtol=0, atol=5e-7
+    )
 
 
 def test_tones_that_were_not_measured_are_refused():
@@ -160,7 +178,8 @@ def test_an_aperture_without_width_has_no_focus_to_tell_by():
     one = PlanarScan(np.zeros((1, 3)))
     samples = direct_echoes(np.array([[0.0, 0.0, 0.28]]), np.ones(1), TONES_HZ, one)
     depth = fsk_with_uncertainty(
-        RadarCapture(samples[None].astype(np.complex64), TONES_HZ, one), TwoToneConfig(**around((0, 0)))
+        RadarCapture(samples[None].astype(np.complex64), TONES_HZ, one),
+        TwoToneConfig(**around((0, 0))),
     )
     assert not depth.wrapped.any()
 

@@ -1,4 +1,5 @@
-"""Joint depth: a scatterer in closed form, odds of the second maximum by Monte Carlo, a map beside an outline."""
+"""Joint depth: a scatterer in closed form, odds of the second maximum by Monte Carlo, a map beside
+an outline."""
 
 import numpy as np
 import pytest
@@ -16,7 +17,10 @@ TONES_HZ = np.array([82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9])
 def point_capture(at_m, tones_hz=TONES_HZ):
     """A scatterer's echoes, a float64 sum that shares no code with the simulator."""
     array = qar50()
-    tx_m, rx_m = (np.linalg.norm(np.array(at_m) - antennas_m, axis=1) for antennas_m in (array.tx_m, array.rx_m))
+    tx_m, rx_m = (
+        np.linalg.norm(np.array(at_m) - antennas_m, axis=1)
+        for antennas_m in (array.tx_m, array.rx_m)
+    )
     samples = np.stack([phasor(tx_m[:, None] + rx_m, f, -1) for f in tones_hz])
     return RadarCapture(samples[None].astype(np.complex64), np.asarray(tones_hz), array)
 
@@ -30,13 +34,20 @@ def around(at_m, **more):
     return axes | {"tolerance": 1e-4} | more
 
 
-PLACES_M = [(0.0, 0.0, 0.3), (0.011, -0.007, 0.2874), (0.1, -0.08, 0.26), (-0.12, 0.1, 0.31), (0.14, 0.14, 0.28)]
+PLACES_M = [
+    (0.0, 0.0, 0.3),
+    (0.011, -0.007, 0.2874),
+    (0.1, -0.08, 0.26),
+    (-0.12, 0.1, 0.31),
+    (0.14, 0.14, 0.28),
+]
 
 
 @pytest.mark.parametrize("at_m", PLACES_M)
 def test_a_scatterer_is_found_anywhere_in_the_volume(at_m):
-    """To 0.02 mm in its own pixel, up to the corners of the image, and without doubt. Unfiltered: a lobe off the axis
-    is tilted, and its outline in the first plane is not even. First plane: the point stays in so small an image."""
+    """To 0.02 mm in its own pixel, up to the corners of the image, and without doubt. Unfiltered: a
+    lobe off the axis is tilted, and its outline in the first plane is not even. First plane: the
+    point stays in so small an image."""
     chosen = method("joint")
     config = chosen.configure(around(at_m, first_depth_m=0.3, fine_filter_px=1), "test")
     depth = chosen.run(point_capture(at_m), config, 0).depth
@@ -55,7 +66,11 @@ def test_aligned_broadband_finds_it_too(at_m):
 def noisy(offs_m, sigma, seed, tones_hz=TONES_HZ):
     """Images [f, n] of unit scatterers with white noise of that rms."""
     draws = np.random.default_rng(seed)
-    noise = sigma / 2**0.5 * (draws.standard_normal((2, len(tones_hz), len(offs_m))) * [[[1.0]], [[1j]]]).sum(axis=0)
+    noise = (
+        sigma
+        / 2**0.5
+        * (draws.standard_normal((2, len(tones_hz), len(offs_m))) * [[[1.0]], [[1j]]]).sum(axis=0)
+    )
     return np.exp(-4j * np.pi * tones_hz[:, None] / SPEED_OF_LIGHT_M_S * offs_m) + noise
 
 
@@ -69,8 +84,8 @@ def test_uneven_tones_reach_the_cramer_rao_bound():
 
 
 def test_the_second_maximum_is_as_likely_as_it_says():
-    """At noise that puts some a period off: of pixels told more than 10 % likely wrong most wrong ones are among, and
-    below 1 % hardly any is."""
+    """At noise that puts some a period off: of pixels told more than 10 % likely wrong most wrong
+    ones are among, and below 1 % hardly any is."""
     offs_m = np.random.default_rng(2).uniform(-0.02, 0.02, 6000)
     found = align(noisy(offs_m, 0.5, 3), TONES_HZ, np.full(6000, 2.0), 0.03)
     wrong = np.abs(found.shift_m - offs_m) > 0.005
@@ -80,7 +95,8 @@ def test_the_second_maximum_is_as_likely_as_it_says():
 
 
 def test_what_lies_behind_an_outline_is_told():
-    """A step of 30 mm: the far pixels within the reach of the near ones, no others, and none across a small step."""
+    """A step of 30 mm: the far pixels within the reach of the near ones, no others, and none across
+    a small step."""
     z_m = np.full((5, 20), 0.26)
     z_m[:, 10:] = 0.29
     z_m[0, 0] = np.nan

@@ -1,4 +1,5 @@
-"""The ladder of tones: 3-FSK as its shortest case, its check on paper, and pixels whose phase may have wrapped."""
+"""The ladder of tones: 3-FSK as its shortest case, its check on paper, and pixels whose phase may
+have wrapped."""
 
 import numpy as np
 import pytest
@@ -7,7 +8,13 @@ from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk_config import SIGMAS, LadderConfig, ThreeToneConfig, check_ladder, reach_hz
+from handbench.radar.methods.fsk_config import (
+    SIGMAS,
+    LadderConfig,
+    ThreeToneConfig,
+    check_ladder,
+    reach_hz,
+)
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import (
@@ -27,7 +34,8 @@ PIXELS = around((0.0, 0.0), half_m=0.024)
 
 
 def stepped(x, y):
-    """Two planes 90 mm apart: a filter across their edge is off by up to 45 mm, beyond the third tone's ±30 mm."""
+    """Two planes 90 mm apart: a filter across their edge is off by up to 45 mm, beyond the third
+    tone's ±30 mm."""
     return np.where(x < 5e-4, 0.26, 0.35)
 
 
@@ -48,8 +56,9 @@ def test_three_tones_on_the_ladder_are_3fsk_to_the_last_bit():
 @examples(5)
 @given(x_mm=st.integers(-50, 50), y_mm=st.integers(-50, 50), z_m=st.floats(0.26, 0.31))
 def test_the_ladder_finds_a_point_near_the_axis_within_five_micrometres(x_mm, y_mm, z_m):
-    # Off the axis the factor 2 leaves a few per cent of each correction, and the next rung a few per cent of that:
-    # 1.6 µm (measured). A filter over the point's own neighbours would be worth 30 µm.
+    # Off the axis the factor 2 leaves a few per cent of each correction, and the next rung a few
+    # per cent of that: 1.6 µm (measured). A filter over the point's own neighbours would be worth
+    # 30 µm.
     point_m = (x_mm / 1000, y_mm / 1000, z_m)
     config = LadderConfig(**around(point_m, half_m=0.006), first_depth_m=0.3, fine_filter_px=1)
     depth = fsk_with_uncertainty(point_capture(point_m, FIVE_HZ), config)
@@ -58,20 +67,29 @@ def test_the_ladder_finds_a_point_near_the_axis_within_five_micrometres(x_mm, y_
 
 
 def test_noise_shrinks_with_the_last_rung():
-    # σ_z ∝ 1/Δf at one and the same point: 2.4 and 9.9 GHz are a factor of 4.1. 40 draws each tell it to ±16 % (1σ).
+    # σ_z ∝ 1/Δf at one and the same point: 2.4 and 9.9 GHz are a factor of 4.1. 40 draws each tell
+    # it to ±16 % (1σ).
     point_m = (0.0, 0.0, 0.29)
     pixel = around(point_m, half_m=0.0)
     captures = [points_capture(np.array([point_m]), FIVE_HZ, 0.05, seed) for seed in range(40)]
-    configs = [ThreeToneConfig(**pixel, first_depth_m=0.29), LadderConfig(**pixel, first_depth_m=0.29)]
+    configs = [
+        ThreeToneConfig(**pixel, first_depth_m=0.29),
+        LadderConfig(**pixel, first_depth_m=0.29),
+    ]
     deviations = [
-        np.std([fsk_with_uncertainty(capture, config).z_m[0, 0] for capture in captures]) for config in configs
+        np.std([fsk_with_uncertainty(capture, config).z_m[0, 0] for capture in captures])
+        for config in configs
     ]
     assert deviations[0] / deviations[1] == pytest.approx(9.9 / 2.4, rel=0.5)
 
 
 @examples(60)
-@given(noise_rad=st.floats(0.005, 0.2), share=st.floats(0.5, 1.5).filter(lambda s: abs(s - 1) > 1e-6))
-def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_ambiguity(noise_rad, share):
+@given(
+    noise_rad=st.floats(0.005, 0.2), share=st.floats(0.5, 1.5).filter(lambda s: abs(s - 1) > 1e-6)
+)
+def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_ambiguity(
+    noise_rad, share
+):
     first_hz, pair_hz = 82e9, 1e6
     next_hz = share * np.pi / (SIGMAS * noise_rad) * pair_hz
     sigma_m = SPEED_OF_LIGHT_M_S / (4 * np.pi * pair_hz) * noise_rad
@@ -88,9 +106,18 @@ def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_am
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"tones_hz": [82e9, 81.8e9, 72e9]}, ["rung 2 (72 GHz)", "50.0 times", "allows 34.9", "near 80.59 GHz"]),
-        ({"tones_hz": [82e9, 81.8e9, 79.5e9, 72e9], "phase_noise_rad": 0.1}, ["rung 2 (79.5 GHz)", "allows 10.5"]),
-        ({"tones_hz": [82e9, 81.8e9, 72e9, 79.5e9], "phase_noise_rad": 0.01}, ["rung 3 (79.5 GHz)", "order the tones"]),
+        (
+            {"tones_hz": [82e9, 81.8e9, 72e9]},
+            ["rung 2 (72 GHz)", "50.0 times", "allows 34.9", "near 80.59 GHz"],
+        ),
+        (
+            {"tones_hz": [82e9, 81.8e9, 79.5e9, 72e9], "phase_noise_rad": 0.1},
+            ["rung 2 (79.5 GHz)", "allows 10.5"],
+        ),
+        (
+            {"tones_hz": [82e9, 81.8e9, 72e9, 79.5e9], "phase_noise_rad": 0.01},
+            ["rung 3 (79.5 GHz)", "order the tones"],
+        ),
         ({"tones_hz": [82e9, 82e9, 79.5e9]}, ["rung 2", "0 GHz"]),
         ({"tones_hz": [82e9, 81.8e9]}, ["three tones or more"]),
         ({"phase_noise_rad": 0}, ["phase_noise_rad", "greater than 0"]),
@@ -113,9 +140,13 @@ def test_what_a_refusal_suggests_is_accepted():
 
 
 def test_the_flag_catches_wraps_at_an_edge(edge):
-    depth = fsk_with_uncertainty(edge, ThreeToneConfig(**PIXELS, coarse_filter_px=11, fine_filter_px=1))
+    depth = fsk_with_uncertainty(
+        edge, ThreeToneConfig(**PIXELS, coarse_filter_px=11, fine_filter_px=1)
+    )
     off = np.abs(error_m(depth, stepped)) > 0.03
-    assert off.sum() >= 5  # of 49 rows, where the filter was off by more than 30 mm and the planes' points are near
+    assert (
+        off.sum() >= 5
+    )  # of 49 rows, where the filter was off by more than 30 mm and the planes' points are near
     assert depth.wrapped[off].all()
     assert (depth.wrapped & ~off)[:, np.abs(depth.x_m) > 0.012].mean() < 0.01  # away from the edge
 
@@ -133,11 +164,16 @@ def test_dropped_pixels_do_not_reach_their_neighbours(edge):
 
 @pytest.fixture(scope="module")
 def smooth_maps():
-    """3-FSK without its last filter of a smooth surface, four draws each at the paper's noise and at four times it."""
-    points, config = surface_points(bumpy, half_m=0.03, pitch_m=0.000625), ThreeToneConfig(**PIXELS, fine_filter_px=1)
+    """3-FSK without its last filter of a smooth surface, four draws each at the paper's noise and
+    at four times it."""
+    points, config = (
+        surface_points(bumpy, half_m=0.03, pitch_m=0.000625),
+        ThreeToneConfig(**PIXELS, fine_filter_px=1),
+    )
     return {
         noise_rad: [
-            fsk_with_uncertainty(points_capture(points, TONES_HZ, noise_rad, seed), config) for seed in range(4)
+            fsk_with_uncertainty(points_capture(points, TONES_HZ, noise_rad, seed), config)
+            for seed in range(4)
         ]
         for noise_rad in (0.0264, 0.1)
     }
@@ -150,8 +186,11 @@ def test_a_smooth_surface_raises_few_false_alarms(smooth_maps):
 
 
 def test_wraps_under_heavy_noise_are_nearly_all_flagged(smooth_maps):
-    # 3σ of the first pair is 36 mm at the strongest pixel already: many pixels wrap, and more might have.
-    off = np.concatenate([(np.abs(error_m(depth, bumpy)) > 0.03).ravel() for depth in smooth_maps[0.1]])
+    # 3σ of the first pair is 36 mm at the strongest pixel already: many pixels wrap, and more might
+    # have.
+    off = np.concatenate(
+        [(np.abs(error_m(depth, bumpy)) > 0.03).ravel() for depth in smooth_maps[0.1]]
+    )
     wrapped = np.concatenate([depth.wrapped.ravel() for depth in smooth_maps[0.1]])
     assert off.sum() > 100
     assert wrapped[off].mean() > 0.9  # 97 % (measured)

@@ -1,4 +1,5 @@
-"""The paper's 2-FSK written out in float64 sums: the strongest pixel corrects the plane once, not until it stays."""
+"""The paper's 2-FSK written out in float64 sums: the strongest pixel corrects the plane once, not
+until it stays."""
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ FIRST_M, THRESHOLD_DB = 0.45, -10.0
 TX_M, RX_M = qar50().tx_m[::8], qar50().rx_m[::8]
 ALONG_M = np.arange(-0.02, 0.0201, 0.002)
 AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.002}
-# Two points, both out of focus at 0.45 m: their common peak leads between them, and the next one to the stronger.
+# Two points, both out of focus at 0.45 m: their common peak leads between them, and the next one to
+# the stronger.
 POINTS_M = np.array([[-0.01, 0.0, 0.34], [0.012, 0.0, 0.26]])
 WEIGHTS = np.array([1.0, 1.4])
 EXACTLY_M = 5e-6  # imaging in float32 is worth 1e-5 rad at the threshold, and 119 mm is a radian
@@ -32,7 +34,8 @@ def samples(f_hz):
 
 
 def image(f_hz, z_m):
-    """The backprojection of every pixel of the plane z_m: O(p) = Σ_t Σ_r S[t, r] exp(+j2πf(|p − t| + |p − r|)/c)."""
+    """The backprojection of every pixel of the plane z_m: O(p) = Σ_t Σ_r S[t, r] exp(+j2πf(|p − t|
+    + |p − r|)/c)."""
     x, y = np.meshgrid(ALONG_M, ALONG_M)
     points_m = np.stack([x, y, np.full(x.shape, z_m)], axis=-1).reshape(-1, 3)
     focused = samples(f_hz) * np.exp(2j * np.pi * f_hz * paths_m(points_m) / C)
@@ -65,7 +68,11 @@ def found(capture):
     """The depth map of a method with its defaults, but for the pixels and the values given."""
 
     def depth(id, **values):
-        return method(id).run(capture, method(id).configure({"x": AXIS, "y": AXIS, **values}, id), 0).depth
+        return (
+            method(id)
+            .run(capture, method(id).configure({"x": AXIS, "y": AXIS, **values}, id), 0)
+            .depth
+        )
 
     return depth
 
@@ -108,5 +115,6 @@ def test_the_depths_bear_their_predicted_error_and_their_flags(found, id):
     assert on_target.any()
     assert (depth.sigma_m[on_target] > 0).all() and np.isnan(depth.sigma_m[~on_target]).all()
     assert depth.wrapped.shape == depth.z_m.shape and not depth.wrapped[~on_target].any()
-    # One correction leads to between the points: both are out of focus there, and three tones disagree.
+    # One correction leads to between the points: both are out of focus there, and three tones
+    # disagree.
     assert depth.wrapped.any() == (id == "3fsk")

@@ -1,4 +1,5 @@
-"""Depths about another sensor's: a sphere's cap in closed form, priors that are noisy, wrong or not of these pixels."""
+"""Depths about another sensor's: a sphere's cap in closed form, priors that are noisy, wrong or not
+of these pixels."""
 
 import numpy as np
 import pytest
@@ -21,7 +22,8 @@ def found(tmp_path, z_m, **more):
 
 
 def test_a_prior_of_five_millimetres_leaves_nothing_of_its_error(tmp_path):
-    """0.02 mm in the scatterer's pixel, whatever the prior's error: it is one depth, and noise has none in it."""
+    """0.02 mm in the scatterer's pixel, whatever the prior's error: it is one depth, and noise has
+    none in it."""
     prior_m = AT_M[2] + 5e-3 * np.random.default_rng(1).uniform(-1, 1, (13, 13))
     depth = found(tmp_path, prior_m, fine_filter_px=1, edge_m=0.0)
     assert depth.z_m[6, 6] == pytest.approx(AT_M[2], abs=2e-5) and not depth.wrapped[6, 6]
@@ -30,7 +32,9 @@ def test_a_prior_of_five_millimetres_leaves_nothing_of_its_error(tmp_path):
 def test_a_prior_that_is_wrong_as_a_whole_is_refused(tmp_path):
     """30 mm is one period of 5 GHz: the far pair alone would take it."""
     for off_m, side in ((0.03, "behind"), (-0.03, "before")):
-        with pytest.raises(HandbenchError, match=f"lies 3[0-9] mm {side} the depths that close tones tell"):
+        with pytest.raises(
+            HandbenchError, match=f"lies 3[0-9] mm {side} the depths that close tones tell"
+        ):
             found(tmp_path, np.full((13, 13), AT_M[2] + off_m))
 
 

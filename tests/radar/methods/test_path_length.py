@@ -1,4 +1,5 @@
-"""A 3-FSK map passes few files, so that a reader can follow it from the method to the compiled loops."""
+"""A 3-FSK map passes few files, so that a reader can follow it from the method to the compiled
+loops."""
 
 import sys
 from pathlib import Path
@@ -17,8 +18,8 @@ MOST = 20
 
 
 def files_passed(call) -> set[str]:
-    """The files of our packages whose functions run in call(). Compiled functions leave no trace: those count that a
-    function names that ran, and those that they name."""
+    """The files of our packages whose functions run in call(). Compiled functions leave no trace:
+    those count that a function names that ran, and those that they name."""
     files: set[str] = set()
 
     def count(code: CodeType, names: dict) -> None:

@@ -10,9 +10,27 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import project_volume
 from handbench.radar.imaging.peaks import strongest_voxels
-from handbench.radar.methods.projection import Peaks, maximum_projection, peak_offset, peaks_kept, project, volume
-from handbench.radar.methods.projection_config import AlignedConfig, BroadbandConfig, NarrowbandConfig
-from tests.radar.simulated_points import around, bumpy, point_capture, points_capture, strongest_z_m, surface_points
+from handbench.radar.methods.projection import (
+    Peaks,
+    maximum_projection,
+    peak_offset,
+    peaks_kept,
+    project,
+    volume,
+)
+from handbench.radar.methods.projection_config import (
+    AlignedConfig,
+    BroadbandConfig,
+    NarrowbandConfig,
+)
+from tests.radar.simulated_points import (
+    around,
+    bumpy,
+    point_capture,
+    points_capture,
+    strongest_z_m,
+    surface_points,
+)
 from tests.strategies import examples
 
 
@@ -37,7 +55,9 @@ def test_a_point_is_flagged_where_it_lies_outside_the_volume(z_m):
     depth = project(point, config, "broadband")
     assert depth.wrapped[3, 3] == (not 0.245 < z_m < 0.325)
     assert np.array_equal(
-        depth.z_m, maximum_projection(strongest_voxels(volume(point, config)), config, "broadband").z_m, equal_nan=True
+        depth.z_m,
+        maximum_projection(strongest_voxels(volume(point, config)), config, "broadband").z_m,
+        equal_nan=True,
     )
 
 
@@ -57,7 +77,9 @@ def test_kept_peaks_are_those_of_the_same_echoes_and_voxels(monkeypatch):
         (config, 1, 1),
     ]
     first = point_capture((0.0, 0.0, 0.28), config.tones_hz())
-    capture = RadarCapture(np.concatenate([first.samples, 2j * first.samples]), first.frequencies_hz, first.aperture)
+    capture = RadarCapture(
+        np.concatenate([first.samples, 2j * first.samples]), first.frequencies_hz, first.aperture
+    )
     kept = {}
     with peaks_kept(kept):
         for _ in range(2):  # a time is that of imaging, so nothing is taken from there
@@ -74,7 +96,10 @@ def test_kept_peaks_are_those_of_the_same_echoes_and_voxels(monkeypatch):
 def test_noise_is_flagged_by_broadband_and_cannot_be_by_three_tones():
     generator = np.random.default_rng(2)
     for kind, flagged in ((BroadbandConfig, True), (NarrowbandConfig, False)):
-        config = kind(**around((0, 0), half_m=0.015, step_m=0.003), z=Axis(start_m=0.27, stop_m=0.3, step_m=0.001))
+        config = kind(
+            **around((0, 0), half_m=0.015, step_m=0.003),
+            z=Axis(start_m=0.27, stop_m=0.3, step_m=0.001),
+        )
         noise = generator.normal(size=(2, 1, len(config.tones_hz()), 94, 94))
         samples = (noise[0] + 1j * noise[1]).astype(np.complex64)
         depth = project(RadarCapture(samples, config.tones_hz(), qar50()), config, "noise")
@@ -84,10 +109,12 @@ def test_noise_is_flagged_by_broadband_and_cannot_be_by_three_tones():
 
 
 def test_narrowband_repeats_at_the_ambiguity_of_its_tones():
-    # The three tones can hardly tell depths apart that differ by c/2/2.4 GHz ≈ 62 mm: out of focus as it is, the second
-    # lobe stays far above the method's threshold of −13 dB (0.22).
+    # The three tones can hardly tell depths apart that differ by c/2/2.4 GHz ≈ 62 mm: out of focus
+    # as it is, the second lobe stays far above the method's threshold of −13 dB (0.22).
     point_m = (0.0, 0.0, 0.29)
-    config = NarrowbandConfig(**around(point_m, half_m=0.0), z=Axis(start_m=0.2, stop_m=0.38, step_m=0.001))
+    config = NarrowbandConfig(
+        **around(point_m, half_m=0.0), z=Axis(start_m=0.2, stop_m=0.38, step_m=0.001)
+    )
     magnitude = np.abs(volume(point_capture(point_m), config))[:, 0, 0]
     near = magnitude[np.abs(config.z.values_m() - 0.29) < 0.01].max()
     lobe = magnitude[np.abs(config.z.values_m() - 0.352) < 0.01].max()
@@ -97,7 +124,8 @@ def test_narrowband_repeats_at_the_ambiguity_of_its_tones():
 @examples(6)
 @given(point_m=anywhere())
 def test_subvoxel_finds_a_point_anywhere_within_five_micrometres(point_m):
-    # What is left of a voxel of 1 mm is the lobe's quartic term: 0.5 µm near the axis, 1.6 µm at the corner (measured).
+    # What is left of a voxel of 1 mm is the lobe's quartic term: 0.5 µm near the axis, 1.6 µm at
+    # the corner (measured).
     config = BroadbandConfig(**around(point_m, half_m=0.004), subvoxel=True)
     capture = point_capture(point_m, config.tones_hz())
     depth = maximum_projection(strongest_voxels(volume(capture, config)), config, "broadband")
@@ -112,10 +140,13 @@ def test_subvoxel_moves_a_surface_by_less_than_half_a_voxel_and_towards_a_finer_
     between = coarse.model_copy(update={"subvoxel": True})
     capture = points_capture(surface_points(bumpy, half_m + 0.005, 0.0005), fine.tones_hz())
     whole = maximum_projection(strongest_voxels(volume(capture, coarse)), coarse, "broadband").z_m
-    parabola = maximum_projection(strongest_voxels(volume(capture, between)), between, "broadband").z_m
+    parabola = maximum_projection(
+        strongest_voxels(volume(capture, between)), between, "broadband"
+    ).z_m
     reference = maximum_projection(strongest_voxels(volume(capture, fine)), fine, "broadband").z_m
     assert np.nanmax(np.abs(parabola - whole)) <= 0.001
-    # Whole voxels are off by 2 mm/√12 = 0.58 mm (measured: 0.50), the finer grid itself by 0.1 mm/√12 = 0.03 mm.
+    # Whole voxels are off by 2 mm/√12 = 0.58 mm (measured: 0.50), the finer grid itself by 0.1
+    # mm/√12 = 0.03 mm.
     assert np.sqrt(np.nanmean((whole - reference) ** 2)) > 0.4e-3
     assert np.sqrt(np.nanmean((parabola - reference) ** 2)) < 0.08e-3
 
@@ -123,7 +154,8 @@ def test_subvoxel_moves_a_surface_by_less_than_half_a_voxel_and_towards_a_finer_
 @examples(50)
 @given(offset=st.floats(-0.499, 0.499), width=st.floats(2, 100), scale=st.floats(1e-9, 1e9))
 def test_offset_of_a_gaussian_lobe_is_exact(offset, width, scale):
-    # In decibels a Gaussian is a parabola; what is left is rounding, amplified by the curvature 1/width².
+    # In decibels a Gaussian is a parabola; what is left is rounding, amplified by the curvature
+    # 1/width².
     voxels = np.array([-1.0, 0.0, 1.0])
     magnitude = scale * np.exp(-(((voxels - offset) / width) ** 2))
     assert peak_offset(magnitude) == pytest.approx(offset, abs=1e-13 * width**2 + 1e-12)
@@ -145,7 +177,10 @@ def test_peaks_say_all_that_a_projection_needs(seed, nz):
     image = generator.normal(size=(nz, 4, 3)) + 1j * generator.normal(size=(nz, 4, 3))
     peaks = strongest_voxels(image.astype(np.complex64))
     z = Axis(start_m=0.3, stop_m=0.3 + 0.001 * (nz - 1), step_m=0.001)
-    lateral = {"x": Axis(start_m=0, stop_m=0.002, step_m=0.001), "y": Axis(start_m=0, stop_m=0.003, step_m=0.001)}
+    lateral = {
+        "x": Axis(start_m=0, stop_m=0.002, step_m=0.001),
+        "y": Axis(start_m=0, stop_m=0.003, step_m=0.001),
+    }
     for subvoxel in (False, True):
         config = BroadbandConfig(**lateral, z=z, threshold_db=-200, subvoxel=subvoxel)
         depth = maximum_projection(peaks, config, "broadband")

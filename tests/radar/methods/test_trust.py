@@ -1,4 +1,5 @@
-"""The probability that a depth is grossly wrong: its features on known maps, and what it says of plain cases."""
+"""The probability that a depth is grossly wrong: its features on known maps, and what it says of
+plain cases."""
 
 from dataclasses import replace
 
@@ -20,7 +21,13 @@ from handbench.radar.methods.depth_uncertainty import (
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import methods
 from handbench.support.errors import HandbenchError
-from tests.radar.simulated_points import TONES_HZ, around, point_capture, points_capture, surface_points
+from tests.radar.simulated_points import (
+    TONES_HZ,
+    around,
+    point_capture,
+    points_capture,
+    surface_points,
+)
 
 POINT_M = np.array([0.0, 0.0, 0.28])
 CONFIG = ThreeToneConfig(**around(POINT_M), first_depth_m=0.28)
@@ -43,18 +50,25 @@ def feature_map(depth, name, capture=None):
 
 @pytest.mark.parametrize("off_m", [0.002, -0.01, 0.03])
 def test_steps_tell_how_far_the_depth_is_off(off_m):
-    """At the point's pixel, imaged before or behind it, the tones ask for the way back, times half the path's rise;
-    2.5 GHz tell it within ±30 mm."""
-    rise = 2 * np.mean(POINT_M[2] / np.linalg.norm(qar50().tx_m - POINT_M, axis=1))  # of as many receivers as well
+    """At the point's pixel, imaged before or behind it, the tones ask for the way back, times half
+    the path's rise; 2.5 GHz tell it within ±30 mm."""
+    rise = 2 * np.mean(
+        POINT_M[2] / np.linalg.norm(qar50().tx_m - POINT_M, axis=1)
+    )  # of as many receivers as well
     middle = tuple(n // 2 for n in CONFIG.grid().shape)
     depth = flat(POINT_M[2] + off_m)
-    assert 5 * 10 ** feature_map(depth, "close")[middle] == pytest.approx(1e3 * abs(off_m) * rise / 2, rel=0.1)
+    assert 5 * 10 ** feature_map(depth, "close")[middle] == pytest.approx(
+        1e3 * abs(off_m) * rise / 2, rel=0.1
+    )
     if abs(off_m) < 0.02:
-        assert 5 * 10 ** feature_map(depth, "far")[middle] == pytest.approx(1e3 * abs(off_m) * rise / 2, rel=0.1)
+        assert 5 * 10 ** feature_map(depth, "far")[middle] == pytest.approx(
+            1e3 * abs(off_m) * rise / 2, rel=0.1
+        )
 
 
 def test_tones_in_phase_are_coherent():
-    """At the point all tones have one phase; half a period before it those of 3-FSK are 2, 2 and −1 out of three."""
+    """At the point all tones have one phase; half a period before it those of 3-FSK are 2, 2 and −1
+    out of three."""
     middle = tuple(n // 2 for n in CONFIG.grid().shape)
     assert feature_map(flat(), "incoherence")[middle] < -1.9
     there = feature_map(flat(0.28 - PERIOD_M / 2), "incoherence")[middle]
@@ -62,13 +76,16 @@ def test_tones_in_phase_are_coherent():
 
 
 def test_neighbours_and_islands_by_hand():
-    """One pixel 20 mm behind the others, 12 dB below them: behind all that is beside it, and an island of its own."""
+    """One pixel 20 mm behind the others, 12 dB below them: behind all that is beside it, and an
+    island of its own."""
     z_m, db = np.full(CONFIG.grid().shape, 0.28), np.zeros(CONFIG.grid().shape)
     z_m[10, 10] += 0.02
     db[10, 10] = -12
     depth = replace(flat(amplitude_db=db), z_m=z_m)
     names = ("range", "behind", "before", "below", "island")
-    [at, beside, far] = [[feature_map(depth, name)[place] for name in names] for place in ((10, 10), (11, 9), (0, 0))]
+    [at, beside, far] = [
+        [feature_map(depth, name)[place] for name in names] for place in ((10, 10), (11, 9), (0, 0))
+    ]
     step = np.log10(20 / 5)
     assert at == pytest.approx([step, step, 0, 1.2, 1.2], abs=1e-4)
     assert beside == pytest.approx([step, 0, step, 0, 0], abs=1e-4)
@@ -102,12 +119,16 @@ def test_a_clean_plate_is_trusted(plate):
 
 
 def test_a_wrong_period_is_doubted(plate):
-    """Nine pixels a period off amid a plate that is clean: a hundred times what they had, and no silent error."""
+    """Nine pixels a period off amid a plate that is clean: a hundred times what they had, and no
+    silent error."""
     depth, capture, config = plate
     z_m, patch = depth.z_m.copy(), (slice(18, 21), slice(18, 21))
     assert np.isfinite(z_m[patch]).all()
     z_m[patch] += PERIOD_M
-    before, after = (with_trust(map_, capture, config).p_gross[patch] for map_ in (depth, replace(depth, z_m=z_m)))
+    before, after = (
+        with_trust(map_, capture, config).p_gross[patch]
+        for map_ in (depth, replace(depth, z_m=z_m))
+    )
     assert (after > 0.01).all() and (after > 50 * before).all()
 
 

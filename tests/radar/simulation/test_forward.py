@@ -25,11 +25,19 @@ def points(count: int, seed: int = 1) -> np.ndarray:
 
 
 @examples(10)
-@given(t=st.integers(1, 6), r=st.integers(1, 6), n=st.integers(1, 30), scan=st.booleans(), seed=st.integers(0, 2**31))
+@given(
+    t=st.integers(1, 6),
+    r=st.integers(1, 6),
+    n=st.integers(1, 30),
+    scan=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
 def test_direct_echoes_are_the_adjoint_of_the_direct_sum(t, r, n, scan, seed):
     generator = np.random.default_rng(seed)
     antennas = generator.uniform(-0.1, 0.1, (2, 6, 3))
-    aperture = PlanarScan(antennas[0, :t]) if scan else AntennaArray(antennas[0, :t], antennas[1, :r])
+    aperture = (
+        PlanarScan(antennas[0, :t]) if scan else AntennaArray(antennas[0, :t], antennas[1, :r])
+    )
     weights = generator.standard_normal(n) + 1j * generator.standard_normal(n)
     tones_hz = generator.uniform(60e9, 90e9, 3)
     samples = noise((3, *aperture.channels), seed).astype(np.complex128)
@@ -44,25 +52,33 @@ def test_simulation_is_the_adjoint_of_imaging_at_any_tolerance(tolerance):
     # Both run the same plan, so that even a coarse one is adjoint to single precision.
     generator = np.random.default_rng(4)
     where, samples, weights = points(300), noise((16, 94, 94)), generator.standard_normal(300)
-    echoes = simulate(Scatterers(where, weights), TONES_HZ, qar50(), spreading=False, tolerance=tolerance)
+    echoes = simulate(
+        Scatterers(where, weights), TONES_HZ, qar50(), spreading=False, tolerance=tolerance
+    )
     image = image_points(samples, TONES_HZ, qar50(), where, tolerance)
     difference = np.vdot(echoes.astype(complex), samples) - np.vdot(weights, image)
     assert abs(difference) < 1e-5 * np.linalg.norm(echoes) * np.linalg.norm(samples)
 
 
 def surface(count: int) -> Scatterers:
-    """Facets of a bumpy sheet, some turned away from part of the array, under a layer that delays."""
+    """Facets of a bumpy sheet, some turned away from part of the array, under a layer that
+    delays."""
     generator = np.random.default_rng(5)
     normal = generator.normal([0, 0, -1], 0.5, (count, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    return Scatterers(points(count), generator.uniform(size=count), normal, generator.uniform(0, 1e-3, count))
+    return Scatterers(
+        points(count), generator.uniform(size=count), normal, generator.uniform(0, 1e-3, count)
+    )
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
 def test_fast_simulation_of_a_surface_meets_the_tolerance(tolerance):
     scatterers = surface(400)
     exact = simulate(scatterers, TONES_HZ, qar50(), tolerance=None)
-    assert relative_error(simulate(scatterers, TONES_HZ, qar50(), tolerance=tolerance), exact) < tolerance
+    assert (
+        relative_error(simulate(scatterers, TONES_HZ, qar50(), tolerance=tolerance), exact)
+        < tolerance
+    )
 
 
 def test_exact_simulation_agrees_with_the_formula():
@@ -86,12 +102,17 @@ def test_exact_simulation_agrees_with_the_formula():
 
 
 def half_seen(scatterers: Scatterers) -> Scatterers:
-    """Of its points, a third seen by all antennas, a third by those beyond some antenna of each leg, a third by few."""
+    """Of its points, a third seen by all antennas, a third by those beyond some antenna of each
+    leg, a third by few."""
     generator = np.random.default_rng(6)
     count = len(scatterers.position_m)
-    first = np.array([[0] * count, generator.integers(0, 94, count), generator.integers(90, 100, count)])
+    first = np.array(
+        [[0] * count, generator.integers(0, 94, count), generator.integers(90, 100, count)]
+    )
     first = first[np.arange(count) % 3, np.arange(count)]
-    return replace(scatterers, seen=tuple(np.arange(94)[:, None] >= start for start in (first, first[::-1])))
+    return replace(
+        scatterers, seen=tuple(np.arange(94)[:, None] >= start for start in (first, first[::-1]))
+    )
 
 
 @pytest.mark.parametrize("pattern", [0.0, 2.4, 40.0])  # none, 60° wide at half power, and 15°
@@ -105,13 +126,19 @@ def test_fast_simulation_of_hidden_points_and_patterns_meets_the_tolerance(patte
 
 def test_hidden_points_and_patterns_are_factors_of_each_leg():
     scatterers = half_seen(surface(3))
-    whole = [simulate(replace(scatterers, seen=None).where([i]), TONES_HZ, qar50(), tolerance=None) for i in range(3)]
+    whole = [
+        simulate(replace(scatterers, seen=None).where([i]), TONES_HZ, qar50(), tolerance=None)
+        for i in range(3)
+    ]
     legs = [(leg[None] - scatterers.position_m[:, None]) for leg in (qar50().tx_m, qar50().rx_m)]
     cosines = [-leg[:, :, 2] / np.linalg.norm(leg, axis=2) for leg in legs]
     tx, rx = (seen.T * cosine**2 for seen, cosine in zip(scatterers.seen, cosines, strict=True))
     expected = sum(echo * np.outer(a, b) for echo, a, b in zip(whole, tx, rx, strict=True))
     # float32 factors: 1e-6 of their size.
-    assert relative_error(simulate(scatterers, TONES_HZ, qar50(), tolerance=None, pattern=2), expected) < 1e-6
+    assert (
+        relative_error(simulate(scatterers, TONES_HZ, qar50(), tolerance=None, pattern=2), expected)
+        < 1e-6
+    )
 
 
 def test_points_that_nothing_sees_echo_nothing():
@@ -121,12 +148,18 @@ def test_points_that_nothing_sees_echo_nothing():
         assert not simulate(blind, TONES_HZ, qar50(), tolerance=tolerance).any()
     # Where all antennas see everything, a mask changes nothing at all.
     clear = replace(scatterers, seen=(np.ones((94, 10), bool), np.ones((94, 10), bool)))
-    assert np.array_equal(simulate(clear, TONES_HZ, qar50()), simulate(scatterers, TONES_HZ, qar50()))
+    assert np.array_equal(
+        simulate(clear, TONES_HZ, qar50()), simulate(scatterers, TONES_HZ, qar50())
+    )
 
 
 @pytest.mark.parametrize("spread_m", [0.0, 1e-4, 2e-3, 1e-2])
 def test_lone_points_meet_the_tolerance_too(spread_m):
-    where = np.array([0.01, 0.02, 0.3]) + spread_m * np.random.default_rng(2).uniform(-1, 1, (20, 3))
+    where = np.array([0.01, 0.02, 0.3]) + spread_m * np.random.default_rng(2).uniform(
+        -1, 1, (20, 3)
+    )
     lone = Scatterers(where, np.ones(20))
-    fast, exact = (simulate(lone, TONES_HZ, qar50(), tolerance=tolerance) for tolerance in (1e-5, None))
+    fast, exact = (
+        simulate(lone, TONES_HZ, qar50(), tolerance=tolerance) for tolerance in (1e-5, None)
+    )
     assert relative_error(fast, exact) < 1e-5

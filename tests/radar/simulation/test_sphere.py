@@ -5,13 +5,20 @@ import pytest
 
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.simulation.physics.spheres import _spreading_m, half_angle_cosine, mie_amplitudes, sphere_echo
+from handbench.radar.simulation.physics.spheres import (
+    _spreading_m,
+    half_angle_cosine,
+    mie_amplitudes,
+    sphere_echo,
+)
 from tests.radar.simulation.effects.closed_forms import mie_backscatter
 
 
 def test_small_spheres_follow_rayleigh():
     ka = np.array([0.01, 0.02])
-    assert np.abs(mie_backscatter(ka)) ** 2 == pytest.approx(9 * ka**4, rel=5e-3)  # next term: about 2.4 (ka)²
+    assert np.abs(mie_backscatter(ka)) ** 2 == pytest.approx(
+        9 * ka**4, rel=5e-3
+    )  # next term: about 2.4 (ka)²
 
 
 def test_large_spheres_reach_geometrical_optics():
@@ -30,7 +37,8 @@ def test_resonance_peak_is_where_every_textbook_has_it():
 
 
 def test_physical_optics_over_a_sphere_gives_the_same_echo():
-    # A sphere of 30 mm, ka = 48: physical optics errs by about 1/(2 ka) = 1 % each from specular point and terminator.
+    # A sphere of 30 mm, ka = 48: physical optics errs by about 1/(2 ka) = 1 % each from specular
+    # point and terminator.
     centre, radius = np.array([0.0, 0.0, 0.5]), 0.03
     array = AntennaArray(np.array([[0.0, 0.0, 0.0]]), np.array([[0.02, 0.0, 0.0]]))
     count = 400_000
@@ -41,16 +49,19 @@ def test_physical_optics_over_a_sphere_gives_the_same_echo():
     near = normal[:, 2] < 0
     area = np.full(near.sum(), 4 * np.pi * radius**2 / count)
     tones_hz = np.linspace(76e9, 77e9, 5)
-    optics = simulate(Scatterers(centre + radius * normal[near], area, normal[near]), tones_hz, array)[:, 0, 0]
+    optics = simulate(
+        Scatterers(centre + radius * normal[near], area, normal[near]), tones_hz, array
+    )[:, 0, 0]
     exact = sphere_echo(centre, radius, 0.0, tones_hz, array)[:, 0, 0]
-    # Near a convex mirror the echo spreads as 1/(R_surface · R_centre), which sphere_echo rounds to the centre's.
+    # Near a convex mirror the echo spreads as 1/(R_surface · R_centre), which sphere_echo rounds to
+    # the centre's.
     ratio = optics / exact * (0.47 / 0.5)
     assert np.abs(ratio - 1).max() < 0.04
 
 
 def test_bistatic_amplitudes_conserve_energy():
-    """A conductor absorbs nothing: what is scattered into all directions, ∫(|S₁|² + |S₂|²) sin θ dθ / x², is what is
-    taken from the wave, 4/x² · Re S(0) (optical theorem)."""
+    """A conductor absorbs nothing: what is scattered into all directions, ∫(|S₁|² + |S₂|²) sin θ dθ
+    / x², is what is taken from the wave, 4/x² · Re S(0) (optical theorem)."""
     x = np.array([1.5, 8.0, 17.0])
     theta, weight = np.polynomial.legendre.leggauss(200)
     theta, weight = np.pi / 2 * (theta + 1), np.pi / 2 * weight
@@ -62,11 +73,15 @@ def test_bistatic_amplitudes_conserve_energy():
 
 
 def test_the_field_decides_which_amplitude_a_channel_sees():
-    """Antennas along x: a field along y lies across the plane of scattering; one along x in it. A field half-way sees
-    the mean, and so does a channel whose polarisation is not known."""
-    array = AntennaArray(np.array([[-0.07, 0.0, 0.0]]), np.array([[0.05, 0.0, 0.0], [0.06, 0.0, 0.0]]))
+    """Antennas along x: a field along y lies across the plane of scattering; one along x in it. A
+    field half-way sees the mean, and so does a channel whose polarisation is not known."""
+    array = AntennaArray(
+        np.array([[-0.07, 0.0, 0.0]]), np.array([[0.05, 0.0, 0.0], [0.06, 0.0, 0.0]])
+    )
     centre, radius, tones_hz = np.array([0.01, 0.0, 0.3]), 0.005, np.array([72e9, 77e9])
-    across, along = mie_amplitudes(2 * np.pi * tones_hz / 299_792_458.0 * radius, half_angle_cosine(centre, array)[0])
+    across, along = mie_amplitudes(
+        2 * np.pi * tones_hz / 299_792_458.0 * radius, half_angle_cosine(centre, array)[0]
+    )
 
     def ratio(field):
         echo = sphere_echo(centre, radius, 0.0, tones_hz, array, field)[:, 0]
@@ -74,22 +89,34 @@ def test_the_field_decides_which_amplitude_a_channel_sees():
 
     np.testing.assert_allclose(ratio(np.array([1.0, 0, 0])), along / across, rtol=1e-4)
     for field in (np.array([1.0, 1, 0]), None):
-        # fields are projected across each ray, which shortens the one in the plane: second order in 13°
+        # fields are projected across each ray, which shortens the one in the plane: second order in
+        # 13°
         np.testing.assert_allclose(ratio(field), (1 + along / across) / 2, rtol=5e-3)
 
 
 def test_echoes_of_a_sphere_are_reciprocal():
     array = AntennaArray(np.array([[-0.07, 0.02, 0.0]]), np.array([[0.05, -0.03, 0.0]]))
     swapped = AntennaArray(array.rx_m, array.tx_m)
-    centre, tones_hz, field = np.array([0.01, 0.02, 0.3]), np.linspace(72e9, 82e9, 5), np.array([0.6, 0.8, 0])
-    there, back = (sphere_echo(centre, 0.005, 1e-4, tones_hz, a, field).ravel() for a in (array, swapped))
+    centre, tones_hz, field = (
+        np.array([0.01, 0.02, 0.3]),
+        np.linspace(72e9, 82e9, 5),
+        np.array([0.6, 0.8, 0]),
+    )
+    there, back = (
+        sphere_echo(centre, 0.005, 1e-4, tones_hz, a, field).ravel() for a in (array, swapped)
+    )
     np.testing.assert_allclose(there, back, rtol=1e-5)
 
 
 def traced_m(angle_rad, distance_m, radius_m, n):
-    """Where a ray [2] that leaves the origin at an angle to the way to a ball's middle comes back to the origin's
-    plane: by Snell's law through the ball's front, off its back and out again, or off its front (n is None)."""
-    middle_m, at_m, way = np.array([distance_m, 0.0]), np.zeros(2), np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    """Where a ray [2] that leaves the origin at an angle to the way to a ball's middle comes back
+    to the origin's plane: by Snell's law through the ball's front, off its back and out again, or
+    off its front (n is None)."""
+    middle_m, at_m, way = (
+        np.array([distance_m, 0.0]),
+        np.zeros(2),
+        np.array([np.cos(angle_rad), np.sin(angle_rad)]),
+    )
 
     def reach(at_m, way, inside):
         off_m = at_m - middle_m
@@ -121,4 +148,6 @@ def test_rays_spread_as_traced_ones_do(distance_m, radius_m, n):
     legs_m = [np.array([distance_m])] * 2
     found_m = _spreading_m(legs_m, radius_m, 1.0 if n is None else n, n is not None).item()
     angle_rad = 1e-6
-    assert abs(found_m) == pytest.approx(abs(traced_m(angle_rad, distance_m, radius_m, n)) / angle_rad, rel=1e-5)
+    assert abs(found_m) == pytest.approx(
+        abs(traced_m(angle_rad, distance_m, radius_m, n)) / angle_rad, rel=1e-5
+    )

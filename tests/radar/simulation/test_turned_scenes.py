@@ -1,8 +1,10 @@
-"""The fast simulation and imaging of random scenes, each turned and shifted with its array, meet their tolerance.
+"""The fast simulation and imaging of random scenes, each turned and shifted with its array, meet
+their tolerance.
 
-Turned scenes are hard on the engine: its boxes follow the axes, so that they reach beyond the points and close to the
-antennas, and their leaves become small. HANDBENCH_SEEDS=2000 searches that many scenes of every kind; by default the
-worst that such searches have found are checked and a few others. The reference is a plain sum in float64.
+Turned scenes are hard on the engine: its boxes follow the axes, so that they reach beyond the
+points and close to the antennas, and their leaves become small. HANDBENCH_SEEDS=2000 searches that
+many scenes of every kind; by default the worst that such searches have found are checked and a few
+others. The reference is a plain sum in float64.
 """
 
 import os
@@ -23,8 +25,8 @@ pytestmark = pytest.mark.usefixtures("planned")
 TOLERANCES = [1e-2, 1e-3, 1e-4]
 OFFSETS_M = [0.0, 1.0, 1e3]
 ROUNDING = 1e-6  # of the exact sums: 60 terms in float32
-# Where boxes once carried too few antennas for the gains (up to 6.7 of the tolerance), and too few tones for points
-# that lie together (2.1):
+# Where boxes once carried too few antennas for the gains (up to 6.7 of the tolerance), and too few
+# tones for points that lie together (2.1):
 WORST = [11851, 1377, 660, 1971, 376, 1265, 786, 98]
 WORST_TOGETHER = [25, 4, 5, 0, 8]
 SEEDS = range(int(os.environ.get("HANDBENCH_SEEDS", "1")))
@@ -66,7 +68,9 @@ class Scene:
         self.pattern = self.generator.uniform(0.5, 4)
 
     def partly_seen(self) -> None:
-        self.facets = replace(self.facets, seen=tuple(self.generator.random((n, 60)) < 0.8 for n in (9, 8)))
+        self.facets = replace(
+            self.facets, seen=tuple(self.generator.random((n, 60)) < 0.8 for n in (9, 8))
+        )
 
     def delayed(self) -> None:
         self.facets = replace(self.facets, delay_m=self.generator.uniform(0, 0.01, 60))
@@ -74,25 +78,38 @@ class Scene:
     def oblique(self) -> None:
         """All facets turned alike, far from the array."""
         tilt = self.generator.uniform(0.8, 1.5)
-        self.facets = replace(self.facets, normal=np.tile([np.sin(tilt), 0, -np.cos(tilt)], (60, 1)))
+        self.facets = replace(
+            self.facets, normal=np.tile([np.sin(tilt), 0, -np.cos(tilt)], (60, 1))
+        )
 
     def flat_array(self) -> None:
-        self.array = AntennaArray(*(leg_m * [1, 1, 0] for leg_m in (self.array.tx_m, self.array.rx_m)))
+        self.array = AntennaArray(
+            *(leg_m * [1, 1, 0] for leg_m in (self.array.tx_m, self.array.rx_m))
+        )
 
     def turned(self, turn: np.ndarray, shift_m: np.ndarray) -> "Scene":
-        self.array = AntennaArray(*(leg_m @ turn.T + shift_m for leg_m in (self.array.tx_m, self.array.rx_m)))
+        self.array = AntennaArray(
+            *(leg_m @ turn.T + shift_m for leg_m in (self.array.tx_m, self.array.rx_m))
+        )
         normal = None if self.facets.normal is None else self.facets.normal @ turn.T
-        self.facets = replace(self.facets, position_m=self.facets.position_m @ turn.T + shift_m, normal=normal)
+        self.facets = replace(
+            self.facets, position_m=self.facets.position_m @ turn.T + shift_m, normal=normal
+        )
         return self
 
     def _crowd(self, scale: float, middle_m: list[float]) -> None:
-        self.facets = replace(self.facets, position_m=(self.facets.position_m - [0, 0, 0.25]) * scale + middle_m)
+        self.facets = replace(
+            self.facets, position_m=(self.facets.position_m - [0, 0, 0.25]) * scale + middle_m
+        )
 
     def phases(self) -> list[np.ndarray]:
         """exp(−j2πf(R + δ)/c) [f, a, p] of each leg."""
         delay_m = 0.0 if self.facets.delay_m is None else self.facets.delay_m
         turns_per_m = self.tones_hz[:, None, None] / 299_792_458.0
-        return [np.exp(-2j * np.pi * turns_per_m * (self._distance_m(leg) + delay_m)) for leg in self.array.legs]
+        return [
+            np.exp(-2j * np.pi * turns_per_m * (self._distance_m(leg) + delay_m))
+            for leg in self.array.legs
+        ]
 
     def echoes(self) -> np.ndarray:
         """Samples [f, t, r] by the formula as it stands, in float64."""
@@ -107,11 +124,18 @@ class Scene:
     def _gains(self) -> list[np.ndarray]:
         gains = []
         for i, leg in enumerate(self.array.legs):
-            towards, distance_m = leg.position_m[:, None] - self.facets.position_m, self._distance_m(leg)
+            towards, distance_m = (
+                leg.position_m[:, None] - self.facets.position_m,
+                self._distance_m(leg),
+            )
             gain = 1 / distance_m
             if self.facets.normal is not None:
-                gain *= np.sqrt(np.maximum((towards * self.facets.normal).sum(axis=2) / distance_m, 0))
-            gain *= np.maximum(-towards[:, :, 2] / distance_m, 0) ** self.pattern if self.pattern else 1
+                gain *= np.sqrt(
+                    np.maximum((towards * self.facets.normal).sum(axis=2) / distance_m, 0)
+                )
+            gain *= (
+                np.maximum(-towards[:, :, 2] / distance_m, 0) ** self.pattern if self.pattern else 1
+            )
             gains.append(gain if self.facets.seen is None else gain * self.facets.seen[i])
         return gains
 
@@ -129,20 +153,32 @@ def scene_of(seed: int, kind=Scene.facets_only, turned: bool = True) -> Scene:
     scene, offset_m = Scene(seed), OFFSETS_M[seed % 3]
     kind(scene)
     turn = ortho_group.rvs(3, random_state=seed)
-    if kind is Scene.with_a_pattern:  # which looks along z: only what leaves that axis alone may turn
-        turn = np.block([[ortho_group.rvs(2, random_state=seed), np.zeros((2, 1))], [np.zeros((1, 2)), np.eye(1)]])
+    if (
+        kind is Scene.with_a_pattern
+    ):  # which looks along z: only what leaves that axis alone may turn
+        turn = np.block(
+            [
+                [ortho_group.rvs(2, random_state=seed), np.zeros((2, 1))],
+                [np.zeros((1, 2)), np.eye(1)],
+            ]
+        )
     return scene.turned(turn, scene.generator.uniform(-offset_m, offset_m, 3)) if turned else scene
 
 
 def simulation_error(scene: Scene, tolerance: float | None, expected: np.ndarray) -> float:
     with fresh_plans():
-        found = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance, pattern=scene.pattern)
+        found = simulate(
+            scene.facets, scene.tones_hz, scene.array, tolerance=tolerance, pattern=scene.pattern
+        )
     return relative_error(found, expected)
 
 
 def assert_simulation_meets(scene: Scene) -> None:
     expected = scene.echoes()
-    errors = {tolerance: simulation_error(scene, tolerance, expected) / tolerance for tolerance in TOLERANCES}
+    errors = {
+        tolerance: simulation_error(scene, tolerance, expected) / tolerance
+        for tolerance in TOLERANCES
+    }
     assert max(errors.values()) < 1, f"seed {scene.seed}: {errors} of the tolerance"
 
 
@@ -171,13 +207,18 @@ def test_exact_simulation_is_the_plain_sum(kind):
 
 
 @pytest.mark.parametrize("turned", [True, False])
-@pytest.mark.parametrize("kind", [Scene.facets_only, Scene.close_together, Scene.near, Scene.flat_array])
+@pytest.mark.parametrize(
+    "kind", [Scene.facets_only, Scene.close_together, Scene.near, Scene.flat_array]
+)
 def test_images_of_turned_scenes_meet_the_tolerance(kind, turned):
     for seed in SEEDS:
         scene, samples = scene_of(seed, kind, turned), noise((6, 9, 8), seed)
         expected, size = scene.image(samples.astype(complex)), np.linalg.norm(samples) * np.sqrt(60)
         for tolerance in TOLERANCES:
             with fresh_plans():
-                found = image_points(samples, scene.tones_hz, scene.array, scene.facets.position_m, tolerance)
-            # Of the size that noise gives an image: at points close together, it may be smaller by chance.
+                found = image_points(
+                    samples, scene.tones_hz, scene.array, scene.facets.position_m, tolerance
+                )
+            # Of the size that noise gives an image: at points close together, it may be smaller by
+            # chance.
             assert np.linalg.norm(found - expected) < tolerance * size, f"seed {seed}"

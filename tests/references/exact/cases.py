@@ -1,5 +1,5 @@
-"""The scenes of `bench.scenes.finger_scenes` before dipoles of two kinds, their fronts, and their exact echoes, kept in
-files: they need not be made again when the simulation changes."""
+"""The scenes of `bench.scenes.finger_scenes` before dipoles of two kinds, their fronts, and their
+exact echoes, kept in files: they need not be made again when the simulation changes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -14,7 +14,11 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
-from handbench.radar.simulation.physics.reflection import HORNY, dielectric_permittivity, skin_permittivity
+from handbench.radar.simulation.physics.reflection import (
+    HORNY,
+    dielectric_permittivity,
+    skin_permittivity,
+)
 from handbench.radar.simulation.scene import Body
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz
@@ -24,13 +28,18 @@ from tests.references.exact.mie_series import sphere_echoes
 LONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
 LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
 TONES = 26  # of broadband: its depths repeat every 375 mm
-METHODS: dict[str, dict[str, Any]] = {"2fsk": {}, "3fsk": {}, "nfsk-plus": {}, "broadband": {"count": TONES}}
+METHODS: dict[str, dict[str, Any]] = {
+    "2fsk": {},
+    "3fsk": {},
+    "nfsk-plus": {},
+    "broadband": {"count": TONES},
+}
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene of a material before dipoles along or across the cylinders, or along y or x. bodies: cylinders or
-    spheres."""
+    """A scene of a material before dipoles along or across the cylinders, or along y or x. bodies:
+    cylinders or spheres."""
 
     name: str
     bodies: tuple[Shape, ...]
@@ -96,8 +105,11 @@ def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None,
     return np.full(len(frequencies_hz), dielectric_permittivity(material)), None
 
 
-def kept_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray, folder: Path) -> np.ndarray:
-    """The same as complex64 from the folder, where they lie for these tones, antennas and bodies, or made and kept."""
+def kept_echoes(
+    case: Case, frequencies_hz: np.ndarray, array: AntennaArray, folder: Path
+) -> np.ndarray:
+    """The same as complex64 from the folder, where they lie for these tones, antennas and bodies,
+    or made and kept."""
     about = (str(case.bodies), case.polarisation, *fillings(case, frequencies_hz))
     key = content_hash(*about, array.tx_m, array.rx_m, frequencies_hz)
     path = folder / f"{str(case).replace(', ', '-').replace(' ', '_')}-{key[:16]}.npz"
@@ -118,5 +130,6 @@ def tones_hz(which: str = "all") -> np.ndarray:
 def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
     """Depth maps of the first frame."""
     return {
-        name: method(name).run(capture, method(name).configure(METHODS[name], "exact"), 0).depth for name in methods
+        name: method(name).run(capture, method(name).configure(METHODS[name], "exact"), 0).depth
+        for name in methods
     }

@@ -1,12 +1,15 @@
-"""Exact echoes of parallel, infinitely long circular cylinders, of metal or of a dielectric, before short dipoles.
+"""Exact echoes of parallel, infinitely long circular cylinders, of metal or of a dielectric, before
+short dipoles.
 
-Along the cylinders' axis the field is a spectrum of waves e^{−jβa}; around each cylinder, with κ = √(k² − β²), it is a
-series of J_m and H_m⁽²⁾ times e^{jmφ}. Both axial components, E_a and H_a (times the impedance of free space), are
-expanded; a cylinder couples them where β ≠ 0, unless it is of metal. Graf's theorem carries the waves that one cylinder
-scatters to the others, so that all orders of scattering are there. Time is e^{+jωt}.
+Along the cylinders' axis the field is a spectrum of waves e^{−jβa}; around each cylinder, with κ =
+√(k² − β²), it is a series of J_m and H_m⁽²⁾ times e^{jmφ}. Both axial components, E_a and H_a
+(times the impedance of free space), are expanded; a cylinder couples them where β ≠ 0, unless it is
+of metal. Graf's theorem carries the waves that one cylinder scatters to the others, so that all
+orders of scattering are there. Time is e^{+jωt}.
 
-Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J. Phys. 33 (1955) 189; Olaofe, Scattering
-by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27 (derivatives), 9.1.79 (Graf).
+Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J. Phys. 33 (1955)
+189; Olaofe, Scattering by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27
+(derivatives), 9.1.79 (Graf).
 """
 
 from typing import NamedTuple
@@ -17,7 +20,10 @@ from scipy.special import hankel2, jv, jve
 from handbench.bench.scenes.finger_scenes import Cylinder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
-TAPER = (0.4, 0.65)  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
+TAPER = (
+    0.4,
+    0.65,
+)  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
 FURTHER_ORDERS = 4.0  # times the cube root of κa, beyond κa: what is left out is below 1e-8
 ALONG, ACROSS = "along", "across"  # the dipoles to the axis
 
@@ -30,17 +36,27 @@ def cylinder_echoes(
     permittivity: np.ndarray | None = None,
     bounces: int | None = None,
 ) -> np.ndarray:
-    """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them, of dipoles along or across the axis.
+    """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them, of dipoles along or
+    across the axis.
 
-    permittivity: relative, complex [f]; None for metal. bounces: how often a wave is scattered at most; None: all.
-    A transmitter's dipole has the field e^{−jkR}/R broadside; jλ times the scattered one at the receivers makes the
-    echo of a metal plate what physical optics' integral says at the specular point.
+    permittivity: relative, complex [f]; None for metal. bounces: how often a wave is scattered at
+    most; None: all. A transmitter's dipole has the field e^{−jkR}/R broadside; jλ times the
+    scattered one at the receivers makes the echo of a metal plate what physical optics' integral
+    says at the specular point.
     """
     samples = np.empty((len(frequencies_hz), *array.channels), complex)
     for n, f in enumerate(frequencies_hz):
         wavelength_m = SPEED_OF_LIGHT_M_S / f
         filling = None if permittivity is None else complex(permittivity[n])
-        field = scattered(cylinders, 2 * np.pi / wavelength_m, array.tx_m, array.rx_m, polarisation, filling, bounces)
+        field = scattered(
+            cylinders,
+            2 * np.pi / wavelength_m,
+            array.tx_m,
+            array.rx_m,
+            polarisation,
+            filling,
+            bounces,
+        )
         samples[n] = 1j * wavelength_m * field
     return samples
 
@@ -58,25 +74,39 @@ def scattered(
     tx_across, tx_place = np.unique(tx_m[:, [2, 0]], axis=0, return_inverse=True)
     rx_across, rx_place = np.unique(rx_m[:, [2, 0]], axis=0, return_inverse=True)
     along_m = rx_m[None, :, 1] - tx_m[:, None, 1]
-    farthest_m = sum(np.abs(across).max() for across in (tx_across, rx_across)) + 2 * max(c.z_m for c in cylinders)
+    farthest_m = sum(np.abs(across).max() for across in (tx_across, rx_across)) + 2 * max(
+        c.z_m for c in cylinders
+    )
     beta, weight = axial_spectrum(k, float(np.abs(along_m).max()), float(farthest_m))
     field = np.zeros(along_m.shape, complex)
     for b, w in zip(beta, weight, strict=True):
         wave = _Wave(k, b, np.sqrt(k**2 - b**2))
         sizes = [wave.kappa * cylinder.radius_m for cylinder in cylinders]
-        highest = [int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3)) for size in sizes]  # the lowest: −highest
+        highest = [
+            int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3)) for size in sizes
+        ]  # the lowest: −highest
         each = list(zip(cylinders, highest, strict=True))
-        arriving = np.concatenate([_arriving(wave, c, m, tx_across, polarisation) for c, m in each], axis=1)
-        leaving = np.concatenate([_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1)
-        found = np.einsum("amt,amr->tr", _scatter(wave, each, permittivity, arriving, bounces), leaving, optimize=True)
+        arriving = np.concatenate(
+            [_arriving(wave, c, m, tx_across, polarisation) for c, m in each], axis=1
+        )
+        leaving = np.concatenate(
+            [_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1
+        )
+        found = np.einsum(
+            "amt,amr->tr",
+            _scatter(wave, each, permittivity, arriving, bounces),
+            leaving,
+            optimize=True,
+        )
         field += w * np.cos(b * along_m) * found[np.ix_(tx_place, rx_place)]
     return field
 
 
 def axial_spectrum(k: float, along_m: float, path_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """β ≥ 0 [b] and their weights in the integral of what is even in β, over 2π: sampled so finely that what comes
-    back a period later has a longer way along the axis than waves below the taper's end take on a path of this length.
-    The taper falls with all its derivatives, so that it adds no echo of its own."""
+    """β ≥ 0 [b] and their weights in the integral of what is even in β, over 2π: sampled so finely
+    that what comes back a period later has a longer way along the axis than waves below the taper's
+    end take on a path of this length. The taper falls with all its derivatives, so that it adds no
+    echo of its own."""
     period_m = 2 * (along_m + path_m * TAPER[1] / np.sqrt(1 - TAPER[1] ** 2))
     step = 2 * np.pi / period_m
     beta = step * np.arange(int(TAPER[1] * k / step) + 1)
@@ -92,7 +122,8 @@ class _Wave(NamedTuple):
 
 
 def _hankel(highest: int, x: np.ndarray) -> np.ndarray:
-    """H_m⁽²⁾ [m, n] of the orders −highest … highest at real x [n], by the recurrence, which is stable upwards."""
+    """H_m⁽²⁾ [m, n] of the orders −highest … highest at real x [n], by the recurrence, which is
+    stable upwards."""
     h = np.empty((max(highest, 1) + 1, len(x)), complex)
     h[0], h[1] = hankel2(0, x), hankel2(1, x)
     for m in range(1, highest):
@@ -101,30 +132,40 @@ def _hankel(highest: int, x: np.ndarray) -> np.ndarray:
 
 
 def _with_negative(positive: np.ndarray) -> np.ndarray:
-    """Z_m of the orders −highest … highest from those of 0 … highest, along the first axis: Z_{−m} = (−1)^m Z_m."""
+    """Z_m of the orders −highest … highest from those of 0 … highest, along the first axis: Z_{−m}
+    = (−1)^m Z_m."""
     negative = positive[:0:-1].copy()
     negative[len(positive) % 2 :: 2] *= -1
     return np.concatenate([negative, positive])
 
 
 def _outgoing(kappa: float, highest: int, across_m: np.ndarray) -> np.ndarray:
-    """Ψ_m = H_m⁽²⁾(κρ) e^{jmφ} [m, n] of the orders −highest … highest at places [n, 2] across the axis."""
+    """Ψ_m = H_m⁽²⁾(κρ) e^{jmφ} [m, n] of the orders −highest … highest at places [n, 2] across the
+    axis."""
     rho, phi = np.hypot(*across_m.T), np.arctan2(across_m[:, 1], across_m[:, 0])
-    return _hankel(highest, kappa * rho) * np.exp(1j * np.arange(-highest, highest + 1)[:, None] * phi)
+    return _hankel(highest, kappa * rho) * np.exp(
+        1j * np.arange(-highest, highest + 1)[:, None] * phi
+    )
 
 
-def _with_gradient(kappa: float, highest: int, across_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _with_gradient(
+    kappa: float, highest: int, across_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Ψ [m, n] and its gradient across the axis [2, m, n]: (∂₁ ± j∂₂)Ψ_m = ∓κ Ψ_{m±1}."""
     wider = _outgoing(kappa, highest + 1, across_m)
     below, psi, above = wider[:-2], wider[1:-1], wider[2:]
     return psi, kappa / 2 * np.stack([below - above, 1j * (below + above)])
 
 
-def _arriving(wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
-    """Amplitudes [2, m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from unit dipoles:
-    E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ H₀(κ|ρ − ρ'|)."""
+def _arriving(
+    wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str
+) -> np.ndarray:
+    """Amplitudes [2, m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from
+    unit dipoles: E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ
+    H₀(κ|ρ − ρ'|)."""
     k, beta, kappa = wave
-    # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}; the gradient is the axis'
+    # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}; the gradient is
+    # the axis'
     to_axis_m = np.array([cylinder.z_m, cylinder.x_m]) - tx_across_m
     psi, gradient = _with_gradient(kappa, highest, to_axis_m)
     psi, gradient = psi[::-1], gradient[:, ::-1]
@@ -135,11 +176,15 @@ def _arriving(wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.nda
     return -1j * np.pi * np.stack([electric, magnetic])
 
 
-def _received(wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str) -> np.ndarray:
+def _received(
+    wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str
+) -> np.ndarray:
     """Field [2, m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
     κ² E_t = −jβ ∇E_a + jk â × ∇H_a."""
     k, beta, kappa = wave
-    psi, gradient = _with_gradient(kappa, highest, rx_across_m - np.array([cylinder.z_m, cylinder.x_m]))
+    psi, gradient = _with_gradient(
+        kappa, highest, rx_across_m - np.array([cylinder.z_m, cylinder.x_m])
+    )
     if polarisation == ALONG:
         return np.stack([psi, np.zeros_like(psi)])
     return np.stack([-1j * beta * gradient[1], 1j * k * gradient[0]]) / kappa**2
@@ -152,11 +197,11 @@ def _scatter(
     arriving: np.ndarray,
     bounces: int | None,
 ) -> np.ndarray:
-    """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that arrive from the
-    dipoles.
+    """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that
+    arrive from the dipoles.
 
-    (I − TG) c = T a is solved for what the waves are at the surfaces, c H_m(κa), where high orders are small and harm
-    no condition."""
+    (I − TG) c = T a is solved for what the waves are at the surfaces, c H_m(κa), where high orders
+    are small and harm no condition."""
     single = np.concatenate([_single(wave, m, c.radius_m, permittivity) for c, m in each], axis=2)
     at_surface = np.concatenate([_hankel(m, np.array([wave.kappa * c.radius_m])) for c, m in each])
     carried = _translations(wave, each) * at_surface / at_surface.T  # G
@@ -168,7 +213,9 @@ def _scatter(
         coupling = np.einsum("abm,mn->ambn", single, carried).reshape(1, *[2 * len(carried)] * 2)
         waves = first.reshape(1, coupling.shape[1], -1)
     if bounces is None:
-        total = np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves) if len(each) > 1 else waves
+        total = (
+            np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves) if len(each) > 1 else waves
+        )
     else:
         total = part = waves
         for _ in range(bounces - 1):
@@ -178,21 +225,25 @@ def _scatter(
 
 
 def _translations(wave: _Wave, each: list[tuple[Cylinder, int]]) -> np.ndarray:
-    """G [m, n]: amplitudes of J_m around each cylinder from waves Ψ_n of the others, by Graf's theorem."""
+    """G [m, n]: amplitudes of J_m around each cylinder from waves Ψ_n of the others, by Graf's
+    theorem."""
     ends = np.cumsum([0, *(2 * m + 1 for _, m in each)])
     carried = np.zeros((ends[-1], ends[-1]), complex)
     for i, (one, here) in enumerate(each):
         for j, (other, there) in enumerate(each):
             if i != j:
                 between_m = np.array([[one.z_m - other.z_m, one.x_m - other.x_m]])
-                steps = np.arange(2 * there + 1)[None, :] - np.arange(2 * here + 1)[:, None] + 2 * here
+                steps = (
+                    np.arange(2 * there + 1)[None, :] - np.arange(2 * here + 1)[:, None] + 2 * here
+                )
                 every = _outgoing(wave.kappa, here + there, between_m)[:, 0]
                 carried[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = every[steps]
     return carried
 
 
 def _single(wave: _Wave, highest: int, radius_m: float, permittivity: complex | None) -> np.ndarray:
-    """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal, E_a = E_φ = 0."""
+    """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal, E_a =
+    E_φ = 0."""
     k, beta, kappa = wave
     x = kappa * radius_m
     further = np.arange(highest + 2)
@@ -204,10 +255,21 @@ def _single(wave: _Wave, highest: int, radius_m: float, permittivity: complex | 
     x1 = kappa1 * radius_m
     within, slope = _and_derivative(_with_negative(jve(further, x1)))
     inside = slope / (kappa1 * within)  # J'/(κ₁J): the scale of jve drops out
-    mixed = beta * np.arange(-highest, highest + 1) / (1j * k * radius_m) * (1 / kappa**2 - 1 / kappa1**2)
-    # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what goes, once for what comes
+    mixed = (
+        beta
+        * np.arange(-highest, highest + 1)
+        / (1j * k * radius_m)
+        * (1 / kappa**2 - 1 / kappa1**2)
+    )
+    # [mixed·Z, Z'/κ − inside·Z; ε·inside·Z − Z'/κ, mixed·Z] (E_a, H_a), once for what goes, once
+    # for what comes
     going, coming = (
-        np.array([[mixed * z, dz / kappa - inside * z], [permittivity * inside * z - dz / kappa, mixed * z]])
+        np.array(
+            [
+                [mixed * z, dz / kappa - inside * z],
+                [permittivity * inside * z - dz / kappa, mixed * z],
+            ]
+        )
         for z, dz in ((h, dh), (j, dj))
     )
     return np.moveaxis(-np.linalg.solve(np.moveaxis(going, 2, 0), np.moveaxis(coming, 2, 0)), 0, 2)

@@ -10,9 +10,13 @@ K = 2 * np.pi * 30e9 / SPEED_OF_LIGHT_M_S
 
 
 def dipole_field(
-    source_m: np.ndarray, points_m: np.ndarray, dipole: np.ndarray, component: np.ndarray | None = None
+    source_m: np.ndarray,
+    points_m: np.ndarray,
+    dipole: np.ndarray,
+    component: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Component (the dipole's own if None) of (1 + ∇∇·/k²)(dipole e^{−jkR}/R): the textbook's near field [n]."""
+    """Component (the dipole's own if None) of (1 + ∇∇·/k²)(dipole e^{−jkR}/R): the textbook's near
+    field [n]."""
     component = dipole if component is None else component
     away = points_m - source_m
     r = np.linalg.norm(away, axis=1)

@@ -1,7 +1,8 @@
-"""Exact echoes of cylinders against what they must obey: boundary conditions, reciprocity, limits, and a closed form.
+"""Exact echoes of cylinders against what they must obey: boundary conditions, reciprocity, limits,
+and a closed form.
 
-None of these shares anything with the series: the direct field is the dipole's closed form, the limit of large
-cylinders is geometrical optics."""
+None of these shares anything with the series: the direct field is the dipole's closed form, the
+limit of large cylinders is geometrical optics."""
 
 from __future__ import annotations
 
@@ -10,7 +11,14 @@ import pytest
 from scipy.special import hankel2
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from tests.references.exact.cylinders import ACROSS, ALONG, Cylinder, axial_spectrum, cylinder_echoes, scattered
+from tests.references.exact.cylinders import (
+    ACROSS,
+    ALONG,
+    Cylinder,
+    axial_spectrum,
+    cylinder_echoes,
+    scattered,
+)
 from tests.references.exact.dipole_fields import K, dipole_field
 
 TWO = [Cylinder(0.0, 0.15, 0.008), Cylinder(0.01, 0.19, 0.02)]
@@ -18,7 +26,8 @@ SKIN = 7.0 - 8.0j
 
 
 def waves_of_dipole(source_m, points_m, polarisation):
-    """The same [n] as a sum of the waves that `scattered` takes: −jπ H₀(κρ) e^{−jβy} of g = e^{−jkR}/R."""
+    """The same [n] as a sum of the waves that `scattered` takes: −jπ H₀(κρ) e^{−jβy} of g =
+    e^{−jkR}/R."""
     (x, y, z) = (points_m - source_m).T
     rho = np.hypot(x, z)[:, None]
     beta, weight = axial_spectrum(K, np.abs(y).max(), 2 * (points_m[:, 2].max() + 0.02))
@@ -32,10 +41,16 @@ def waves_of_dipole(source_m, points_m, polarisation):
     return -1j * np.pi * (weight * field * np.cos(np.multiply.outer(y, beta))).sum(axis=1)
 
 
-@pytest.mark.parametrize(("polarisation", "direction"), [(ALONG, [0.0, 1.0, 0.0]), (ACROSS, [1.0, 0.0, 0.0])])
+@pytest.mark.parametrize(
+    ("polarisation", "direction"), [(ALONG, [0.0, 1.0, 0.0]), (ACROSS, [1.0, 0.0, 0.0])]
+)
 def test_the_waves_along_the_axis_are_a_dipole_s_field(polarisation, direction):
-    """As far as echoes go: the waves that the taper leaves out are those of directions that no echo comes from."""
-    source_m, points_m = np.array([0.03, 0.02, 0.0]), np.array([[0.05, -0.07, 0.6], [0.0, 0.07, 0.4]])
+    """As far as echoes go: the waves that the taper leaves out are those of directions that no echo
+    comes from."""
+    source_m, points_m = (
+        np.array([0.03, 0.02, 0.0]),
+        np.array([[0.05, -0.07, 0.6], [0.0, 0.07, 0.4]]),
+    )
     known = dipole_field(source_m, points_m, np.array(direction))
     np.testing.assert_allclose(waves_of_dipole(source_m, points_m, polarisation), known, rtol=2e-3)
 
@@ -47,13 +62,18 @@ def test_no_field_along_a_metal_surface(polarisation):
     fronts_m = np.array([[c.x_m, y, c.z_m - c.radius_m] for c in TWO for y in (-0.02, 0.0, 0.03)])
     known = waves_of_dipole(source_m[0], fronts_m, polarisation)
     total = scattered(TWO, K, source_m, fronts_m, polarisation, None)[0] + known
-    assert np.abs(total).max() < 1e-5 * np.abs(known).max()  # orders are left out that count at the surface alone
+    assert (
+        np.abs(total).max() < 1e-5 * np.abs(known).max()
+    )  # orders are left out that count at the surface alone
 
 
 @pytest.mark.parametrize("polarisation", [ALONG, ACROSS])
 @pytest.mark.parametrize("permittivity", [None, SKIN])
 def test_transmitters_and_receivers_may_change_places(polarisation, permittivity):
-    here_m, there_m = np.array([[0.03, 0.05, 0.0], [-0.06, 0.02, 0.01]]), np.array([[0.05, -0.06, 0.0]])
+    here_m, there_m = (
+        np.array([[0.03, 0.05, 0.0], [-0.06, 0.02, 0.01]]),
+        np.array([[0.05, -0.06, 0.0]]),
+    )
     to = scattered(TWO, K, here_m, there_m, polarisation, permittivity)
     back = scattered(TWO, K, there_m, here_m, polarisation, permittivity)
     np.testing.assert_allclose(to, back.T, rtol=0, atol=1e-12 * np.abs(to).max())
@@ -64,7 +84,10 @@ def test_a_good_conductor_is_metal(polarisation):
     """The difference falls as the impedance of the surface, 1/√ε."""
     tx_m, rx_m = np.array([[0.03, 0.05, 0.0]]), np.array([[0.05, -0.06, 0.0], [0.0, 0.02, 0.0]])
     metal = scattered(TWO, K, tx_m, rx_m, polarisation, None)
-    off = [np.abs(scattered(TWO, K, tx_m, rx_m, polarisation, -1j * e) - metal).max() for e in (1e6, 1e8)]
+    off = [
+        np.abs(scattered(TWO, K, tx_m, rx_m, polarisation, -1j * e) - metal).max()
+        for e in (1e6, 1e8)
+    ]
     assert off[0] < 0.01 * np.abs(metal).max()
     assert off[0] / off[1] == pytest.approx(10, rel=0.05)
 
@@ -72,8 +95,8 @@ def test_a_good_conductor_is_metal(polarisation):
 @pytest.mark.parametrize("polarisation", [ALONG, ACROSS])
 @pytest.mark.parametrize("permittivity", [None, SKIN])
 def test_a_thick_cylinder_mirrors(polarisation, permittivity):
-    """Geometrical optics at normal incidence: Γ/R √(q/(q + R)) √½ e^{−2jkR}, 1/q = 1/R + 2/a; right to 1/ka. In the
-    scale of the forward model, jλ times as much."""
+    """Geometrical optics at normal incidence: Γ/R √(q/(q + R)) √½ e^{−2jkR}, 1/q = 1/R + 2/a; right
+    to 1/ka. In the scale of the forward model, jλ times as much."""
     radius_m, distance_m = 0.1, 0.2
     antenna_m = np.zeros((1, 3))
     index = 1e12 if permittivity is None else np.sqrt(permittivity)
@@ -83,12 +106,17 @@ def test_a_thick_cylinder_mirrors(polarisation, permittivity):
     f = K * SPEED_OF_LIGHT_M_S / (2 * np.pi)
     cylinder = Cylinder(0.0, distance_m + radius_m, radius_m)
     filling = None if permittivity is None else np.array([permittivity])
-    found = cylinder_echoes([cylinder], np.array([f]), AntennaArray(antenna_m, antenna_m), polarisation, filling)
+    found = cylinder_echoes(
+        [cylinder], np.array([f]), AntennaArray(antenna_m, antenna_m), polarisation, filling
+    )
     assert found[0, 0, 0] == pytest.approx(1j * 2 * np.pi / K * expected, rel=1 / (K * radius_m))
 
 
 def test_bounces_add_up():
     tx_m, rx_m = np.array([[0.03, 0.05, 0.0]]), np.array([[0.05, -0.06, 0.0]])
     every = scattered(TWO, K, tx_m, rx_m, ALONG, None)
-    off = [np.abs(scattered(TWO, K, tx_m, rx_m, ALONG, None, bounces) - every).max() for bounces in (1, 2, 12)]
+    off = [
+        np.abs(scattered(TWO, K, tx_m, rx_m, ALONG, None, bounces) - every).max()
+        for bounces in (1, 2, 12)
+    ]
     assert off[0] > 3 * off[1] and off[2] < 1e-3 * np.abs(every).max()

@@ -1,5 +1,6 @@
-"""Exact echoes of a half-plane against what determines them: the wave equation, no field on the metal, none from far
-behind the edge, the mirror far before it, and half the field on the shadow's edge.
+"""Exact echoes of a half-plane against what determines them: the wave equation, no field on the
+metal, none from far behind the edge, the mirror far before it, and half the field on the shadow's
+edge.
 
 The direct field is the dipole's closed form of another module; the mirror is its image."""
 
@@ -18,7 +19,9 @@ TX_M = np.array([[0.05, 0.02, 0.0]])
 
 def total(points_m):
     """The field [n] of the first transmitter and of what the half-plane scatters."""
-    return scattered_by_half_plane(PLANE, K, TX_M, points_m)[0] + dipole_field(TX_M[0], points_m, ALONG_Y)
+    return scattered_by_half_plane(PLANE, K, TX_M, points_m)[0] + dipole_field(
+        TX_M[0], points_m, ALONG_Y
+    )
 
 
 def test_far_from_its_edge_it_is_a_mirror():
@@ -30,19 +33,32 @@ def test_far_from_its_edge_it_is_a_mirror():
 
 def test_from_far_behind_its_edge_nothing_returns():
     rx_m = np.array([[-0.03, 0.01, 0.0]])
-    seen = [np.abs(scattered_by_half_plane(HalfPlane(x_m, 0.3), K, TX_M, rx_m)).max() for x_m in (0.0, 3.0, 30.0)]
+    seen = [
+        np.abs(scattered_by_half_plane(HalfPlane(x_m, 0.3), K, TX_M, rx_m)).max()
+        for x_m in (0.0, 3.0, 30.0)
+    ]
     assert seen[1] < 0.03 * seen[0] and seen[2] < 0.1 * seen[1]
 
 
 def test_no_field_on_the_metal():
     """A nanometre before it the dipole and its image, 0.3 m away, differ by 2k · 1 nm/0.3 m."""
-    points_m = np.array([[x, y, PLANE.z_m + side] for x in (0.01, 0.1) for y in (0.0, 0.04) for side in (-1e-9, 1e-9)])
+    points_m = np.array(
+        [
+            [x, y, PLANE.z_m + side]
+            for x in (0.01, 0.1)
+            for y in (0.0, 0.04)
+            for side in (-1e-9, 1e-9)
+        ]
+    )
     assert np.abs(total(points_m)).max() < 1.2 * 2 * K * 1e-9 / PLANE.z_m
 
 
-@pytest.mark.parametrize("middle", [[0.02, -0.03, 0.1], [-0.1, 0.01, 0.35], [0.06, 0.03, 0.4], [-0.06, 0.02, 0.3]])
+@pytest.mark.parametrize(
+    "middle", [[0.02, -0.03, 0.1], [-0.1, 0.01, 0.35], [0.06, 0.03, 0.4], [-0.06, 0.02, 0.3]]
+)
 def test_it_obeys_the_wave_equation(middle):
-    """Before the metal, beside it, in its shadow, and level with it: ∇²E = −k²E by differences of the fourth order."""
+    """Before the metal, beside it, in its shadow, and level with it: ∇²E = −k²E by differences of
+    the fourth order."""
     step_m = 0.05 / K
     offsets = np.array([0, *(s * n for n in (1, 2) for s in (-1, 1))])
     laplacian = 0

@@ -1,4 +1,5 @@
-"""Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench show` of a board."""
+"""Printed boards: what OpenCV finds on the sheets is what board.toml says; and `handbench show` of
+a board."""
 
 import cv2
 import numpy as np
@@ -16,7 +17,13 @@ from handbench.support.errors import HandbenchError
 
 PIXELS_PER_MM = 8
 BAR_M = 5e-5  # half a pixel is 0.06 mm; sharp edges are found to a fraction of it
-CHARUCO = {"columns": 7, "rows": 5, "square_m": 0.03, "marker_m": 0.021, "dictionary": "DICT_5X5_50"}
+CHARUCO = {
+    "columns": 7,
+    "rows": 5,
+    "square_m": 0.03,
+    "marker_m": 0.021,
+    "dictionary": "DICT_5X5_50",
+}
 
 
 def raster(figure, pixels_per_mm=PIXELS_PER_MM):
@@ -55,7 +62,11 @@ def centred(points):
         stand_board(),
         Board(
             dictionary="DICT_6X6_250",
-            marker=(square(249, (0, 0)), square(7, (0.1, 0.03), 0.05, 0.4), square(31, (0.02, 0.08), 0.02, -2.0)),
+            marker=(
+                square(249, (0, 0)),
+                square(7, (0.1, 0.03), 0.05, 0.4),
+                square(31, (0.02, 0.08), 0.02, -2.0),
+            ),
         ),
     ],
     ids=["stand", "turned"],
@@ -80,7 +91,9 @@ def test_opencv_finds_every_charuco_corner_and_draws_the_same(legacy, rows):
     wanted = charuco.corners_m()[numbers.ravel(), :2]
     assert np.abs(centred(metres(corners)) - centred(wanted)).max() < BAR_M
 
-    opencv = charuco.cv_board().generateImage((700, 100 * rows))  # a module is 10 texels: nothing is rounded
+    opencv = charuco.cv_board().generateImage(
+        (700, 100 * rows)
+    )  # a module is 10 texels: nothing is rounded
     origin = 1000 * PIXELS_PER_MM * (metres(corners)[0] - wanted[0])  # the board's, on the sheet
     texel = 0.3 * PIXELS_PER_MM
     columns, lines = (
@@ -88,39 +101,55 @@ def test_opencv_finds_every_charuco_corner_and_draws_the_same(legacy, rows):
         for n, start in ((700, origin[0]), (100 * rows, -origin[1]))
     )
     ours = image[np.ix_(lines, columns)]
-    edge = cv2.morphologyEx(opencv, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0  # a pixel more or less
+    edge = (
+        cv2.morphologyEx(opencv, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+    )  # a pixel more or less
     assert np.array_equal(ours[~edge] > 127, opencv[~edge] > 127) and edge.mean() < 0.2
 
 
 def test_a_frame_with_y_downwards_is_turned_and_not_mirrored():
     up = Board(marker=(square(3, (0, 0)), square(4, (0.07, 0.05))))
-    down = Board(marker=[Marker(id=m.id, corners_m=(np.array(m.corners_m) * (1, -1, -1)).tolist()) for m in up.marker])
+    down = Board(
+        marker=[
+            Marker(id=m.id, corners_m=(np.array(m.corners_m) * (1, -1, -1)).tolist())
+            for m in up.marker
+        ]
+    )
     images = [raster(board_sheets(board, "same", "fit")[0]) for board in (up, down)]
     assert np.array_equal(*images)
 
 
 def test_neighbouring_modules_leave_no_hairline():
-    """At 97 dpi no edge between rows falls on a pixel's edge; rectangles painted one by one would show through."""
+    """At 97 dpi no edge between rows falls on a pixel's edge; rectangles painted one by one would
+    show through."""
     [figure] = board_sheets(Board(marker=(square(0, (0, 0)),)), "one", "fit")
     image = raster(figure, 97 / INCH_MM)
     dark = np.argwhere(image < 128)
     top, left = dark[dark[:, 0] < 160].min(axis=0)
-    border = image[top + 3 : top + int(30 * 97 / INCH_MM) - 3, left + 3 : left + int(5 * 97 / INCH_MM) - 3]
+    border = image[
+        top + 3 : top + int(30 * 97 / INCH_MM) - 3, left + 3 : left + int(5 * 97 / INCH_MM) - 3
+    ]
     assert border.shape[0] > 100 and border.shape[1] > 10 and border.max() == 0
 
 
 @pytest.mark.parametrize("paper", ["A4", "A3", "letter"])
 def test_tiles_laid_on_each_others_ticks_are_the_board(paper):
-    """Each tile's pixels at its window's place; sheets differ from the whole by where the pixels' edges fall."""
+    """Each tile's pixels at its window's place; sheets differ from the whole by where the pixels'
+    edges fall."""
     scale = 4
     drawing = board_drawing(stand_board(), "stand")
-    canvas = np.full((round(drawing.height_mm * scale) + 2, round(drawing.width_mm * scale) + 2), np.nan)
+    canvas = np.full(
+        (round(drawing.height_mm * scale) + 2, round(drawing.width_mm * scale) + 2), np.nan
+    )
     _, windows = tiles(drawing, paper)
     figures = sheets([drawing], paper)
     assert len(figures) == len(windows) > 1
     for figure, window in zip(figures, windows, strict=True):
         piece = cut_out(raster(figure, scale), figure, scale)
-        row, column = round((drawing.height_mm - window[1] - window[3]) * scale), round(window[0] * scale)
+        row, column = (
+            round((drawing.height_mm - window[1] - window[3]) * scale),
+            round(window[0] * scale),
+        )
         canvas[row : row + len(piece), column : column + piece.shape[1]] = piece
         assert ticks_mm(figure) == pytest.approx(neighbours_mm(figure, window, windows), abs=1e-6)
     canvas = canvas[:-2, :-2]
@@ -143,8 +172,16 @@ def cut_out(image, figure, scale):
 def ticks_mm(figure):
     """Places of a sheet's ticks, the lines of 0.8 points: x of the upright, y of the level ones."""
     lines = [line for line in figure.axes[0].lines if line.get_linewidth() == 0.8]
-    upright = {round(line.get_xdata()[0], 9) for line in lines if line.get_xdata()[0] == line.get_xdata()[1]}
-    level = {round(line.get_ydata()[0], 9) for line in lines if line.get_ydata()[0] == line.get_ydata()[1]}
+    upright = {
+        round(line.get_xdata()[0], 9)
+        for line in lines
+        if line.get_xdata()[0] == line.get_xdata()[1]
+    }
+    level = {
+        round(line.get_ydata()[0], 9)
+        for line in lines
+        if line.get_ydata()[0] == line.get_ydata()[1]
+    }
     return [*sorted(upright), *sorted(level)]
 
 
@@ -160,14 +197,19 @@ def neighbours_mm(figure, window, windows):
 
 
 def test_what_cannot_be_printed_is_refused():
-    raised = Marker(id=2, corners_m=(np.array(square(2, (0.1, 0)).corners_m) + (0, 0, 0.001)).tolist())
+    raised = Marker(
+        id=2, corners_m=(np.array(square(2, (0.1, 0)).corners_m) + (0, 0, 0.001)).tolist()
+    )
     turned = Marker(id=2, corners_m=(np.array(square(2, (0.1, 0)).corners_m) * (1, -1, 1)).tolist())
     kite = Marker(id=2, corners_m=((0, 0, 0), (0.03, 0, 0), (0.05, -0.03, 0), (0, -0.03, 0)))
     for other, complaint in (
         (raised, "do not lie in one plane"),
         (turned, "facing one way"),
         (kite, "marker 2 has sides of 30.00, 30.00, 36.06, 50.00 mm; expected a square"),
-        (square(50, (0.1, 0)), "marker 50 is not in the dictionary 'DICT_4X4_50', which has 0 to 49"),
+        (
+            square(50, (0.1, 0)),
+            "marker 50 is not in the dictionary 'DICT_4X4_50', which has 0 to 49",
+        ),
         (square(2, (30.0, 0)), "are all lengths metres"),
     ):
         with pytest.raises(HandbenchError, match=complaint):

@@ -1,4 +1,5 @@
-"""The target's drawing: true scale on every page, the right way round, legible, and the same bytes every time."""
+"""The target's drawing: true scale on every page, the right way round, legible, and the same bytes
+every time."""
 
 import re
 import zlib
@@ -11,8 +12,23 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from handbench.calibration.spheres.description import Element, Target, default_target, load_target, save_target
-from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, OVERLAP_MM, PAPERS_MM, Drawing, save, sheets, tiles
+from handbench.calibration.spheres.description import (
+    Element,
+    Target,
+    default_target,
+    load_target,
+    save_target,
+)
+from handbench.reports.drawings.sheets import (
+    BAR_MM,
+    INCH_MM,
+    OVERLAP_MM,
+    PAPERS_MM,
+    Drawing,
+    save,
+    sheets,
+    tiles,
+)
 from handbench.reports.drawings.target_drawing import target_sheets
 from handbench.support.errors import HandbenchError
 
@@ -35,7 +51,9 @@ def crowded():
     return Target(
         element=tuple(
             Element(
-                centre_m=tuple(v / 1000 for v in place), sphere_radius_m=0.015 + 0.003 * (i % 3), ball_radius_m=0.003
+                centre_m=tuple(v / 1000 for v in place),
+                sphere_radius_m=0.015 + 0.003 * (i % 3),
+                ball_radius_m=0.003,
             )
             for i, place in enumerate(places)
         )
@@ -45,7 +63,10 @@ def crowded():
 def on_page_mm(figure: Figure, patch: Circle):
     """Centre and radius of a circle on the page, millimetres."""
     scale = INCH_MM / figure.dpi
-    x, y = patch.axes.transData.transform([patch.center, np.add(patch.center, (patch.radius, 0))]) * scale
+    x, y = (
+        patch.axes.transData.transform([patch.center, np.add(patch.center, (patch.radius, 0))])
+        * scale
+    )
     return x, np.linalg.norm(y - x)
 
 
@@ -58,25 +79,40 @@ def test_the_views_are_at_true_scale_and_not_mirrored(paper):
     for view, columns in ((circles[:16], [-1, 2]), (circles[16:], [3, 2])):
         foam, balls = view[::2], view[1::2]
         seen = np.array([on_page_mm(figure, patch)[0] for patch in balls])
-        wanted = 1000 * np.stack([np.sign(c) * target.centres_m[:, abs(c) - 1] for c in columns], axis=1)
+        wanted = 1000 * np.stack(
+            [np.sign(c) * target.centres_m[:, abs(c) - 1] for c in columns], axis=1
+        )
         # Floating point: the page is 500 mm, and figures count in pixels.
         assert np.abs((seen - seen[0]) - (wanted - wanted[0])).max() < 1e-6
-        assert [on_page_mm(figure, patch)[1] for patch in balls] == pytest.approx([3.0] * 8, abs=1e-6)
+        assert [on_page_mm(figure, patch)[1] for patch in balls] == pytest.approx(
+            [3.0] * 8, abs=1e-6
+        )
         radii = [1000 * e.sphere_radius_m for e in target.element]
         assert [on_page_mm(figure, patch)[1] for patch in foam] == pytest.approx(radii, abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("target", "paper"), [(default_target(), "A4"), (crowded(), "letter")], ids=["default", "crowded"]
+    ("target", "paper"),
+    [(default_target(), "A4"), (crowded(), "letter")],
+    ids=["default", "crowded"],
 )
 def test_no_two_texts_overlap_and_none_leaves_the_page(target, paper):
     for figure in target_sheets(target, f"Calibration target, {'long ' * 40}", paper):
-        boxes = [text.get_window_extent() for text in figure.findobj(Text) if text.get_text() and text.get_visible()]
+        boxes = [
+            text.get_window_extent()
+            for text in figure.findobj(Text)
+            if text.get_text() and text.get_visible()
+        ]
         assert len(boxes) > 3
         for a, b in combinations(boxes, 2):
             assert not a.overlaps(b)
         for box in boxes:
-            assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= figure.bbox.x1 and box.y1 <= figure.bbox.y1
+            assert (
+                box.x0 >= 0
+                and box.y0 >= 0
+                and box.x1 <= figure.bbox.x1
+                and box.y1 <= figure.bbox.y1
+            )
 
 
 def test_the_default_target_fits_one_a4_sheet():
@@ -96,7 +132,9 @@ def test_an_svg_is_true_to_scale_harmless_and_the_same_every_time(tmp_path):
     [bar] = [node for node in root.iter() if node.get("id") == "scale-bar"]
     [path] = [node for node in bar.iter() if node.tag.endswith("path")]
     x0, y0, x1, y1 = (float(v) for v in re.findall(r"[-\d.]+", path.get("d")))
-    assert (x1 - x0) / POINTS_PER_MM == pytest.approx(BAR_MM, abs=1e-5) and y0 == y1  # six decimals of a point
+    assert (x1 - x0) / POINTS_PER_MM == pytest.approx(
+        BAR_MM, abs=1e-5
+    ) and y0 == y1  # six decimals of a point
     assert [node for node in root.iter() if "script" in str(node.tag).lower()] == []
     text = (tmp_path / "target.svg").read_text("utf-8")
     assert "<script" not in text.lower() and "dc:date" not in text
@@ -111,16 +149,24 @@ def test_every_page_of_a_pdf_has_the_papers_size_and_two_writings_the_same_bytes
     boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
     assert len(boxes) == 2
     for box in boxes:
-        assert [float(v) / POINTS_PER_MM for v in box] == pytest.approx(PAPERS_MM["letter"], abs=1e-5)
+        assert [float(v) / POINTS_PER_MM for v in box] == pytest.approx(
+            PAPERS_MM["letter"], abs=1e-5
+        )
     streams = re.findall(rb"stream\n(\x78.*?)\nendstream", content, re.DOTALL)
     pages = [zlib.decompress(stream) for stream in streams]
-    strokes = [re.findall(rb"([-\d.]+) ([-\d.]+) m\s+([-\d.]+) ([-\d.]+) l", page) for page in pages]
+    strokes = [
+        re.findall(rb"([-\d.]+) ([-\d.]+) m\s+([-\d.]+) ([-\d.]+) l", page) for page in pages
+    ]
     bars = [[float(c) - float(a) for a, b, c, d in page if b == d] for page in strokes if page]
-    assert len(bars) == 2 and all(any(abs(bar / POINTS_PER_MM - BAR_MM) < 1e-5 for bar in page) for page in bars)
+    assert len(bars) == 2 and all(
+        any(abs(bar / POINTS_PER_MM - BAR_MM) < 1e-5 for bar in page) for page in bars
+    )
     assert content == (tmp_path / "b.pdf").read_bytes() and b"CreationDate" not in content
 
 
-@pytest.mark.parametrize("size_mm", [(150.0, 40.0), (283.0, 182.0), (284.0, 100.0), (396.0, 294.0), (90.0, 900.0)])
+@pytest.mark.parametrize(
+    "size_mm", [(150.0, 40.0), (283.0, 182.0), (284.0, 100.0), (396.0, 294.0), (90.0, 900.0)]
+)
 @pytest.mark.parametrize("paper", ["A4", "A3", "letter"])
 def test_tiles_cover_the_drawing_and_overlap(size_mm, paper):
     page, windows = tiles(Drawing(*size_mm, "", "", lambda axes: None), paper)
@@ -135,7 +181,9 @@ def test_tiles_cover_the_drawing_and_overlap(size_mm, paper):
 
 def test_what_cannot_be_drawn_is_refused(tmp_path):
     drawing = Drawing(400.0, 300.0, "", "", lambda axes: None)
-    with pytest.raises(HandbenchError, match=r"paper: is 'A9'; expected one of A4, A3, letter, fit"):
+    with pytest.raises(
+        HandbenchError, match=r"paper: is 'A9'; expected one of A4, A3, letter, fit"
+    ):
         sheets([drawing], "A9")
     with pytest.raises(HandbenchError, match=r"one page, the drawing 4 sheets; write a PDF"):
         save(tmp_path / "a.svg", sheets([drawing], "A4"))

@@ -1,4 +1,5 @@
-"""A headless Chromium, driven over its DevTools protocol: enough to open a page, press keys and look."""
+"""A headless Chromium, driven over its DevTools protocol: enough to open a page, press keys and
+look."""
 
 from __future__ import annotations
 
@@ -13,7 +14,9 @@ from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
 SWITCHES = (
     "--headless",
     "--no-sandbox",
@@ -48,7 +51,9 @@ class Browser:
         try:
             self.socket = self.wait(self._connect(folder / "DevToolsActivePort"))
             target = self.call("Target.createTarget", url="about:blank")["targetId"]
-            self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+            self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+                "sessionId"
+            ]
             for domain in ("Page", "Runtime", "Network", "Log"):
                 self.call(f"{domain}.enable")
         except BaseException:
@@ -76,7 +81,9 @@ class Browser:
     async def _call(self, method: str, params: dict[str, Any]) -> dict[str, Any]:
         number = next(self.ids)
         session = {"sessionId": self.session} if self.session else {}
-        await self.socket.write_message(json.dumps({"id": number, "method": method, "params": params, **session}))
+        await self.socket.write_message(
+            json.dumps({"id": number, "method": method, "params": params, **session})
+        )
         while True:
             message = json.loads(await self.socket.read_message())
             if message.get("id") == number:
@@ -84,12 +91,27 @@ class Browser:
                 return message["result"]
             self.events.append(message)
 
-    def open(self, page: Path, width: int = 1280, height: int = 900, scheme: str = "light", scale: float = 1) -> None:
-        """Load a file into a window of this size, in CSS pixels, and wait until it has drawn itself."""
+    def open(
+        self,
+        page: Path,
+        width: int = 1280,
+        height: int = 900,
+        scheme: str = "light",
+        scale: float = 1,
+    ) -> None:
+        """Load a file into a window of this size, in CSS pixels, and wait until it has drawn
+        itself."""
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=False,
         )
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": "prefers-color-scheme", "value": scheme}],
+        )
         self.events.clear()
         self.call("Page.navigate", url=page.resolve().as_uri())
         end = time.monotonic() + PATIENCE_S
@@ -104,7 +126,9 @@ class Browser:
 
     def run(self, script: str) -> Any:
         """The value of a JavaScript expression, awaited."""
-        answer = self.call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        answer = self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -130,7 +154,15 @@ class Browser:
             ("mouseMoved", (x + dx, y + dy)),
             ("mouseReleased", (x + dx, y + dy)),
         ):
-            self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", buttons=1, clickCount=1)
+            self.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=at[0],
+                y=at[1],
+                button="left",
+                buttons=1,
+                clickCount=1,
+            )
         self.settle()
 
     def screenshot(self, file: Path, whole: bool = False) -> None:
@@ -140,7 +172,9 @@ class Browser:
 
     def pdf(self, file: Path) -> None:
         """Print to PDF."""
-        file.write_bytes(base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"]))
+        file.write_bytes(
+            base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+        )
 
     def close(self) -> None:
         """End the browser that was started here."""

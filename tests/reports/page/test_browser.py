@@ -1,4 +1,5 @@
-"""The report in a browser: from a file, without a network, wide and narrow, turned by keys and by the mouse."""
+"""The report in a browser: from a file, without a network, wide and narrow, turned by keys and by
+the mouse."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from tests.reports.page.devtools import CHROMIUM, Browser
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium: the report was NOT looked at in a browser (Debian's package: chromium)"
+    CHROMIUM is None,
+    reason="no Chromium: the report was NOT looked at in a browser (Debian's package: chromium)",
 )
 LONG = 70 * "U"  # a name that no narrow window has room for
 
@@ -26,7 +28,9 @@ def page(tmp_path_factory):
     base = tmp_path_factory.mktemp("browser")
     methods = {name: METHODS[name] for name in ("3fsk", "2fsk")}
     folder = write_synthetic(base / "table", ("B", LONG), methods, ("photogrammetry",))
-    return html.build(folder, base / "report", write_synthetic_tradeoff(base / "sweep", tolerances=2))
+    return html.build(
+        folder, base / "report", write_synthetic_tradeoff(base / "sweep", tolerances=2)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -64,16 +68,25 @@ def choose(browser, name, value):
 
 
 def test_nothing_is_fetched_and_nothing_complains(opened):
-    requests = [e["params"]["request"]["url"] for e in opened.events if e["method"] == "Network.requestWillBeSent"]
+    requests = [
+        e["params"]["request"]["url"]
+        for e in opened.events
+        if e["method"] == "Network.requestWillBeSent"
+    ]
     assert requests and not [url for url in requests if not url.startswith(("data:", "file:"))]
     assert sum(url.startswith("file:") for url in requests) == 1  # the page itself
-    said = [event for event in opened.events if event["method"].startswith(("Runtime.exception", "Runtime.console"))]
+    said = [
+        event
+        for event in opened.events
+        if event["method"].startswith(("Runtime.exception", "Runtime.console"))
+    ]
     logged = [e["params"]["entry"] for e in opened.events if e["method"] == "Log.entryAdded"]
     assert said == [] and [entry for entry in logged if entry["level"] == "error"] == []
 
 
 def test_the_view_shows_a_hand(opened):
-    """Something of a hand's share of the canvas, neither flat nor a silhouette; the still picture gives way to it."""
+    """Something of a hand's share of the canvas, neither flat nor a silhouette; the still picture
+    gives way to it."""
     shown = pixels(opened)
     covered = shown[..., 3] > 128
     assert 0.05 < covered.mean() < 0.6
@@ -97,7 +110,8 @@ def test_the_view_answers_to_keys(opened):
 def test_the_view_is_dragged(opened):
     start = pixels(opened)
     left, top, width, height = opened.run(
-        "(r => [r.left, r.top, r.width, r.height])(document.querySelector('canvas').getBoundingClientRect())"
+        "(r => [r.left, r.top, r.width, "
+        "r.height])(document.querySelector('canvas').getBoundingClientRect())"
     )
     opened.drag(left + width / 2, top + height / 2, 120, 30)
     assert changed(start, pixels(opened)) > 0.02
@@ -123,7 +137,8 @@ def test_methods_captures_and_colours_are_switched(opened):
 
 @pytest.mark.parametrize("width", [1280, 400])
 def test_the_page_fits_its_window(browser, page, width):
-    """Wide tables and pictures scroll in their own boxes, which keys can reach; the text is not cut."""
+    """Wide tables and pictures scroll in their own boxes, which keys can reach; the text is not
+    cut."""
     browser.open(page, width)
     browser.run("document.querySelectorAll('details').forEach(d => d.open = true)")
     assert browser.run("document.documentElement.scrollWidth") <= width
@@ -131,7 +146,9 @@ def test_the_page_fits_its_window(browser, page, width):
     boxes = browser.run(f"Array.from(document.querySelectorAll('.scroll'), {measure})")
     assert all(tab == 0 and shown <= width for _, shown, tab in boxes)
     assert any(inside > shown for inside, shown, _ in boxes) or width > 400
-    sizes = browser.run("Array.from(document.querySelectorAll('td'), c => parseFloat(getComputedStyle(c).fontSize))")
+    sizes = browser.run(
+        "Array.from(document.querySelectorAll('td'), c => parseFloat(getComputedStyle(c).fontSize))"
+    )
     assert min(sizes) >= 12
 
 
@@ -150,11 +167,17 @@ def test_text_stands_out_from_the_page(browser, page, scheme):
 def luminance(colour):
     """Relative luminance of a colour given as rgb(r, g, b) (WCAG 2)."""
     c = np.array(re.findall(r"[\d.]+", colour)[:3], float) / 255
-    return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+    return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [
+        0.2126,
+        0.7152,
+        0.0722,
+    ]
 
 
 def test_without_webgl_and_on_paper_a_still_picture_stands_in(browser, page):
-    displays = "['.still', '.viewer canvas'].map(s => getComputedStyle(document.querySelector(s)).display)"
+    displays = (
+        "['.still', '.viewer canvas'].map(s => getComputedStyle(document.querySelector(s)).display)"
+    )
     browser.open(page)
     browser.call("Emulation.setEmulatedMedia", media="print")
     assert browser.run(displays) == ["block", "none"]

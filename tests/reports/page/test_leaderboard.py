@@ -11,14 +11,21 @@ def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_pa
     shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))
     shutil.copytree(small_result, tmp_path / "B <b>", ignore=shutil.ignore_patterns("work"))
     scores = pd.read_csv(tmp_path / "B <b>" / "scores.csv", keep_default_na=False)
-    right = (scores.metric == "complete_2mm_percent") & (scores.method == "2fsk") & (scores.treatment == "")
+    right = (
+        (scores.metric == "complete_2mm_percent")
+        & (scores.method == "2fsk")
+        & (scores.treatment == "")
+    )
     scores.loc[right, "value"] = 99.5
     scores.to_csv(tmp_path / "B <b>" / "scores.csv", index=False)
     results = [str(tmp_path / "A"), str(tmp_path / "B <b>")]
     assert main(["report", *results, "-o", str(tmp_path / "out")]) == 0
     table = pd.read_csv(tmp_path / "out" / "leaderboard.csv")
     assert len(table) == 4 and table.complete_2mm_percent.is_monotonic_decreasing
-    assert (table.method[0], table.result[0]) == ("2-FSK", results[1]) and table.complete_2mm_percent[0] == 99.5
+    assert (table.method[0], table.result[0]) == (
+        "2-FSK",
+        results[1],
+    ) and table.complete_2mm_percent[0] == 99.5
     text = (tmp_path / "out" / "leaderboard.md").read_text()
     assert "too few captures to test" in text and "<b>" not in text and "| 99.50 |" in text
     page = (tmp_path / "out" / "index.html").read_text()

@@ -40,7 +40,10 @@ def folder(tmp_path_factory):
         tmp_path_factory.mktemp("hostile"),
         captures=(SCRIPT,),
         step_m=3e-3,
-        methods={"2fsk": (r"$\frac{<script>x</script>", *METHODS["2fsk"][1:]), "3fsk": METHODS["3fsk"]},
+        methods={
+            "2fsk": (r"$\frac{<script>x</script>", *METHODS["2fsk"][1:]),
+            "3fsk": METHODS["3fsk"],
+        },
     )
     about = read_json(folder / "result.json", "")
     about["facts"]["<i>"] = ["<script>", {"a": None}]
@@ -61,7 +64,9 @@ def test_every_file_is_there_and_nothing_else(report):
     stems = ("accuracy_time", *own, "error_distribution", "repeats")
     expected = {"table.md", "table.tex", "column.tex", "table.csv", "index.html"}
     expected |= {f"figures/{stem}{suffix}" for stem in stems for suffix in (".png", ".pdf")}
-    assert {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()} == expected
+    assert {
+        str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()
+    } == expected
     assert all((report / name).stat().st_size > 500 for name in expected)
 
 
@@ -77,7 +82,14 @@ class Tags(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.names, self.images, self.scripts, self.ids, self.meta, self.open = set(), [], [], [], [], []
+        self.names, self.images, self.scripts, self.ids, self.meta, self.open = (
+            set(),
+            [],
+            [],
+            [],
+            [],
+            [],
+        )
 
     def handle_starttag(self, tag, attrs):
         self.names.add(tag)
@@ -109,7 +121,10 @@ def test_the_page_is_self_contained_and_escaped(report):
     assert tags.open == []
     assert not tags.names & {"i", "link", "iframe", "object"}
     assert len(tags.images) == 6
-    assert all(image["src"].startswith("data:image/webp;base64,") and len(image["alt"]) > 40 for image in tags.images)
+    assert all(
+        image["src"].startswith("data:image/webp;base64,") and len(image["alt"]) > 40
+        for image in tags.images
+    )
     assert not re.search(r"(src|href)=\"?(http|/|\.)", text)
     assert "&lt;script&gt;" in text
     assert text.count('href="figures/depth_%3Cscript') == 2  # PDF and PNG
@@ -119,9 +134,16 @@ def test_the_page_is_self_contained_and_escaped(report):
 
 def test_the_policy_lets_in_our_style_and_script_alone(report):
     tags = parsed(report / "index.html")
-    (policy,) = (meta["content"] for meta in tags.meta if meta.get("http-equiv") == "Content-Security-Policy")
+    (policy,) = (
+        meta["content"] for meta in tags.meta if meta.get("http-equiv") == "Content-Security-Policy"
+    )
     assert policy.startswith("default-src 'none'; img-src data:;") and "unsafe" not in policy
-    assert [kind for kind, _ in tags.scripts] == ["style", "application/json", "application/json", None]
+    assert [kind for kind, _ in tags.scripts] == [
+        "style",
+        "application/json",
+        "application/json",
+        None,
+    ]
     for kind, content in (tags.scripts[0], tags.scripts[-1]):
         digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
         assert f"{'style' if kind else 'script'}-src 'sha256-{digest}'" in policy
@@ -131,7 +153,9 @@ def test_the_page_shows_and_explains_the_floor(report):
     text = (report / "index.html").read_text(encoding="utf-8")
     assert text.count("ground-truth floor (mm)</th>") == 2  # a line in each table
     assert "MAE that a perfect radar would show against this reference" in text  # the definition
-    assert "Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry." in text  # the error maps
+    assert (
+        "Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry." in text
+    )  # the error maps
     assert "together (mm)</th>" in text  # the budget
 
 
@@ -146,7 +170,9 @@ def test_a_result_without_a_floor_is_reported(folder, tmp_path, undrawn):
     old = tmp_path / "old"
     shutil.copytree(folder, old)
     table = (old / "table.csv").read_text().splitlines(keepends=True)
-    (old / "table.csv").write_text("".join(line for line in table if not line.startswith("floor_mm")))
+    (old / "table.csv").write_text(
+        "".join(line for line in table if not line.startswith("floor_mm"))
+    )
     about = read_json(old / "result.json", "")
     del about["metrics"]["floor_mm"]
     write_json(old / "result.json", about)
@@ -180,7 +206,9 @@ def drawn(folder, stem):
     result = results.load(folder)
     with matplotlib.rc_context(STYLE):
         for capture in result.scored():
-            found = next((picture for picture in panels(result, capture) if picture.stem == stem), None)
+            found = next(
+                (picture for picture in panels(result, capture) if picture.stem == stem), None
+            )
             if found:
                 return found
         return next(picture for picture in overview(result) if picture.stem == stem)
@@ -191,11 +219,18 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
     shown = [axis for axis in figure.axes if axis.images and axis.axison]
     titles = [axis.get_title().split("\n")[0] for axis in shown]
     assert titles[:5] == ["ground truth", "Broadband", "2-FSK", "3-FSK", "Narrowband"]
-    assert len(shown) == 9 and all(title.startswith("MAE ") for title in titles[5:])  # each below its depths
+    assert len(shown) == 9 and all(
+        title.startswith("MAE ") for title in titles[5:]
+    )  # each below its depths
     places = [(axis.get_position().x0, axis.get_position().y0) for axis in shown]
-    assert all(a[0] == pytest.approx(b[0]) and a[1] > b[1] for a, b in zip(places[1:5], places[5:], strict=True))
+    assert all(
+        a[0] == pytest.approx(b[0]) and a[1] > b[1]
+        for a, b in zip(places[1:5], places[5:], strict=True)
+    )
     assert (
-        len({axis.images[0].norm for axis in shown[:5]}) == len({(axis.images[0].norm.vmax) for axis in shown[5:]}) == 1
+        len({axis.images[0].norm for axis in shown[:5]})
+        == len({(axis.images[0].norm.vmax) for axis in shown[5:]})
+        == 1
     )
     assert len({(axis.get_xlim(), axis.get_ylim()) for axis in shown}) == 1
     left, right = shown[0].get_xlim()
@@ -216,14 +251,20 @@ def test_the_error_scale_is_the_same_for_every_capture(result_folder):
         picture = drawn(result_folder, f"error_{capture}__truth")
         shown = [axis for axis in picture.figure.axes if axis.images]
         assert len(shown) == 4
-        below = [axis for axis in drawn(result_folder, f"depth_{capture}").figure.axes if "MAE" in axis.get_title()]
+        below = [
+            axis
+            for axis in drawn(result_folder, f"depth_{capture}").figure.axes
+            if "MAE" in axis.get_title()
+        ]
         shown += below
         scales |= {(axis.images[0].norm.vmin, axis.images[0].norm.vmax) for axis in shown}
     assert scales == {(-50, 50)}
 
 
 def test_nothing_observed_is_drawn_and_said(tmp_path):
-    folder = write_synthetic(tmp_path, captures=("B",), methods={"3fsk": METHODS["3fsk"]}, step_m=5e-3)
+    folder = write_synthetic(
+        tmp_path, captures=("B",), methods={"3fsk": METHODS["3fsk"]}, step_m=5e-3
+    )
     errors = results.load(folder).errors("B", "3fsk", "truth")
     empty = np.full_like(errors.error_m, np.nan)
     for reference in results.REFERENCES:
@@ -231,7 +272,12 @@ def test_nothing_observed_is_drawn_and_said(tmp_path):
         results.write_errors(folder, "B", "3fsk", reference, blank)
     results.write_surface(folder, "B", "3fsk", results.Surface(errors.x_m, errors.y_m, empty))
     assert "3-FSK: nothing observed" in drawn(folder, "depth_B").alt
-    assert scene3d.scene(results.load(folder), results.load(folder).scored()[0])["surfaces"][-1]["pixels"] == 0
+    assert (
+        scene3d.scene(results.load(folder), results.load(folder).scored()[0])["surfaces"][-1][
+            "pixels"
+        ]
+        == 0
+    )
 
 
 def every_picture(result):
@@ -254,7 +300,8 @@ def test_pictures_of_a_column_are_as_wide_as_one_with_8_pt(result_folder):
 
 
 def test_pictures_can_be_read_on_light_and_on_dark_pages(result_folder, tmp_path):
-    """Contrast of 4 at least of text on both pages, and of 2 of the methods' marks; nothing behind."""
+    """Contrast of 4 at least of text on both pages, and of 2 of the methods' marks; nothing
+    behind."""
     pages = [np.ones(3), np.array(to_rgb("#16181b"))]
     with matplotlib.rc_context(PAGE):
         for picture in every_picture(results.load(result_folder)):
@@ -282,7 +329,8 @@ def test_errors_are_counted_alike_page_by_page_and_together(result_folder):
 
 
 def luminance_of(rgb):
-    """Relative luminance (WCAG 2), with its linear part left out: the colours here are none so dark but the page."""
+    """Relative luminance (WCAG 2), with its linear part left out: the colours here are none so dark
+    but the page."""
     return float(np.asarray(rgb) ** 2.4 @ [0.2126, 0.7152, 0.0722])
 
 
@@ -290,7 +338,9 @@ def test_the_distribution_of_errors_is_that_of_all_captures(result_folder):
     result = results.load(result_folder)
     axis = drawn(result_folder, "error_distribution").figure.axes[0]
     (line,) = (line for line in axis.lines if line.get_label() == "3-FSK")
-    error_m = np.concatenate([result.errors(c, "3fsk", "photogrammetry").error_m.ravel() for c in "BFUVW"])
+    error_m = np.concatenate(
+        [result.errors(c, "3fsk", "photogrammetry").error_m.ravel() for c in "BFUVW"]
+    )
     error_mm = 1e3 * np.abs(error_m[np.isfinite(error_m)])
     at = 200
     assert line.get_ydata()[at] == pytest.approx(100 * np.mean(error_mm <= line.get_xdata()[at]))
@@ -307,7 +357,9 @@ def depths_mm(scene, surface):
     seen = np.unpackbits(np.frombuffer(base64.b64decode(surface["seen"]), np.uint8))
     seen = seen[: np.prod(surface["shape"])].reshape(surface["shape"]).astype(bool)
     z_mm = np.full(surface["shape"], np.nan)
-    z_mm[seen] = scene["low_mm"] + scene["step_mm"] * np.frombuffer(base64.b64decode(surface["z"]), "<u2")
+    z_mm[seen] = scene["low_mm"] + scene["step_mm"] * np.frombuffer(
+        base64.b64decode(surface["z"]), "<u2"
+    )
     return z_mm
 
 
@@ -317,15 +369,25 @@ def test_what_turns_in_3d_is_what_was_measured(result_folder):
     scene = json.loads(json.dumps(scene3d.scene(result, result.scored()[1])))
     surface = next(s for s in scene["surfaces"] if s["name"] == "3fsk")
     z_mm, measured = depths_mm(scene, surface), result.surface("F", "3fsk")
-    ys, xs = (np.linspace(*surface[f"{side}_mm"], n) for side, n in zip("yx", surface["shape"], strict=True))
+    ys, xs = (
+        np.linspace(*surface[f"{side}_mm"], n)
+        for side, n in zip("yx", surface["shape"], strict=True)
+    )
     assert surface["pixels"] == np.isfinite(z_mm).sum() == np.isfinite(measured.z_m).sum()
-    rows, columns = (np.searchsorted(1e3 * axis + 0.5, at) for axis, at in ((measured.y_m, ys), (measured.x_m, xs)))
+    rows, columns = (
+        np.searchsorted(1e3 * axis + 0.5, at)
+        for axis, at in ((measured.y_m, ys), (measured.x_m, xs))
+    )
     inside = np.ix_(rows, columns)
     np.testing.assert_allclose(z_mm, 1e3 * measured.z_m[inside], atol=0.51 * scene["step_mm"])
     error_m = result.errors("F", "3fsk", "truth").error_m[inside][np.isfinite(z_mm)]
-    steps = np.frombuffer(base64.b64decode(surface["errors"]["truth"]["steps"]), "<i2").astype(float)
+    steps = np.frombuffer(base64.b64decode(surface["errors"]["truth"]["steps"]), "<i2").astype(
+        float
+    )
     steps[steps == scene3d.NO_ERROR] = np.nan
-    np.testing.assert_allclose(steps * scene3d.ERROR_STEP_MM, 1e3 * error_m, atol=0.51 * scene3d.ERROR_STEP_MM)
+    np.testing.assert_allclose(
+        steps * scene3d.ERROR_STEP_MM, 1e3 * error_m, atol=0.51 * scene3d.ERROR_STEP_MM
+    )
 
 
 def test_a_fine_map_is_thinned_for_the_view(result_folder, monkeypatch):
@@ -335,7 +397,9 @@ def test_a_fine_map_is_thinned_for_the_view(result_folder, monkeypatch):
 
 
 def test_many_captures_go_to_pages_of_their_own(tmp_path, monkeypatch, undrawn):
-    folder = write_synthetic(tmp_path / "r", ("B", "F", "U"), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3)
+    folder = write_synthetic(
+        tmp_path / "r", ("B", "F", "U"), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3
+    )
     monkeypatch.setattr(html, "ABREAST", 2)
     monkeypatch.setattr(html, "FIRST", 1)
     out = tmp_path / "out"
@@ -350,14 +414,18 @@ def test_many_captures_go_to_pages_of_their_own(tmp_path, monkeypatch, undrawn):
 
 
 def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch):
-    folder = write_synthetic(tmp_path / "r", tuple("BFU"), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3)
+    folder = write_synthetic(
+        tmp_path / "r", tuple("BFU"), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3
+    )
     monkeypatch.setattr(html, "ABREAST", 1)
     monkeypatch.setattr(html, "FIRST", 1)
     written = []
     for count in ("1", "2"):
         monkeypatch.setenv("HANDBENCH_WORKERS", count)
         html.build(folder, out := tmp_path / count)
-        written.append({file.relative_to(out): file.read_bytes() for file in sorted(out.rglob("*.html"))})
+        written.append(
+            {file.relative_to(out): file.read_bytes() for file in sorted(out.rglob("*.html"))}
+        )
     assert len(written[0]) == 3 and written[0] == written[1]
     assert {file.name for file in (out / "figures").glob("depth_*")} == {
         *("depth_B.pdf", "depth_B.png", "depth_F.png", "depth_U.png")  # of further pages PNG only
@@ -420,7 +488,16 @@ def test_effects_and_failures_are_told(folder, tmp_path, undrawn):
     told = tmp_path / "told"
     shutil.copytree(folder, told)
     about = read_json(told / "result.json", "")
-    rows = [{"effect": "noise", "on": True, "why": "<b>", "depth_mm": 0.25, "level_db": None, "seconds": 1.5}]
+    rows = [
+        {
+            "effect": "noise",
+            "on": True,
+            "why": "<b>",
+            "depth_mm": 0.25,
+            "level_db": None,
+            "seconds": 1.5,
+        }
+    ]
     about["captures"][0]["effects"] = rows
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
     write_json(told / "result.json", about)
@@ -431,15 +508,22 @@ def test_effects_and_failures_are_told(folder, tmp_path, undrawn):
 
 
 def test_three_captures_have_a_report_that_says_that_they_are_too_few(tmp_path, undrawn):
-    """Nothing is tested, so no method has the best figure: as in the embedded benchmark of three poses."""
+    """Nothing is tested, so no method has the best figure: as in the embedded benchmark of three
+    poses."""
     methods = {name: METHODS[name] for name in ("2fsk", "3fsk")}
     folder = write_synthetic(tmp_path / "r", ("B", "F", "U"), methods, ("truth",), step_m=6e-3)
     figures = {"2fsk": np.array([6.0, 5.0, 7.0]), "3fsk": np.array([1.0, 1.1, 0.9])}
     results.write_tables(folder, comparisons=compare(figures, "truth"))
     html.build(folder, tmp_path / "out")
     text = (tmp_path / "out" / "index.html").read_text("utf-8")
-    assert "Too few captures to tell which method is better on others" in text and "has the best figure" not in text
-    assert "3fsk is ahead of 2fsk by 5.0 mm (MAE) on these 3: too few captures to tell of others" in text
+    assert (
+        "Too few captures to tell which method is better on others" in text
+        and "has the best figure" not in text
+    )
+    assert (
+        "3fsk is ahead of 2fsk by 5.0 mm (MAE) on these 3: too few captures to tell of others"
+        in text
+    )
 
 
 def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictures(result_folder):
@@ -449,14 +533,21 @@ def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictu
         **dict.fromkeys("BFUVW", ("accuracy", "photogrammetry, truth")),
         **dict.fromkeys(("hand0", "hand1", "hand2"), ("precision", "–")),
     }
-    assert grid.caption == "Captures; those of the precision alone are not scored and have no pictures"
+    assert (
+        grid.caption == "Captures; those of the precision alone are not scored and have no pictures"
+    )
     scored = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
     assert sections.captures(scored).caption == "Captures"
-    assert [capture.name for page in html.pages(result.scored()) for capture in page] == list("BFUVW")
+    assert [capture.name for page in html.pages(result.scored()) for capture in page] == list(
+        "BFUVW"
+    )
 
 
 def test_settings_that_captures_share_are_told_once(tested):
     config = {c: {"step_m": 0.001} for c in "BFVW"} | {"U": {"step_m": 0.002}}
     methods = tuple(m.model_copy(update={"config": config}) for m in tested.about.methods)
     result = replace(tested, about=tested.about.model_copy(update={"methods": methods}))
-    assert sections.settings(result)[0] == ("2-FSK", [("B, F, V, W", {"step_m": 0.001}), ("U", {"step_m": 0.002})])
+    assert sections.settings(result)[0] == (
+        "2-FSK",
+        [("B, F, V, W", {"step_m": 0.001}), ("U", {"step_m": 0.002})],
+    )

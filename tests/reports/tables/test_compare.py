@@ -71,7 +71,9 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()} == {7}
     assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
     alike = comparison.markdown(
-        replace(compared, changes=frame(CHANGES), differences=frame(DIFFERENCES), times=frame(TIMES))
+        replace(
+            compared, changes=frame(CHANGES), differences=frame(DIFFERENCES), times=frame(TIMES)
+        )
     )
     assert "No difference shown." in alike and "Nothing." in alike
 
@@ -91,7 +93,12 @@ def test_latex_has_a_table_for_each_reference(compared):
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
     out = tmp_path / "out"
     run(result_folder, other_folder, "-o", out)
-    assert sorted(p.name for p in out.iterdir()) == ["compare.csv", "compare.json", "compare.md", "compare.tex"]
+    assert sorted(p.name for p in out.iterdir()) == [
+        "compare.csv",
+        "compare.json",
+        "compare.md",
+        "compare.tex",
+    ]
     with (out / "compare.csv").open(encoding="utf-8") as stream:
         lines = list(csv.DictReader(stream))
     assert [line["better"] for line in lines if line["method"] == "3fsk"] == ["A", "", "A", "", ""]
@@ -107,4 +114,7 @@ def test_the_command_refuses_what_would_harm(result_folder, tmp_path):
         run(result_folder, result_folder, "-o", result_folder, "--overwrite")
     with pytest.raises(HandbenchError, match="expected a folder with a benchmark's result"):
         run(result_folder, tmp_path / "nothing", "-o", tmp_path / "out")
-    assert sorted(p.name for p in result_folder.iterdir()) == before and not (tmp_path / "out").exists()
+    assert (
+        sorted(p.name for p in result_folder.iterdir()) == before
+        and not (tmp_path / "out").exists()
+    )

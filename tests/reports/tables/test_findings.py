@@ -15,7 +15,9 @@ from tests.reports.synthetic_result import write_synthetic
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory) -> results.Result:
-    return results.load(write_synthetic(tmp_path_factory.mktemp("alike"), captures=("B", "F"), alike=True))
+    return results.load(
+        write_synthetic(tmp_path_factory.mktemp("alike"), captures=("B", "F"), alike=True)
+    )
 
 
 def line(better: str, worse: str, metric: str, treatment: str, p: float | None) -> tuple:
@@ -55,12 +57,19 @@ def test_a_claim_is_one_sentence(result):
     ]
     [sentence] = findings(with_comparisons(result, frame(COMPARISONS, lines)))
     assert sentence == (
-        "3-FSK and Broadband, on the pixels that all see: no difference shown unsmoothed (0.20 mm), 3-FSK better by "
-        "0.20 mm all averaged over 5 × 5 [0.11, 0.29]; over completeness: 3-FSK ahead by 0.20 mm unsmoothed"
+        "3-FSK and Broadband, on the pixels that all see: no difference shown unsmoothed (0.20 "
+        "mm), 3-FSK better by "
+        "0.20 mm all averaged over 5 × 5 [0.11, 0.29]; over completeness: 3-FSK ahead by 0.20 mm "
+        "unsmoothed"
     )
-    untested = [line("3fsk", "broadband", "mae_mm", treatment, None) for treatment in ("none", "window")]
+    untested = [
+        line("3fsk", "broadband", "mae_mm", treatment, None) for treatment in ("none", "window")
+    ]
     [few] = findings(with_comparisons(result, frame(COMPARISONS, untested)))
-    assert "see: 3-FSK ahead by 0.20 mm unsmoothed and 0.20 mm all averaged over 5 × 5; over completeness: not" in few
+    assert (
+        "see: 3-FSK ahead by 0.20 mm unsmoothed and 0.20 mm all averaged over 5 × 5; over "
+        "completeness: not" in few
+    )
     assert few.endswith("(on these 2 captures, too few to tell of others)")
     assert findings(with_comparisons(result, frame(COMPARISONS, lines[-1:]))) == []
 
@@ -70,6 +79,7 @@ def test_a_time_that_has_not_settled_is_said(result):
     table = result.table.copy()
     rows = (table.metric == "seconds") & (table.method == "broadband")
     table.loc[rows, ["low", "high"]] = table.loc[rows, ["value"]].to_numpy() * [0.6, 1.2]
-    assert "The times of Broadband have not settled: their intervals reach up to 30 % to either side." in busy_note(
-        replace(result, table=table)
+    assert (
+        "The times of Broadband have not settled: their intervals reach up to 30 % to either side."
+        in busy_note(replace(result, table=table))
     )

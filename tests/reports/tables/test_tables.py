@@ -56,15 +56,23 @@ def test_ours_ratio_and_time_are_the_results(result):
     assert [float(number) for number in re.findall(r"[\d.]+", ours)] == pytest.approx(
         [row.value, row.low, row.high], abs=0.006
     )
-    assert float(cells(block, "mae_mm", "ours / paper")[0]) == pytest.approx(row.value / 6.6, abs=0.006)
+    assert float(cells(block, "mae_mm", "ours / paper")[0]) == pytest.approx(
+        row.value / 6.6, abs=0.006
+    )
     assert all(cell != "–" for cell in cells(block, "seconds", "ours"))
 
 
 def test_the_floor_stands_directly_under_the_mae(result):
-    """Against photogrammetry it is √(2/π)·√(0.05² + 0.15²) = 0.126 mm for every method; the truth has none."""
+    """Against photogrammetry it is √(2/π)·√(0.05² + 0.15²) = 0.126 mm for every method; the truth
+    has none."""
     for block in parts.blocks(result):
         lines = [(line.metric, line.source) for line in block.lines[:4]]
-        assert lines == [("mae_mm", "ours"), ("mae_mm", "paper"), ("mae_mm", "ours / paper"), ("floor_mm", "ours")]
+        assert lines == [
+            ("mae_mm", "ours"),
+            ("mae_mm", "paper"),
+            ("mae_mm", "ours / paper"),
+            ("floor_mm", "ours"),
+        ]
         assert block.lines[3].title == "ground-truth floor (mm)"
     photogrammetry, truth = (cells(block, "floor_mm", "ours") for block in parts.blocks(result))
     assert all(re.fullmatch(r"0\.13 \[0\.0\d, 0\.\d\d\]", cell) for cell in photogrammetry)
@@ -86,7 +94,8 @@ def test_a_busy_machine_is_said(result):
     busy = replace(result, tasks=tasks)
     assert busy.busy() == pytest.approx({"broadband": 0.9})
     note = (
-        " The machine was busy: other work took up to 0.9 cores while Broadband were timed; their times are too long."
+        " The machine was busy: other work took up to 0.9 cores while Broadband were timed; "
+        "their times are too long."
     )
     assert parts.caption(busy).endswith(f"on the machine named in the result.{note}")
 
@@ -95,7 +104,10 @@ def test_captions_explain_the_floor_where_there_is_one(result):
     assert "a perfect radar would show" in parts.caption(result)
     note = " Ground-truth floor, the MAE of a perfect radar: 0.126 mm against photogrammetry."
     assert parts.floor_note(result) == note
-    for render, title in ((tables.markdown, "ground-truth floor (mm)"), (latex.latex, "ground-truth floor /")):
+    for render, title in (
+        (tables.markdown, "ground-truth floor (mm)"),
+        (latex.latex, "ground-truth floor /"),
+    ):
         assert render(result).count(title) == 2 and "a perfect radar" in render(result)
 
 
@@ -106,7 +118,9 @@ def test_results_of_earlier_versions_have_no_floor(result):
     old = replace(result, table=table, about=result.about.model_copy(update={"metrics": metrics}))
     assert all(line.metric != "floor_mm" for block in parts.blocks(old) for line in block.lines)
     assert parts.floor_note(old) == ""
-    assert not any("floor" in render(old) for render in (tables.markdown, latex.latex, tables.csv_text))
+    assert not any(
+        "floor" in render(old) for render in (tables.markdown, latex.latex, tables.csv_text)
+    )
 
 
 def test_an_unknown_floor_is_a_dash(result):
@@ -159,9 +173,25 @@ def test_an_interval_says_how_many_digits_are_worth_showing(value, half, unit, t
 
 
 def compared(result: results.Result, p: float) -> results.Result:
-    """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p, 3-FSK with 0.3."""
+    """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p,
+    3-FSK with 0.3."""
     lines = [
-        ("mae_mm", "broadband", worse, 1.0, 0.5, 1.5, "mm", chance, 2.0, "truth", 3, 30, f"<b> {worse} |", "")
+        (
+            "mae_mm",
+            "broadband",
+            worse,
+            1.0,
+            0.5,
+            1.5,
+            "mm",
+            chance,
+            2.0,
+            "truth",
+            3,
+            30,
+            f"<b> {worse} |",
+            "",
+        )
         for worse, chance in (("2fsk", p), ("3fsk", 0.3), ("narrowband", p))
     ]
     return replace(result, files={**result.files, "comparisons": frame(COMPARISONS, lines)})
@@ -192,7 +222,22 @@ def test_the_front_of_a_trade_off_is_bold():
     section = Section(name="imaging", title="*x*", unit="mm", **words)
     facts = TradeoffFacts(name="sweep", scored_against="truth", sections=(section,))
     known = Setting(
-        "imaging", "a", "a|b", "{}", "error", 0.5, 0.4, 0.61, "mm", 0.031, 0.03, 0.04, 1.0, *(None,) * 6, True, ""
+        "imaging",
+        "a",
+        "a|b",
+        "{}",
+        "error",
+        0.5,
+        0.4,
+        0.61,
+        "mm",
+        0.031,
+        0.03,
+        0.04,
+        1.0,
+        *(None,) * 6,
+        True,
+        "",
     )
     beaten = replace(known, title="b", error=None, seconds=None, ratio=None, on_front=False)
     text = tables.tradeoff_markdown(Tradeoff(Path(), facts, (known, beaten)))
@@ -206,14 +251,22 @@ def test_markdown_is_a_table_and_escapes(result, evil):
     assert len({line.count("|") for line in lines}) == 1
     assert "| MAE (mm) | ours |" in text and "| paper | 6.6 | 1.7 | 1.0 | 13.4 |" in text
     assert "<b>" not in tables.markdown(evil)
-    columns = {len(re.findall(r"(?<!\\)\|", line)) for line in tables.markdown(evil).splitlines() if line[:1] == "|"}
+    columns = {
+        len(re.findall(r"(?<!\\)\|", line))
+        for line in tables.markdown(evil).splitlines()
+        if line[:1] == "|"
+    }
     assert columns == {7}
 
 
 def test_csv_carries_ratio_and_time(result):
     lines = list(csv.DictReader(io.StringIO(tables.csv_text(result))))
     assert len(lines) == len(result.table)
-    line = next(i for i in lines if (i["metric"], i["method"], i["reference"]) == ("mae_mm", "3fsk", "truth"))
+    line = next(
+        i
+        for i in lines
+        if (i["metric"], i["method"], i["reference"]) == ("mae_mm", "3fsk", "truth")
+    )
     assert float(line["ratio"]) == pytest.approx(float(line["value"]) / 1.7)
     assert float(line["seconds"]) == result.row("seconds", "3fsk", "truth").value
     assert all(i["seconds"] for i in lines)
@@ -221,11 +274,18 @@ def test_csv_carries_ratio_and_time(result):
 
 def test_stages_are_medians_of_the_tasks(result):
     rest = (None, "", None, None, None)
-    tasks = [(f"t{i}", "B", "3fsk", "image", s, s, None, i == 0, *rest) for i, s in enumerate((1.0, 2.0, 9.0))]
+    tasks = [
+        (f"t{i}", "B", "3fsk", "image", s, s, None, i == 0, *rest)
+        for i, s in enumerate((1.0, 2.0, 9.0))
+    ]
     tasks.append(("sim", "B", "", "simulate", None, None, None, False, *rest))
     image, simulate = tables.stages(replace(result, tasks=frame(TASKS, tasks))).itertuples()
     assert (image.method, image.tasks, image.cached, image.seconds) == ("3-FSK", 3, 1, "2.00")
-    assert (simulate.method, simulate.seconds, simulate.peak_memory_mb) == ("every method", "–", "–")
+    assert (simulate.method, simulate.seconds, simulate.peak_memory_mb) == (
+        "every method",
+        "–",
+        "–",
+    )
 
 
 def test_terminal_table_prints_names_as_they_are(evil, capsys):
@@ -239,6 +299,8 @@ def test_terminal_table_prints_names_as_they_are(evil, capsys):
 
 def test_one_reference_makes_one_block(tmp_path):
     methods = {"3fsk": METHODS["3fsk"]}
-    result = results.load(write_synthetic(tmp_path, captures=("B",), methods=methods, references=("truth",)))
+    result = results.load(
+        write_synthetic(tmp_path, captures=("B",), methods=methods, references=("truth",))
+    )
     (block,) = parts.blocks(result)
     assert block.reference == "truth" and block.methods == ("3-FSK",)

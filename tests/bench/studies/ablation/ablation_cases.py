@@ -1,4 +1,5 @@
-"""The cases: one hand scene with a plausible cause for every effect, and what is switched in each case."""
+"""The cases: one hand scene with a plausible cause for every effect, and what is switched in each
+case."""
 
 from __future__ import annotations
 
@@ -15,7 +16,13 @@ CAUSES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("causes.toml").r
 ROUGH = {"rms_m": 3e-5, "correlation_m": 1e-3}
 TREMOR = {"amplitude_m": 5e-5, "frequency_hz": 9.0}
 SKIN, PRINTED = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
-REFERENCE = ("obliquity", "shadow_antennas", "skin", "multipath", "noise")  # what a hand before absorber calls for
+REFERENCE = (
+    "obliquity",
+    "shadow_antennas",
+    "skin",
+    "multipath",
+    "noise",
+)  # what a hand before absorber calls for
 
 
 @dataclass(frozen=True)
@@ -33,9 +40,18 @@ def cases() -> list[Case]:
     """The reference, each of its effects left out, coarser shadows, and each other effect added."""
     rows = [Case("reference", "", REFERENCE, SKIN)]
     rows += [Case(f"without {name}", name, _without(name), SKIN) for name in REFERENCE]
-    rows.append(Case("shadow_centre instead", "shadow_centre", (*_without("shadow_antennas"), "shadow_centre"), SKIN))
+    rows.append(
+        Case(
+            "shadow_centre instead",
+            "shadow_centre",
+            (*_without("shadow_antennas"), "shadow_centre"),
+            SKIN,
+        )
+    )
     printed = (*_without("skin"), "dielectric")
-    rows.append(Case("dielectric instead of metal", "dielectric", printed, PRINTED, against="without skin"))
+    rows.append(
+        Case("dielectric instead of metal", "dielectric", printed, PRINTED, against="without skin")
+    )
     known = {case.effect for case in rows} | set(REFERENCE)
     return rows + [Case(name, name, (*REFERENCE, name), SKIN) for name in IDS if name not in known]
 
@@ -46,6 +62,19 @@ def _without(name: str) -> tuple[str, ...]:
 
 def scene_file(pose: str, case: Case, seed: int = 1) -> SceneFile:
     """The case's scene file."""
-    target = {"kind": "hand", "pose": pose, "material": case.material, "motion": TREMOR, "roughness": ROUGH}
-    values = {"version": 1, "name": pose, "seed": seed, "target": target, "effects": list(case.effects), **CAUSES}
+    target = {
+        "kind": "hand",
+        "pose": pose,
+        "material": case.material,
+        "motion": TREMOR,
+        "roughness": ROUGH,
+    }
+    values = {
+        "version": 1,
+        "name": pose,
+        "seed": seed,
+        "target": target,
+        "effects": list(case.effects),
+        **CAUSES,
+    }
     return parse(SceneFile, values, f"case '{case.name}'")

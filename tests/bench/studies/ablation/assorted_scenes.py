@@ -1,6 +1,8 @@
-"""Random scenes of all kinds, each of a seed alone: what stands before the array, how far away, and what is imperfect.
+"""Random scenes of all kinds, each of a seed alone: what stands before the array, how far away, and
+what is imperfect.
 
-Sizes of causes are spread evenly over decades, so that each effect is anything between all and nothing.
+Sizes of causes are spread evenly over decades, so that each effect is anything between all and
+nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +23,18 @@ from handbench.support.rays import TriangleMesh
 EDGE_M, WIRE_M = 2e-3, 0.08
 TONES = {"sweep": [], "tones_hz": [82e9, 81.8e9, 81.3e9, 79.5e9, 72e9]}
 SKIN, PLASTIC = {"kind": "skin"}, {"kind": "plastic", "permittivity": 2.7, "loss_tangent": 0.01}
-KINDS = ("hand", "bowl", "sphere", "printed hand", "plate", "wires", "moving hand", "skin spheres", "dihedral", "board")
+KINDS = (
+    "hand",
+    "bowl",
+    "sphere",
+    "printed hand",
+    "plate",
+    "wires",
+    "moving hand",
+    "skin spheres",
+    "dihedral",
+    "board",
+)
 BEHIND_M = 0.2  # the stand's plate
 
 
@@ -37,9 +50,19 @@ def assorted_scene(seed: int, folder: Path) -> Scene:
     target |= {"distance_m": distance_m, "rotation_deg": draw.uniform(-12, 12, 3).tolist()}
     sensor, around = _imperfect(draw)
     if kind == "moving hand" or draw.random() < 0.2:
-        target["motion"] = {"amplitude_m": _decades(draw, 1e-9, 1e-4), "velocity_m_s": _decades(draw, 1e-8, 1e-2)}
+        target["motion"] = {
+            "amplitude_m": _decades(draw, 1e-9, 1e-4),
+            "velocity_m_s": _decades(draw, 1e-8, 1e-2),
+        }
     mount = {"offset_m": [0.0, 0.0, distance_m + BEHIND_M]}
-    values = {"version": 1, "name": name, "seed": seed, "target": target, "sensor": TONES | sensor, "mount": mount}
+    values = {
+        "version": 1,
+        "name": name,
+        "seed": seed,
+        "target": target,
+        "sensor": TONES | sensor,
+        "mount": mount,
+    }
     return build(parse(SceneFile, values | around, name), folder)
 
 
@@ -53,9 +76,20 @@ def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], Trian
     if kind in ("plate", "board"):
         width_m, height_m = draw.uniform(0.03, 0.15, 2).tolist()
         material = PLASTIC if kind == "board" else {"kind": "metal"}
-        return {"kind": "plate", "width_m": width_m, "height_m": height_m, "edge_m": EDGE_M, "material": material}, None
+        return {
+            "kind": "plate",
+            "width_m": width_m,
+            "height_m": height_m,
+            "edge_m": EDGE_M,
+            "material": material,
+        }, None
     if kind == "dihedral":
-        return {"kind": "dihedral", "side_m": draw.uniform(0.03, 0.08), "edge_m": EDGE_M, "material": PLASTIC}, None
+        return {
+            "kind": "dihedral",
+            "side_m": draw.uniform(0.03, 0.08),
+            "edge_m": EDGE_M,
+            "material": PLASTIC,
+        }, None
     if kind == "bowl":
         return {}, bowl(draw.uniform(0.02, 0.05), draw.uniform(20, 85))
     if kind == "wires":
@@ -97,8 +131,8 @@ def _decades(draw: np.random.Generator, low: float, high: float) -> float:
 
 
 def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> TriangleMesh:
-    """A part of a spherical shell, open towards -z, up to half_angle_deg from its deepest point at the origin: a sphere
-    whose front half is pushed into the other."""
+    """A part of a spherical shell, open towards -z, up to half_angle_deg from its deepest point at
+    the origin: a sphere whose front half is pushed into the other."""
     surface = sphere_mesh(radius_m, EDGE_M)
     x, y, z = np.asarray(surface.vertices).T
     polar, turn = np.arccos(np.clip(z / radius_m, -1, 1)), np.arctan2(y, x)

@@ -43,7 +43,9 @@ SHOWN = {HEADLINE: 3, "max_mm": 1}  # metrics of every method, and their decimal
 def _column(method: str, key: str, places: int, words: str = "") -> Column:
     """A metric of a method; words: other than the metric's own."""
     heading = f"{method} {words or METRICS[key].title.split()[0]} mm"
-    return Column(f"{method}_{key}", float, METRICS[key].definition, heading=heading, form=f"{{:.{places}f}}")
+    return Column(
+        f"{method}_{key}", float, METRICS[key].definition, heading=heading, form=f"{{:.{places}f}}"
+    )
 
 
 COLUMNS = (
@@ -69,20 +71,29 @@ def study(work: Path, poses: str, frames: int) -> Study:
 
 
 def show(case: Case, pose: str, scene: Scene, frames: int) -> Record:
-    """Simulate, image and score one case; the mesh of `scene` is used again. seconds: of each effect that was on."""
+    """Simulate, image and score one case; the mesh of `scene` is used again. seconds: of each
+    effect that was on."""
     scene = replace(scene, file=scene_file(pose, case))
     radar_scene = echo_scene(scene)
     start = time.perf_counter()
     simulated = simulate_scene(radar_scene, choices(scene, radar_scene), frames)
     elapsed_s = time.perf_counter() - start
-    depths = {name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS}
-    truth = {name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()}
+    depths = {
+        name: image(name, simulated.capture, frames if name in REPEATED else 1) for name in METHODS
+    }
+    truth = {
+        name: depth_on_grid(scene.target_mesh, d[0].x_m, d[0].y_m) for name, d in depths.items()
+    }
     there = [effect for effect in EFFECTS if effect.id in (*case.effects, case.effect)]
-    estimated = Ablation(radar_scene, there, CONTAINED).change({case.effect}) if case.effect else None
+    estimated = (
+        Ablation(radar_scene, there, CONTAINED).change({case.effect}) if case.effect else None
+    )
     return {
         "case": case,
         "pose": pose,
-        "maps": {name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()},
+        "maps": {
+            name: error_map(d[0].x_m, d[0].y_m, d[0].z_m, truth[name]) for name, d in depths.items()
+        },
         "depth_m": depths[CHANGED][0].z_m,
         "repeats_z_m": {name: strongest_z_m(depths[name]) for name in REPEATED},
         "estimate_mm": estimated and estimated[CHANGED].depth_mm,
@@ -99,11 +110,16 @@ def image(name: str, capture: RadarCapture, frames: int) -> list[DepthMap]:
 
 
 def pooled(records: list[Record]) -> list[Record]:
-    """A record a case, over the poses in which it and the case that it is held against were measured."""
+    """A record a case, over the poses in which it and the case that it is held against were
+    measured."""
     by_name = {(record["case"].name, record["pose"]): record for record in records}
     rows = []
     for case in dict.fromkeys(record["case"].name for record in records):
-        pairs = [(r, by_name.get((r["case"].against, r["pose"]))) for r in records if r["case"].name == case]
+        pairs = [
+            (r, by_name.get((r["case"].against, r["pose"])))
+            for r in records
+            if r["case"].name == case
+        ]
         if pairs := [pair for pair in pairs if pair[1] is not None]:
             rows.append({"case": case, **_pooled(*map(list, zip(*pairs, strict=True)))})
     return rows
@@ -111,9 +127,14 @@ def pooled(records: list[Record]) -> list[Record]:
 
 def _pooled(shown: list[Record], reference: list[Record]) -> dict[str, Any]:
     effect = shown[0]["case"].effect
-    change_m = [np.abs(s["depth_m"] - r["depth_m"]).ravel() for s, r in zip(shown, reference, strict=True)]
+    change_m = [
+        np.abs(s["depth_m"] - r["depth_m"]).ravel() for s, r in zip(shown, reference, strict=True)
+    ]
     estimates = [s["estimate_mm"] for s in shown if s["estimate_mm"] is not None]
-    effect_s = [{**r["seconds"], **s["seconds"]}.get(effect, 0.0) for s, r in zip(shown, reference, strict=True)]
+    effect_s = [
+        {**r["seconds"], **s["seconds"]}.get(effect, 0.0)
+        for s, r in zip(shown, reference, strict=True)
+    ]
     values = {m: pool([s["maps"][m] for s in shown]) for m in METHODS}
     precise = {m: precision([s["repeats_z_m"][m] for s in shown])["precision_mm"] for m in REPEATED}
     return {
@@ -136,11 +157,20 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     figure = Figure(figsize=(9.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
     places = np.arange(len(effects))
-    seen_mm, estimated_mm = (effects[key].astype(float).clip(SMALLEST_MM) for key in ("change_mm", "estimate_mm"))
+    seen_mm, estimated_mm = (
+        effects[key].astype(float).clip(SMALLEST_MM) for key in ("change_mm", "estimate_mm")
+    )
     left.barh(places, seen_mm, color=BLUE, height=0.6, label="measured, mean |Δz| of the 3-FSK map")
     left.plot(estimated_mm, places, "D", color=VERMILION, label="estimated")
     left.axvline(0.1, color=GREY, linestyle="--", linewidth=0.8)
-    left.annotate("0.1 mm", (0.1, len(effects) - 0.4), color=GREY, ha="center", va="bottom", annotation_clip=False)
+    left.annotate(
+        "0.1 mm",
+        (0.1, len(effects) - 0.4),
+        color=GREY,
+        ha="center",
+        va="bottom",
+        annotation_clip=False,
+    )
     left.set_yticks(places, effects.case)
     left.set(xscale="log", xlabel="change of the depth map, mm", xlim=(SMALLEST_MM, 20))
     right.barh(places, effects.simulate_s, color="0.85", label="whole simulation")
@@ -155,8 +185,12 @@ def main() -> None:
     prog = "python -m tests.bench.studies.ablation.measure_ablation"
     purpose = "what each effect of simulated echoes does to each method, and what it costs"
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("--poses", default="B,F,U", help="letters, separated by commas (default B,F,U)")
-    parser.add_argument("--frames", type=int, default=10, help="repeats for the precision (default 10)")
+    parser.add_argument(
+        "--poses", default="B,F,U", help="letters, separated by commas (default B,F,U)"
+    )
+    parser.add_argument(
+        "--frames", type=int, default=10, help="repeats for the precision (default 10)"
+    )
     measured(parser, study, "ablation")
 
 

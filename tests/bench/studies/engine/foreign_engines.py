@@ -1,7 +1,9 @@
-"""Time at equal measured error: the engine beside direct, exact and range-compressed sums and packages of others.
+"""Time at equal measured error: the engine beside direct, exact and range-compressed sums and
+packages of others.
 
-All paths image the same voxels from the same complex64 samples on one thread, in turns. `--site` is the site-packages
-of an environment that holds the packages of others; those that are not installed are left out.
+All paths image the same voxels from the same complex64 samples on one thread, in turns. `--site` is
+the site-packages of an environment that holds the packages of others; those that are not installed
+are left out.
 """
 
 import argparse
@@ -29,7 +31,8 @@ from tests.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Stud
 
 SCHEMAS = declared(__file__)
 SMALL = Scope(
-    lateral=Axis(start_m=-0.03, stop_m=0.03, step_m=0.001), depth=Axis(start_m=0.275, stop_m=0.295, step_m=0.001)
+    lateral=Axis(start_m=-0.03, stop_m=0.03, step_m=0.001),
+    depth=Axis(start_m=0.275, stop_m=0.295, step_m=0.001),
 )
 VOLUMES = {"61 × 61 × 21": (SMALL, contenders), "301 × 301 × 81": (Scope(), engines)}
 CHECKED, ROUNDS = 4000, 5
@@ -41,14 +44,19 @@ def study(work: Path, site: Path | None) -> Study:
     """All paths on a part of the volume; the engine on the paper's too."""
     if site is not None:
         sys.path.append(str(site))  # of what both environments hold, ours is taken
-    return Study("foreign_engines", "Time at equal measured error", list(VOLUMES), measured, tables, draw)
+    return Study(
+        "foreign_engines", "Time at equal measured error", list(VOLUMES), measured, tables, draw
+    )
 
 
 def measured(volume: str) -> list[Record]:
-    """A record for each path and setting. Raises HandbenchError where more than one thread may work."""
+    """A record for each path and setting. Raises HandbenchError where more than one thread may
+    work."""
     more = [variable for variable in THREADS if os.environ.get(variable) != "1"]
     if more:
-        raise HandbenchError(f"{', '.join(more)}: must be 1 before Python starts, so that no path has more threads")
+        raise HandbenchError(
+            f"{', '.join(more)}: must be 1 before Python starts, so that no path has more threads"
+        )
     scope, those = VOLUMES[volume]
     inputs = Inputs(scope)
     found = those(inputs)
@@ -69,7 +77,9 @@ def measured(volume: str) -> list[Record]:
             "fraction": path.fraction,
             **of,
         }
-        for path, first_s, (cpu_s, wall_s), of in zip(found, of_first, np.median(rounds, axis=0), accuracy, strict=True)
+        for path, first_s, (cpu_s, wall_s), of in zip(
+            found, of_first, np.median(rounds, axis=0), accuracy, strict=True
+        )
     ]
 
 
@@ -88,7 +98,9 @@ def of_volume(path: Contender) -> np.ndarray:
 
 def errors(inputs: Inputs, found: list[Contender]) -> list[Record]:
     """Relative L2 errors of each path at random voxels, against the sum in float64."""
-    voxels = np.random.default_rng(0).choice(int(np.prod(inputs.grid.shape)), CHECKED, replace=False)
+    voxels = np.random.default_rng(0).choice(
+        int(np.prod(inputs.grid.shape)), CHECKED, replace=False
+    )
     where = inputs.tones_hz, inputs.array, inputs.grid.points_at_m(voxels)
     exact = {source: exact_sums(samples, *where)[0] for source, samples in inputs.samples.items()}
 
@@ -97,15 +109,21 @@ def errors(inputs: Inputs, found: list[Contender]) -> list[Record]:
         return relative_error(values, exact[source][: path.checked])
 
     return [
-        {"relative_error": error(path, "hand"), "noise_error": error(path, "noise")} for path in track(found, "errors")
+        {"relative_error": error(path, "hand"), "noise_error": error(path, "noise")}
+        for path in track(found, "errors")
     ]
 
 
 def seconds_at(level: float, error: np.ndarray, seconds: np.ndarray) -> float | None:
-    """Seconds at a measured error: between the settings that no other beats in both, by logarithms; None where none
-    comes down to it. Above the coarsest setting's error its seconds count: no knob makes it coarser."""
+    """Seconds at a measured error: between the settings that no other beats in both, by logarithms;
+    None where none comes down to it. Above the coarsest setting's error its seconds count: no knob
+    makes it coarser."""
     order = np.argsort(error)
-    front = [i for place, i in enumerate(order) if place == 0 or seconds[i] < seconds[order[:place]].min()]
+    front = [
+        i
+        for place, i in enumerate(order)
+        if place == 0 or seconds[i] < seconds[order[:place]].min()
+    ]
     if level < error[front[0]]:
         return None
     for finer, coarser in pairwise(front):
@@ -116,10 +134,15 @@ def seconds_at(level: float, error: np.ndarray, seconds: np.ndarray) -> float | 
 
 
 def equal(records: list[Record]) -> list[Record]:
-    """Each path at each of LEVELS, over the engine on the same voxels and, by points a second, on the paper's."""
+    """Each path at each of LEVELS, over the engine on the same voxels and, by points a second, on
+    the paper's."""
     small, paper = VOLUMES
     fronts = {
-        key: (of.relative_error.to_numpy(), of.seconds.to_numpy(), float((of.seconds * of.points_per_second).iloc[0]))
+        key: (
+            of.relative_error.to_numpy(),
+            of.seconds.to_numpy(),
+            float((of.seconds * of.points_per_second).iloc[0]),
+        )
         for key, of in pd.DataFrame(records).groupby(["volume", "path"], sort=False)
     }
     rows: list[Record] = []
@@ -134,7 +157,10 @@ def equal(records: list[Record]) -> list[Record]:
             row = {"level": f"error {power(level)}", "path": name, "reached": points is not None}
             if points is not None:
                 row |= {"seconds": fronts[volume, name][2] / points, "points_per_second": points}
-                over = {"ratio_to_engine": speed[small, ENGINE], "ratio_on_paper": speed.get((paper, ENGINE))}
+                over = {
+                    "ratio_to_engine": speed[small, ENGINE],
+                    "ratio_on_paper": speed.get((paper, ENGINE)),
+                }
                 row |= {column: engine / points for column, engine in over.items() if engine}
             rows.append(row)
     return rows
@@ -149,8 +175,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure:
-    """Measured error over points per CPU second, a line for each path; dashed: the engine on the paper's volume.
-    Errors of the sum in double precision are drawn at the lower edge."""
+    """Measured error over points per CPU second, a line for each path; dashed: the engine on the
+    paper's volume. Errors of the sum in double precision are drawn at the lower edge."""
     figure = Figure(figsize=(7.0, 4.4), layout="constrained")
     axes, colours = figure.subplots(), {}
     palette = iter((BLUE, GREY, "black", VERMILION, GREEN, ORANGE))
@@ -163,7 +189,12 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
             rows.points_per_second, rows.relative_error.clip(lower=3e-8), "s--" if whole else "o-", color=colour,
             markersize=4, label=label,
         )  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="points per CPU second, one thread", ylabel="measured relative error")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="points per CPU second, one thread",
+        ylabel="measured relative error",
+    )
     figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize=8)
     return figure
 
@@ -171,8 +202,12 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
 def main() -> None:
     """Measure, write the files of a study, print the tables."""
     prog = "python -m tests.bench.studies.engine.foreign_engines"
-    parser = argparse.ArgumentParser(prog=prog, description="time at equal measured error, of our paths and of others'")
-    parser.add_argument("--site", type=Path, help="site-packages of an environment with finufft and fastsar")
+    parser = argparse.ArgumentParser(
+        prog=prog, description="time at equal measured error, of our paths and of others'"
+    )
+    parser.add_argument(
+        "--site", type=Path, help="site-packages of an environment with finufft and fastsar"
+    )
     script.measured(parser, study, "foreign_engines")
 
 

@@ -1,6 +1,8 @@
-"""The paths that are compared at equal error: ours, the textbook's, and packages of others where they are installed.
+"""The paths that are compared at equal error: ours, the textbook's, and packages of others where
+they are installed.
 
-A sum images points_m [n, 3] from samples [f, t, r] of an array at equally spaced tones: complex [n].
+A sum images points_m [n, 3] from samples [f, t, r] of an array at equally spaced tones: complex
+[n].
 """
 
 from collections.abc import Callable
@@ -20,16 +22,23 @@ from tests.bench.studies.engine.turns import Work
 from tests.radar.exact import backproject
 
 Sum = Callable[..., np.ndarray]
-ENGINE, DIRECT, EXACT, COMPRESSED = "engine", "direct sum, numba", "exact, matrix products", "range-compressed, linear"
-BLOCK = 1 << 14  # points of a transform: fewer are lost in the overhead of 8836 calls, more leave the cache
+ENGINE, DIRECT, EXACT, COMPRESSED = (
+    "engine",
+    "direct sum, numba",
+    "exact, matrix products",
+    "range-compressed, linear",
+)
+BLOCK = (
+    1 << 14
+)  # points of a transform: fewer are lost in the overhead of 8836 calls, more leave the cache
 PART, FEW = 14_884, 48  # points that are timed, four planes of 61 × 61; of the direct sum
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A path at one setting of its knob. values: at voxels [n], from samples; once: what is timed, on a fraction of the
-    volume's voxels; fixed: the same for one of them, where much is done for the samples alone; checked: the voxels
-    whose errors it has time for (None: any number)."""
+    """A path at one setting of its knob. values: at voxels [n], from samples; once: what is timed,
+    on a fraction of the volume's voxels; fixed: the same for one of them, where much is done for
+    the samples alone; checked: the voxels whose errors it has time for (None: any number)."""
 
     name: str
     setting: str
@@ -60,23 +69,42 @@ def contenders(inputs: Inputs) -> list[Contender]:
     """The engine, and all that image point by point."""
     hand, voxels = inputs.samples["hand"], np.prod(inputs.grid.shape)
 
-    def contender(name: str, setting: str, image: Sum, part: int = PART, shared: bool = False) -> Contender:
+    def contender(
+        name: str, setting: str, image: Sum, part: int = PART, shared: bool = False
+    ) -> Contender:
         def values(some: np.ndarray, samples: np.ndarray) -> np.ndarray:
             return image(samples, inputs.tones_hz, inputs.array, inputs.grid.points_at_m(some))
 
         fixed = partial(values, np.arange(1), hand) if shared else None
         checked = part if part == FEW else None
-        return Contender(name, setting, values, partial(values, np.arange(part), hand), part / voxels, fixed, checked)
+        return Contender(
+            name,
+            setting,
+            values,
+            partial(values, np.arange(part), hand),
+            part / voxels,
+            fixed,
+            checked,
+        )
 
     found = [contender(DIRECT, "", numba_sum, FEW), contender(EXACT, "", backproject)]
     for bins in (512, 1024, 2048, 4096, 8192):
-        found.append(contender(COMPRESSED, f"{bins} bins", partial(range_compressed, bins=bins), shared=True))
-    for eps, factor in product((1e-1, 1e-2, 1e-3, 1e-4), (1.25, 2.0)) if find_spec("finufft") else ():
+        found.append(
+            contender(COMPRESSED, f"{bins} bins", partial(range_compressed, bins=bins), shared=True)
+        )
+    for eps, factor in (
+        product((1e-1, 1e-2, 1e-3, 1e-4), (1.25, 2.0)) if find_spec("finufft") else ()
+    ):
         way = partial(finufft_sum, eps=eps, upsampfac=factor)
         found.append(contender("finufft", f"eps {power(eps)}, upsampling {factor:g}", way))
     for upsample in (4, 8, 16, 32, 64) if find_spec("fastsar") else ():
         found.append(
-            contender("fastsar", f"upsampling {upsample}", partial(fastsar_sum, upsample=upsample), shared=True)
+            contender(
+                "fastsar",
+                f"upsampling {upsample}",
+                partial(fastsar_sum, upsample=upsample),
+                shared=True,
+            )
         )
     return [*engines(inputs), *found]
 
@@ -94,25 +122,40 @@ def finufft_sum(
     eps: float = 1e-3,
     upsampfac: float = 2.0,
 ) -> np.ndarray:
-    """Every channel's range profile at its delays, by a one-dimensional type 2 NUFFT over the tones.
+    """Every channel's range profile at its delays, by a one-dimensional type 2 NUFFT over the
+    tones.
 
-    O(p) = Σ_t e^{jk_m|p−t|} Σ_r e^{jk_m|p−r|} Σ_n S[n, t, r] e^{jnθ}, θ = 2πΔf(|p−t| + |p−r|)/c, k_m of the middle
-    tone: exact up to eps. Channels share no delays, so that each has a transform of its own.
+    O(p) = Σ_t e^{jk_m|p−t|} Σ_r e^{jk_m|p−r|} Σ_n S[n, t, r] e^{jnθ}, θ = 2πΔf(|p−t| + |p−r|)/c,
+    k_m of the middle tone: exact up to eps. Channels share no delays, so that each has a transform
+    of its own.
     """
     import finufft
 
     tones, step_hz = len(frequencies_hz), _step_hz(frequencies_hz)
     per_channel = np.ascontiguousarray(np.moveaxis(samples, 0, -1), np.complex64)
     plan = finufft.Plan(
-        2, (tones,), eps=eps, isign=1, dtype="complex64", nthreads=1, upsampfac=upsampfac, spread_sort=0
+        2,
+        (tones,),
+        eps=eps,
+        isign=1,
+        dtype="complex64",
+        nthreads=1,
+        upsampfac=upsampfac,
+        spread_sort=0,
     )
     image = np.empty(len(points_m), np.complex64)
     for start in range(0, len(points_m), BLOCK):
         block = points_m[start : start + BLOCK]
-        lengths_m = [np.linalg.norm(leg[:, None] - block, axis=2) for leg in (array.tx_m, array.rx_m)]
-        to, back = ((2 * np.pi * step_hz / SPEED_OF_LIGHT_M_S * length).astype(np.float32) for length in lengths_m)
+        lengths_m = [
+            np.linalg.norm(leg[:, None] - block, axis=2) for leg in (array.tx_m, array.rx_m)
+        ]
+        to, back = (
+            (2 * np.pi * step_hz / SPEED_OF_LIGHT_M_S * length).astype(np.float32)
+            for length in lengths_m
+        )
         to_phase, back_phase = (
-            phasor(length, frequencies_hz[tones // 2], 1).astype(np.complex64) for length in lengths_m
+            phasor(length, frequencies_hz[tones // 2], 1).astype(np.complex64)
+            for length in lengths_m
         )
         theta, value = np.empty(len(block), np.float32), np.empty(len(block), np.complex64)
         total = np.zeros(len(block), np.complex64)
@@ -130,10 +173,14 @@ def finufft_sum(
 
 
 def fastsar_sum(
-    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray, upsample: int = 8
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    points_m: np.ndarray,
+    upsample: int = 8,
 ) -> np.ndarray:
-    """fastsar's bistatic backprojection onto points, its "cpu" backend: every channel is a pulse, its profile is made
-    by an FFT padded `upsample` times and interpolated linearly."""
+    """fastsar's bistatic backprojection onto points, its "cpu" backend: every channel is a pulse,
+    its profile is made by an FFT padded `upsample` times and interpolated linearly."""
     import fastsar
 
     transmitters, receivers = array.channels

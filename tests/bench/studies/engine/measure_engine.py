@@ -44,7 +44,9 @@ def study(work: Path, quick: bool, full: bool) -> Study:
 def tables(records: list[Record]) -> list[Table]:
     """Rows by section, growth, the roofline, and the bars."""
     sections = OF_ROWS, ("growth",), ("roofline",)
-    of_rows, of_growth, of_roof = ([r for r in records if r["section"] in names] for names in sections)
+    of_rows, of_growth, of_roof = (
+        [r for r in records if r["section"] in names] for names in sections
+    )
     return [
         Table("rows", SCHEMAS["rows"].columns, of_rows, by="section"),
         Table("growth", SCHEMAS["growth"].columns, of_growth),
@@ -57,9 +59,13 @@ DOUBLE = 1e-9  # errors that single precision cannot have
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
-    """Left: the errors of the volume; middle: growth with the voxels; right: the roofline; None where any was not
-    measured."""
-    roofline, rows, growth = frames["roofline"], frames["rows"].query("section == 'volume'"), frames["growth"]
+    """Left: the errors of the volume; middle: growth with the voxels; right: the roofline; None
+    where any was not measured."""
+    roofline, rows, growth = (
+        frames["roofline"],
+        frames["rows"].query("section == 'volume'"),
+        frames["growth"],
+    )
     if rows.empty or growth.empty or roofline.empty:
         return None
     figure = Figure(figsize=(13.5, 4.0), layout="constrained")
@@ -79,21 +85,39 @@ def _errors(axes: Axes, rows: pd.DataFrame) -> None:
             axes.plot(some.seconds, some.noise_error, marker + ":", color=colour, markersize=3)
             for row in each(some):
                 text = f"  {row.tolerance:.0e}".replace("e-0", "e-")
-                axes.annotate(text, (row.seconds, row.noise_error), va="bottom", color=colour, fontsize=8)
+                axes.annotate(
+                    text, (row.seconds, row.noise_error), va="bottom", color=colour, fontsize=8
+                )
     for i, row in enumerate(each(rows[rows.extrapolated | (rows.method == "exact")])):
         error, name = row.relative_error, row.method.replace(", ", ",\n")
-        text = f"{name}\n{row.seconds:,.0f} s" if row.seconds >= 100 else f"{name}\n{row.seconds:.3g} s"
+        text = (
+            f"{name}\n{row.seconds:,.0f} s"
+            if row.seconds >= 100
+            else f"{name}\n{row.seconds:.3g} s"
+        )
         if not error > DOUBLE:  # in double precision: exact on this scale
             axes.axvline(row.seconds, color=GREY, linestyle="--", linewidth=0.8)
             axes.annotate(
-                text, (row.seconds, 0.97 - 0.3 * i), (-3, 0), ("data", "axes fraction"), "offset points",
+                text, (row.seconds, 0.97 - 0.3 * i), (-3, 0), ("data", "axes fraction"), "offset "
+                                                                                         "points",
                 ha="right", va="top", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
             )  # fmt: skip
             continue
-        axes.plot(row.seconds, error, "D", color=VERMILION, fillstyle="none" if row.extrapolated else "full")
+        axes.plot(
+            row.seconds,
+            error,
+            "D",
+            color=VERMILION,
+            fillstyle="none" if row.extrapolated else "full",
+        )
         at = (row.seconds, error)
         axes.annotate(text, at, xytext=(0, 7), textcoords="offset points", ha="center", va="bottom")
-    axes.set(xscale="log", yscale="log", xlabel="seconds per volume", ylabel="relative error of the volume")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="seconds per volume",
+        ylabel="relative error of the volume",
+    )
     axes.set(ylim=(2e-8, 5e-2))
 
 
@@ -104,24 +128,45 @@ def _growth(axes: Axes, series: list[Record]) -> None:
         axes.plot(sizes, seconds, marker + "-", color=colour, markersize=5)
         name = entry["what"].removeprefix("voxels, ")
         text = f"{name}: exponent {entry['exponent']:.2f}"
-        axes.annotate(text, (0.05, 0.93 - 0.07 * (colour == VERMILION)), xycoords="axes fraction", color=colour)
+        axes.annotate(
+            text,
+            (0.05, 0.93 - 0.07 * (colour == VERMILION)),
+            xycoords="axes fraction",
+            color=colour,
+        )
     sizes, seconds = np.array(series[0]["sizes"], float), series[0]["seconds"]
     axes.plot(sizes, seconds[0] * sizes / sizes[0], color=GREY, linestyle=":", linewidth=0.8)
     axes.set(xscale="log", yscale="log", xlabel="voxels", ylabel="seconds at a tolerance of 1e-3")
 
 
 def _roofline(axes: Axes, rows: pd.DataFrame) -> None:
-    """Each part's rate on one core over its operations a byte, under the roof of a copy and a matrix product."""
+    """Each part's rate on one core over its operations a byte, under the roof of a copy and a
+    matrix product."""
     gemm, copy = rows.gemm_rate.iloc[0], rows.copy_rate.iloc[0]
     intensity = np.geomspace(1, 2 * max(rows.intensity.max(), gemm / copy), 50)
     axes.plot(intensity, np.minimum(gemm, copy * intensity), color=GREY, linewidth=1.0)
-    axes.plot(intensity, 0.6 * np.minimum(gemm, copy * intensity), color=GREY, linestyle=":", linewidth=0.8)
+    axes.plot(
+        intensity,
+        0.6 * np.minimum(gemm, copy * intensity),
+        color=GREY,
+        linestyle=":",
+        linewidth=0.8,
+    )
     for row, colour in zip(each(rows), (BLUE, GREEN, VERMILION), strict=False):
         axes.plot(
-            row.intensity, row.rate, "o", color=colour, label=f"{row.part.split(',')[0]}: {100 * row.share:.0f} %"
+            row.intensity,
+            row.rate,
+            "o",
+            color=colour,
+            label=f"{row.part.split(',')[0]}: {100 * row.share:.0f} %",
         )
     axes.legend(loc="lower right", frameon=False, fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="operations a byte", ylabel="GFLOP/s of one core (dotted: 60 %)")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="operations a byte",
+        ylabel="GFLOP/s of one core (dotted: 60 %)",
+    )
 
 
 def main() -> None:
@@ -129,7 +174,9 @@ def main() -> None:
     prog = "python -m tests.bench.studies.engine.measure_engine"
     purpose = "what imaging and simulation cost in time, error and memory, and how that grows"
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("--quick", action="store_true", help="a small volume, in two minutes: does it all run?")
+    parser.add_argument(
+        "--quick", action="store_true", help="a small volume, in two minutes: does it all run?"
+    )
     whole = "measure the exact volume whole instead of extrapolating"
     parser.add_argument("--full", action="store_true", help=whole)
     script.measured(parser, study, "engine")

@@ -1,6 +1,8 @@
-"""The exact images that every row's error is taken against: random voxels, and whole columns of random pixels.
+"""The exact images that every row's error is taken against: random voxels, and whole columns of
+random pixels.
 
-Errors are relative to the whole volume's root mean square, so that random voxels speak for the whole volume.
+Errors are relative to the whole volume's root mean square, so that random voxels speak for the
+whole volume.
 """
 
 from dataclasses import dataclass
@@ -22,9 +24,10 @@ STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean
 
 @dataclass(frozen=True)
 class Reference:
-    """voxels [n] and pixels [p]: flat indices that are checked; per source: exact [n], image sums of every tone there,
-    and rms, the whole volume's size; direct [d]: the hand's float64 sums at the first voxels; columns: the peaks of
-    the checked pixels, from exact images; mask [ny, nx]: pixels on target."""
+    """voxels [n] and pixels [p]: flat indices that are checked; per source: exact [n], image sums
+    of every tone there, and rms, the whole volume's size; direct [d]: the hand's float64 sums at
+    the first voxels; columns: the peaks of the checked pixels, from exact images; mask [ny, nx]:
+    pixels on target."""
 
     grid: VoxelGrid
     threshold_db: float
@@ -36,23 +39,35 @@ class Reference:
     columns: Peaks
     mask: np.ndarray
 
-    def error(self, values: np.ndarray, source: str = "hand", exact: np.ndarray | None = None) -> float:
-        """Relative L2 error of an image's values [≤ n] at the checked voxels, or against other `exact` ones [d]."""
+    def error(
+        self, values: np.ndarray, source: str = "hand", exact: np.ndarray | None = None
+    ) -> float:
+        """Relative L2 error of an image's values [≤ n] at the checked voxels, or against other
+        `exact` ones [d]."""
         exact = self.exact[source] if exact is None else exact
         known = min(len(values), len(exact))
         difference = values[:known].astype(np.complex128) - exact[:known]
         return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
 
     def deviation(self, peaks: Peaks) -> Record:
-        """Of the whole volume's peaks [ny, nx] from the exact ones: `column_deviation` at the checked pixels, and the
-        pixels that only one of both masks holds."""
-        checked = Peaks(peaks.index.ravel()[self.pixels], peaks.magnitude.reshape(3, -1)[:, self.pixels])
+        """Of the whole volume's peaks [ny, nx] from the exact ones: `column_deviation` at the
+        checked pixels, and the pixels that only one of both masks holds."""
+        checked = Peaks(
+            peaks.index.ravel()[self.pixels], peaks.magnitude.reshape(3, -1)[:, self.pixels]
+        )
         mask = amplitude_db(peaks.magnitude[1]) >= self.threshold_db
-        return {**self.column_deviation(checked), "mask_difference_px": int(np.count_nonzero(mask != self.mask))}
+        return {
+            **self.column_deviation(checked),
+            "mask_difference_px": int(np.count_nonzero(mask != self.mask)),
+        }
 
     def column_deviation(self, checked: Peaks) -> Record:
-        """Mean |Δz| of the checked pixels' peaks [p], of depths between voxels and of whole voxels."""
-        off_m = (depth_m(checked, self.grid, way) - depth_m(self.columns, self.grid, way) for way in (True, False))
+        """Mean |Δz| of the checked pixels' peaks [p], of depths between voxels and of whole
+        voxels."""
+        off_m = (
+            depth_m(checked, self.grid, way) - depth_m(self.columns, self.grid, way)
+            for way in (True, False)
+        )
         between_mm, whole_mm = (1e3 * float(np.abs(off).mean()) for off in off_m)
         return {"depth_deviation_mm": between_mm, "depth_deviation_voxel_mm": whole_mm}
 
@@ -68,7 +83,9 @@ def reference(inputs: Inputs) -> Reference:
         exact[source] = backproject(samples, tones_hz, array, points_m)
         stand_in[source] = image_volume(samples, tones_hz, array, grid, STAND_IN)
         rms[source] = float(np.sqrt(np.mean(np.abs(stand_in[source]) ** 2, dtype=np.float64)))
-    mask = amplitude_db(strongest_voxels(stand_in["hand"]).magnitude[1]) >= scope.config.threshold_db
+    mask = (
+        amplitude_db(strongest_voxels(stand_in["hand"]).magnitude[1]) >= scope.config.threshold_db
+    )
     on_target = np.flatnonzero(mask)
     pixels = random.choice(on_target, min(scope.checked_pixels, len(on_target)), replace=False)
     columns = backproject(inputs.samples["hand"], tones_hz, array, column_points_m(grid, pixels))

@@ -1,7 +1,8 @@
-"""The roofline: what the projection's parts reach of what a core can, by the rate of a matrix product and of a copy.
+"""The roofline: what the projection's parts reach of what a core can, by the rate of a matrix
+product and of a copy.
 
-One core, CPU seconds, at a tolerance of 1e-3. Operations are counted from the plan: 8 for a complex product and its
-sum, PHASE for a sine with its cosine; bytes are what a part reads and writes once.
+One core, CPU seconds, at a tolerance of 1e-3. Operations are counted from the plan: 8 for a complex
+product and its sum, PHASE for a sine with its cosine; bytes are what a part reads and writes once.
 """
 
 import time
@@ -28,7 +29,8 @@ REPEATS = 5
 
 
 def roofline_rows(inputs: Inputs) -> list[Record]:
-    """A record for each part of a projection: its operations, bytes, rate, and that over its roof."""
+    """A record for each part of a projection: its operations, bytes, rate, and that over its
+    roof."""
     plan = GridPlan(inputs.tones_hz, inputs.array, inputs.grid, Family(TOLERANCE, False))
     imager = GridImager(plan, inputs.tones_hz, inputs.array, False)
     tree, executor, samples = plan.tree, imager._executor, inputs.samples["hand"]
@@ -66,7 +68,9 @@ def roofline_rows(inputs: Inputs) -> list[Record]:
     return [_row(name, took, flops, size, *rates) for (name, (_, flops, size)), took in each]
 
 
-def _row(part: str, seconds: float, flops: float, size: float, gemm_gflops: float, copy_gbs: float) -> Record:
+def _row(
+    part: str, seconds: float, flops: float, size: float, gemm_gflops: float, copy_gbs: float
+) -> Record:
     roof = min(gemm_gflops, copy_gbs * flops / size)
     return {
         "section": "roofline",
@@ -83,7 +87,8 @@ def _row(part: str, seconds: float, flops: float, size: float, gemm_gflops: floa
 
 
 def _in_turns(calls: list[Callable[[], object]]) -> np.ndarray:
-    """Median of the CPU seconds of each call; in turns, since a machine that others share changes its speed."""
+    """Median of the CPU seconds of each call; in turns, since a machine that others share changes
+    its speed."""
     took = np.zeros((1 + REPEATS, len(calls)))
     for repeat in took:
         for i, call in enumerate(calls):
@@ -98,7 +103,8 @@ def _sizes(node: Node) -> tuple[int, ...]:
 
 
 def _descent(parent: tuple[int, ...], child: tuple[int, ...]) -> float:
-    """Operations from a parent's samples to a child's: the phases' products, and three of real weights."""
+    """Operations from a parent's samples to a child's: the phases' products, and three of real
+    weights."""
     k, a, b = parent
     fewer, n, m = child
     return 6.0 * k * a * b + 4.0 * fewer * (k * a * b + a * b * m + a * n * m)
@@ -113,7 +119,9 @@ def _of_leaves(limbs: list) -> tuple[float, float]:
     flops = size = 0.0
     for node, leaves, starts in limbs:
         for (k, a, b), points in zip(leaves.sizes[:, :3], np.diff(starts), strict=True):
-            flops += _descent(_sizes(node), (k, a, b)) + k * points * (8 * (a * b + a) + PHASE * (a + b))
+            flops += _descent(_sizes(node), (k, a, b)) + k * points * (
+                8 * (a * b + a) + PHASE * (a + b)
+            )
             size += 8 * np.prod(_sizes(node)) + 32 * points
     return flops, size
 
@@ -122,6 +130,11 @@ def _of_resampling(plan: GridPlan) -> tuple[float, float]:
     nz, ny, nx = plan.nodes.shape
     lines = 2 * nz * ny, 2 * nz * len(plan.grid.x_m), 2 * len(plan.grid.x_m) * len(plan.grid.y_m)
     axes = plan.x, plan.y, plan.z
-    products = sum(2.0 * line * sum(w.size for *_, w in axis.windows) for line, axis in zip(lines, axes, strict=True))
+    products = sum(
+        2.0 * line * sum(w.size for *_, w in axis.windows)
+        for line, axis in zip(lines, axes, strict=True)
+    )
     voxels = float(np.prod(plan.grid.shape))
-    return products + 3 * voxels + PHASE * nz * ny * nx, 8.0 * (nz * ny * nx + 2 * nz * ny * len(plan.grid.x_m))
+    return products + 3 * voxels + PHASE * nz * ny * nx, 8.0 * (
+        nz * ny * nx + 2 * nz * ny * len(plan.grid.x_m)
+    )

@@ -1,5 +1,5 @@
-"""The scope of the measurement: the paper's volume, tones and array, and the echoes of a hand; and how much of it in
-how long."""
+"""The scope of the measurement: the paper's volume, tones and array, and the echoes of a hand; and
+how much of it in how long."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,7 +21,8 @@ PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
 
 @dataclass(frozen=True)
 class Scope:
-    """The extent of the measurement; the defaults are the paper's volume and what `make bench` does in some minutes."""
+    """The extent of the measurement; the defaults are the paper's volume and what `make bench` does
+    in some minutes."""
 
     lateral: Axis = PAPER_LATERAL
     depth: Axis = PAPER_DEPTH
@@ -29,7 +30,9 @@ class Scope:
     tolerances: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
     repeats: int = 5
     gemm_size: int = 4096
-    exact_planes: int | None = 1  # the exact volume is extrapolated from as many planes; None: all of it
+    exact_planes: int | None = (
+        1  # the exact volume is extrapolated from as many planes; None: all of it
+    )
     numpy_voxels: int = 24
     numba_voxels: int = 256
     checked_voxels: int = 4000
@@ -90,7 +93,9 @@ class Inputs:
     def frame(self) -> RadarCapture:
         """One frame of the three tones."""
         tones_hz = np.array(self.scope.frame.ladder_hz)
-        return RadarCapture(simulate(self.scatterers, tones_hz, self.array)[None], tones_hz, self.array)
+        return RadarCapture(
+            simulate(self.scatterers, tones_hz, self.array)[None], tones_hz, self.array
+        )
 
 
 def white_noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:

@@ -13,7 +13,9 @@ BINS = 4096  # of the zero-padded range profiles: 32 times as many as there are 
 BLOCK = 512  # voxels that share a profile while it is in the cache
 
 
-def numpy_sum(samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray) -> np.ndarray:
+def numpy_sum(
+    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
+) -> np.ndarray:
     """One exponential per voxel, channel and tone, in float64."""
     wavenumber = 2 * np.pi * frequencies_hz[:, None, None] / SPEED_OF_LIGHT_M_S
     image = np.empty(len(points_m), np.complex128)
@@ -24,7 +26,9 @@ def numpy_sum(samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArr
     return image
 
 
-def numba_sum(samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray) -> np.ndarray:
+def numba_sum(
+    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
+) -> np.ndarray:
     """The same as compiled loops on all cores."""
     wavenumber = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     return _numba_sum(samples, wavenumber, array.tx_m, array.rx_m, points_m)
@@ -50,17 +54,30 @@ def _numba_sum(samples, wavenumber, tx_m, rx_m, points_m):  # type: ignore[no-un
 
 
 def range_compressed(
-    samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray, bins: int = BINS
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    array: AntennaArray,
+    points_m: np.ndarray,
+    bins: int = BINS,
 ) -> np.ndarray:
-    """Range profiles of all channels by a zero-padded FFT over equidistant tones, then linear interpolation per voxel
-    and channel. ValueError where paths are longer than the tones' ambiguity."""
+    """Range profiles of all channels by a zero-padded FFT over equidistant tones, then linear
+    interpolation per voxel and channel. ValueError where paths are longer than the tones'
+    ambiguity."""
     tones = len(frequencies_hz)
     step_hz = (frequencies_hz[-1] - frequencies_hz[0]) / (tones - 1)
     everything_m = np.concatenate([points_m, array.tx_m, array.rx_m])
-    longest_m, unambiguous_m = 2 * np.linalg.norm(np.ptp(everything_m, axis=0)), SPEED_OF_LIGHT_M_S / step_hz
+    longest_m, unambiguous_m = (
+        2 * np.linalg.norm(np.ptp(everything_m, axis=0)),
+        SPEED_OF_LIGHT_M_S / step_hz,
+    )
     if longest_m > unambiguous_m * (bins - 1) / bins:
-        raise ValueError(f"paths of up to {longest_m:.2f} m; {tones} tones are unambiguous to {unambiguous_m:.2f} m")
-    middle = np.exp(-1j * np.pi * (tones - 1) * np.arange(bins) / bins)  # about the band's centre they vary least
+        raise ValueError(
+            f"paths of up to {longest_m:.2f} m; {tones} tones are unambiguous to "
+            f"{unambiguous_m:.2f} m"
+        )
+    middle = np.exp(
+        -1j * np.pi * (tones - 1) * np.arange(bins) / bins
+    )  # about the band's centre they vary least
     profiles = np.empty((*array.channels, bins), np.complex64)
     for t in range(len(array.tx_m)):
         profiles[t] = bins * np.fft.ifft(samples[:, t].T, bins, axis=1) * middle

@@ -1,5 +1,5 @@
-"""Timing in turns: every case in a process of its own, so that its plan is built there and its memory is nobody else's;
-in turns, so that a machine that gets slower does so for all of them.
+"""Timing in turns: every case in a process of its own, so that its plan is built there and its
+memory is nobody else's; in turns, so that a machine that gets slower does so for all of them.
 """
 
 import contextlib
@@ -22,9 +22,10 @@ Work = Callable[[], Any]
 
 @dataclass(frozen=True)
 class Case:
-    """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back. Where work does
-    only a fraction of the whole, `fixed` is what it would do for none of it. repeats: timings after the first one;
-    without any the first one counts; each is the mean of `calls`, one after the other."""
+    """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back.
+    Where work does only a fraction of the whole, `fixed` is what it would do for none of it.
+    repeats: timings after the first one; without any the first one counts; each is the mean of
+    `calls`, one after the other."""
 
     method: str
     work: Work
@@ -36,7 +37,8 @@ class Case:
 
 
 class Timing(NamedTuple):
-    """seconds of one call; peak_mb: by how much it raised the process's resident memory at most (None: unknown)."""
+    """seconds of one call; peak_mb: by how much it raised the process's resident memory at most
+    (None: unknown)."""
 
     seconds: float
     peak_mb: float | None
@@ -60,14 +62,17 @@ class Measured:
     @property
     def plan_s(self) -> float:
         """The extra time of the first call."""
-        return max(self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0)
+        return max(
+            self.first.seconds - float(np.median(self.repeats_s or [self.first.seconds])), 0.0
+        )
 
     def _whole(self, of: Callable[[Sequence[float]], float]) -> float:
         part_s = float(of(self.repeats_s or [self.first.seconds]))
         return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
 
     def record(self, section: str, exact: "Measured | None" = None, **known: Any) -> Record:
-        """The case's record; `exact`: the timings of the exact path; of what else is known, None is left out."""
+        """The case's record; `exact`: the timings of the exact path; of what else is known, None is
+        left out."""
         fraction = {"fraction": self.case.fraction} if self.case.fraction < 1 else {}
         return {
             "section": section,
@@ -90,8 +95,8 @@ def room() -> ProcessPoolExecutor:
 
 
 def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
-    """Time all cases in turns: method → Measured. With `apart` each has its own room; else they share one, and peaks
-    of memory mean nothing."""
+    """Time all cases in turns: method → Measured. With `apart` each has its own room; else they
+    share one, and peaks of memory mean nothing."""
     found: dict[str, Measured] = {}
     with contextlib.ExitStack() as stack:
         rooms = [stack.enter_context(room()) for _ in (cases if apart else cases[:1])]
@@ -123,7 +128,9 @@ def named(what: str, tolerance: float | None) -> str:
 
 def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
     """The mean of some calls of `work`, one after the other, in this process."""
-    with contextlib.suppress(OSError):  # lets the peak start from here; a kernel that refuses remembers an older one
+    with contextlib.suppress(
+        OSError
+    ):  # lets the peak start from here; a kernel that refuses remembers an older one
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb = _status_mb("VmRSS")
     start = time.perf_counter()

@@ -1,5 +1,5 @@
-"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine), of a 3-FSK frame
-and of the simulation of the hand's echoes.
+"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine),
+of a 3-FSK frame and of the simulation of the hand's echoes.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,13 @@ FRAMES = 10  # timed together: a radar images frame after frame
 
 
 def frame_rows(inputs: Inputs) -> list[Record]:
-    """One 3-FSK frame: both stages at all pixels and all points on target. The error is that of the plane's images of
-    the first two tones; the points on target are so few that their exact sums cost less than a plan."""
+    """One 3-FSK frame: both stages at all pixels and all points on target. The error is that of the
+    plane's images of the first two tones; the points on target are so few that their exact sums
+    cost less than a plan."""
     capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
-    configs = {tolerance: config.model_copy(update={"tolerance": tolerance}) for tolerance in TOLERANCES}
+    configs = {
+        tolerance: config.model_copy(update={"tolerance": tolerance}) for tolerance in TOLERANCES
+    }
     cases = [
         Case(
             named("fast", t),
@@ -66,7 +69,8 @@ def simulation_rows(inputs: Inputs) -> list[Record]:
     scatterers, repeats = inputs.scatterers, inputs.scope.repeats
     work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
     cases = [
-        Case(named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0) for t in TOLERANCES
+        Case(named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0)
+        for t in TOLERANCES
     ]
     measured = interleaved("simulation", cases)
     exact = measured[named("fast", None)].first.kept
@@ -91,14 +95,22 @@ def _rows(
         timings = measured[named("fast", tolerance)]
         about = known(tolerance, timings)
         met = about["relative_error"] <= tolerance if tolerance else None
-        fast = {"tolerance": tolerance, "met": met, "plan_seconds": timings.plan_s} if tolerance else {}
+        fast = (
+            {"tolerance": tolerance, "met": met, "plan_seconds": timings.plan_s}
+            if tolerance
+            else {}
+        )
         about["relative_error"] = about["relative_error"] if tolerance else None
         rows.append(timings.record(section, measured[named("fast", None)], **about, **fast))
     return rows
 
 
 SECTION = "volume"
-GEMM, EXACT, COMPRESSED = "float32 matrix product", "exact", "range-compressed, linear interpolation"
+GEMM, EXACT, COMPRESSED = (
+    "float32 matrix product",
+    "exact",
+    "range-compressed, linear interpolation",
+)
 NUMPY, NUMBA = "numpy, direct sum", "numba, direct sum"
 
 
@@ -106,25 +118,45 @@ def volume_rows(inputs: Inputs) -> list[Record]:
     """All rows of the volume, timed in turns."""
     scope, checked = inputs.scope, reference(inputs)
     ceiling = Case(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
-    measured = interleaved(SECTION, [ceiling, *_textbook(inputs, checked), _exact(inputs), *_fast(inputs, checked)])
+    measured = interleaved(
+        SECTION, [ceiling, *_textbook(inputs, checked), _exact(inputs), *_fast(inputs, checked)]
+    )
     gflops = 2e-9 * scope.gemm_size**3 / measured[GEMM].seconds
-    slow = [_slow_row(inputs, checked, measured, name, gflops) for name in (NUMPY, NUMBA, COMPRESSED, EXACT)]
-    fast = [row for tolerance in scope.tolerances for row in _fast_rows(inputs, checked, measured, tolerance)]
+    slow = [
+        _slow_row(inputs, checked, measured, name, gflops)
+        for name in (NUMPY, NUMBA, COMPRESSED, EXACT)
+    ]
+    fast = [
+        row
+        for tolerance in scope.tolerances
+        for row in _fast_rows(inputs, checked, measured, tolerance)
+    ]
     return [measured[GEMM].record(SECTION, gflops=gflops), *slow, *fast]
 
 
 def _textbook(inputs: Inputs, checked: Reference) -> list[Case]:
-    """On the first of the checked voxels; interpolation on one plane, since it lives on neighbouring voxels."""
+    """On the first of the checked voxels; interpolation on one plane, since it lives on
+    neighbouring voxels."""
     grid, scope = inputs.grid, inputs.scope
     plane = _planes(grid, 1).points_m().reshape(-1, 3)
     points_m = grid.points_at_m(checked.voxels)
 
     def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
         """fixed: points that tell what is done for none."""
-        work = partial(image, samples=inputs.samples["hand"], frequencies_hz=inputs.tones_hz, array=inputs.array)
-        fraction, part = len(points_m) / np.prod(grid.shape), partial(work, points_m=points_m[:fixed])
+        work = partial(
+            image,
+            samples=inputs.samples["hand"],
+            frequencies_hz=inputs.tones_hz,
+            array=inputs.array,
+        )
+        fraction, part = (
+            len(points_m) / np.prod(grid.shape),
+            partial(work, points_m=points_m[:fixed]),
+        )
         whole = partial(work, points_m=points_m)
-        return Case(method, whole, everything, float(fraction), part if fixed else None, scope.repeats)
+        return Case(
+            method, whole, everything, float(fraction), part if fixed else None, scope.repeats
+        )
 
     return [
         case(NUMPY, textbook.numpy_sum, points_m[: scope.numpy_voxels]),
@@ -137,8 +169,16 @@ def _exact(inputs: Inputs) -> Case:
     """The exact path on whole planes, or on the whole volume, once."""
     planes = inputs.scope.exact_planes
     grid = inputs.grid if planes is None else _planes(inputs.grid, planes)
-    fraction, repeats = len(grid.z_m) / len(inputs.grid.z_m), 0 if planes is None else inputs.scope.repeats
-    return Case(EXACT, _imaging(image_volume, inputs, "hand", None, grid), fraction=fraction, repeats=repeats)
+    fraction, repeats = (
+        len(grid.z_m) / len(inputs.grid.z_m),
+        0 if planes is None else inputs.scope.repeats,
+    )
+    return Case(
+        EXACT,
+        _imaging(image_volume, inputs, "hand", None, grid),
+        fraction=fraction,
+        repeats=repeats,
+    )
 
 
 def _fast(inputs: Inputs, checked: Reference) -> list[Case]:
@@ -146,17 +186,28 @@ def _fast(inputs: Inputs, checked: Reference) -> list[Case]:
     ways: tuple[tuple[str, Callable[..., Any], Callable[[Any], Any]], ...]
     ways = ("volume", image_volume, keep_checked), ("projection", project_volume, everything)
     return [
-        Case(named(f"fast {what}", t), _imaging(image, inputs, "hand", t), keep, repeats=inputs.scope.repeats)
+        Case(
+            named(f"fast {what}", t),
+            _imaging(image, inputs, "hand", t),
+            keep,
+            repeats=inputs.scope.repeats,
+        )
         for t in inputs.scope.tolerances
         for what, image, keep in ways
     ]
 
 
 def _slow_row(
-    inputs: Inputs, checked: Reference, measured: dict[str, Measured], method: str, ceiling_gflops: float
+    inputs: Inputs,
+    checked: Reference,
+    measured: dict[str, Measured],
+    method: str,
+    ceiling_gflops: float,
 ) -> Record:
     timings = measured[method]
-    gflops = float(8e-9 * np.prod(inputs.grid.shape) * inputs.samples["hand"].size / timings.seconds)
+    gflops = float(
+        8e-9 * np.prod(inputs.grid.shape) * inputs.samples["hand"].size / timings.seconds
+    )
     known = {"gflops": gflops} if method != COMPRESSED else _compressed_accuracy(inputs, checked)
     if method == NUMBA:
         known["relative_error"] = checked.error(timings.first.kept, exact=checked.direct)
@@ -171,7 +222,9 @@ def _slow_row(
 
 def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
     def image(source: str, points_m: np.ndarray) -> np.ndarray:
-        return textbook.range_compressed(inputs.samples[source], inputs.tones_hz, inputs.array, points_m)
+        return textbook.range_compressed(
+            inputs.samples[source], inputs.tones_hz, inputs.array, points_m
+        )
 
     points_m = inputs.grid.points_at_m(checked.voxels)
     columns = image("hand", column_points_m(inputs.grid, checked.pixels))
@@ -182,23 +235,39 @@ def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
     }
 
 
-def _fast_rows(inputs: Inputs, checked: Reference, measured: dict[str, Measured], tolerance: float) -> list[Record]:
+def _fast_rows(
+    inputs: Inputs, checked: Reference, measured: dict[str, Measured], tolerance: float
+) -> list[Record]:
     """Volume and projection; the projection's error is the volume's, whose plan it shares."""
-    volume, projection = (measured[named(f"fast {what}", tolerance)] for what in ("volume", "projection"))
+    volume, projection = (
+        measured[named(f"fast {what}", tolerance)] for what in ("volume", "projection")
+    )
     values, peaks = volume.first.kept
     noise = _imaging(image_volume, inputs, "noise", tolerance)().ravel()[checked.voxels]
     errors = {"relative_error": checked.error(values), "noise_error": checked.error(noise, "noise")}
     known = {**errors, "tolerance": tolerance, "met": max(errors.values()) <= tolerance}
     return [
-        timings.record(SECTION, measured[EXACT], **known, plan_seconds=timings.plan_s, **checked.deviation(found))
+        timings.record(
+            SECTION,
+            measured[EXACT],
+            **known,
+            plan_seconds=timings.plan_s,
+            **checked.deviation(found),
+        )
         for timings, found in ((volume, peaks), (projection, projection.first.kept))
     ]
 
 
 def _imaging(
-    image: Callable[..., Any], inputs: Inputs, source: str, tolerance: float | None, grid: VoxelGrid | None = None
+    image: Callable[..., Any],
+    inputs: Inputs,
+    source: str,
+    tolerance: float | None,
+    grid: VoxelGrid | None = None,
 ) -> Work:
-    return partial(image, inputs.samples[source], inputs.tones_hz, inputs.array, grid or inputs.grid, tolerance)
+    return partial(
+        image, inputs.samples[source], inputs.tones_hz, inputs.array, grid or inputs.grid, tolerance
+    )
 
 
 def _planes(grid: VoxelGrid, count: int) -> VoxelGrid:

@@ -1,7 +1,8 @@
 """Exact echoes of cylinders in small files, and how far simulations are from them.
 
-Every second antenna, the tones of 3-FSK, and half precision: 2e-4 of the samples, below 0.01 mm in 2-FSK's maps. With
-sharp shadows the means of the differences above 0.2 mm are within 3 % (3-FSK) and 10 % (2-FSK) of the whole array's.
+Every second antenna, the tones of 3-FSK, and half precision: 2e-4 of the samples, below 0.01 mm in
+2-FSK's maps. With sharp shadows the means of the differences above 0.2 mm are within 3 % (3-FSK)
+and 10 % (2-FSK) of the whole array's.
 
     python -m tests.bench.studies.exact.kept_echoes     # makes them again, by the series: half a minute
 """
@@ -49,9 +50,13 @@ def kept(scene: str, material: str) -> np.ndarray:
 
 
 def against_exact(scene: str, material: str, *effects: str) -> Record:
-    """Figures of the simulation with these effects, besides that of the material, against the exact echoes, named as
-    the study's columns."""
-    case, array, exact = Case(scene, SCENES[scene], material, ALONG), thin_array(), kept(scene, material)
+    """Figures of the simulation with these effects, besides that of the material, against the exact
+    echoes, named as the study's columns."""
+    case, array, exact = (
+        Case(scene, SCENES[scene], material, ALONG),
+        thin_array(),
+        kept(scene, material),
+    )
     simulated = EchoScene(array, TONES_HZ, np.zeros(len(TONES_HZ)), body(case))
     chosen = choose(simulated, (*effects, *REFLECTION[MATERIALS[material].kind]), 1.0)
     capture = simulate_scene(simulated, chosen).capture

@@ -1,6 +1,8 @@
-"""Simulated echoes and the maps that methods make of them, against the exact echoes of the same bodies.
+"""Simulated echoes and the maps that methods make of them, against the exact echoes of the same
+bodies.
 
-python -m tests.bench.studies.exact.measure_exact [--polarisations along,across] [--tones few] [--ways] [--only TEXT]
+python -m tests.bench.studies.exact.measure_exact [--polarisations along,across] [--tones few]
+[--ways] [--only TEXT]
 """
 
 import argparse
@@ -49,14 +51,21 @@ LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity", "shadow_diffraction"),
     ("obliquity", "shadow_diffraction", "multipath"),
 )
-REFLECTION = {"metal": (), "plastic": ("dielectric",), "skin": ("skin",)}  # the effect that a kind of material needs
+REFLECTION = {
+    "metal": (),
+    "plastic": ("dielectric",),
+    "skin": ("skin",),
+}  # the effect that a kind of material needs
 
 
 def study(work: Path, polarisations: str, tones: str, ways: bool = False) -> Study:
-    """All scenes; ways: simulated in all ways of the trade-off's section, in place of the ladder of effects."""
+    """All scenes; ways: simulated in all ways of the trade-off's section, in place of the ladder of
+    effects."""
     unknown = set(polarisations.split(",")) - {"along", "across"}
     if unknown:
-        raise HandbenchError(f"--polarisations: {', '.join(sorted(unknown))}; expected along, across, or both")
+        raise HandbenchError(
+            f"--polarisations: {', '.join(sorted(unknown))}; expected along, across, or both"
+        )
     measure = partial(compare, work=work, tones="few" if ways else tones, ways=ways)
     figure = partial(draw, work / "maps", [] if ways else [effects[-1] for effects in LADDERS])
     title = "Simulated echoes against exact solutions"
@@ -66,7 +75,11 @@ def study(work: Path, polarisations: str, tones: str, ways: bool = False) -> Stu
 def tables(records: list[Record]) -> list[Table]:
     """All figures of a choice of effects in a row, and those of the maps by method."""
     by_method = [
-        {"method": name, **record, **{key.removeprefix(f"{name}_"): value for key, value in record.items()}}
+        {
+            "method": name,
+            **record,
+            **{key.removeprefix(f"{name}_"): value for key, value in record.items()},
+        }
         for name in METHODS
         for record in records
         if f"{name}_mean_mm" in record
@@ -78,8 +91,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> list[Record]:
-    """A record for each choice of effects. work: where exact echoes are kept, and the maps for the figure; tones: all,
-    or few, those of the FSK methods; ways: see `study`."""
+    """A record for each choice of effects. work: where exact echoes are kept, and the maps for the
+    figure; tones: all, or few, those of the FSK methods; ways: see `study`."""
     array, frequencies_hz = qar50(), tones_hz(tones)
     start = time.process_time()
     exact = kept_echoes(case, frequencies_hz, array, work / "echoes")
@@ -92,14 +105,26 @@ def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> l
     def simulate(effects: tuple[str, ...]) -> RadarCapture:
         return simulate_scene(scene, choose(scene, (*effects, *reflection), 1.0)).capture
 
-    ladder: dict[str, Callable[[], RadarCapture]] = {", ".join(e): partial(simulate, e) for e in LADDERS}
+    ladder: dict[str, Callable[[], RadarCapture]] = {
+        ", ".join(e): partial(simulate, e) for e in LADDERS
+    }
     if ways:
-        ladder = {way.words: partial(way.simulate, scene.body) for way in simulated_sections.ways(SimulationKnobs())}
+        ladder = {
+            way.words: partial(way.simulate, scene.body)
+            for way in simulated_sections.ways(SimulationKnobs())
+        }
     for effects, simulated in ladder.items():
         start, cpu_start = time.perf_counter(), time.process_time()
         capture = simulated()
-        seconds = {"simulate_s": time.perf_counter() - start, "simulate_cpu_s": time.process_time() - cpu_start}
-        about: Record = {"scene": case.name, "material": case.material, "polarisation": case.polarisation}
+        seconds = {
+            "simulate_s": time.perf_counter() - start,
+            "simulate_cpu_s": time.process_time() - cpu_start,
+        }
+        about: Record = {
+            "scene": case.name,
+            "material": case.material,
+            "polarisation": case.polarisation,
+        }
         about |= {"effects": effects, "echo_error": relative_error(capture.samples[0], exact)}
         ours = maps(capture, methods)
         found.append({**about, **compared(ours, known, case), **seconds, "exact_cpu_s": exact_s})
@@ -111,13 +136,17 @@ def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> l
 
 
 def compared(ours: dict[str, DepthMap], exact: dict[str, DepthMap], case: Case) -> Record:
-    """Depths against the exact echoes' where both have one, the shares of pixels that one alone has, and the largest
-    errors of both against the true surface."""
+    """Depths against the exact echoes' where both have one, the shares of pixels that one alone
+    has, and the largest errors of both against the true surface."""
     record: Record = {}
     for name, depth in ours.items():
         near = np.abs(depth.y_m) < LONG_M
         one, other = depth.z_m[near], exact[name].z_m[near]
-        here, there, front = np.isfinite(one), np.isfinite(other), front_m(case, depth.x_m, depth.y_m[near])
+        here, there, front = (
+            np.isfinite(one),
+            np.isfinite(other),
+            front_m(case, depth.x_m, depth.y_m[near]),
+        )
         figures = {
             "mean_mm": _of(np.mean, one - other),
             "p95_mm": _of(lambda off: np.percentile(off, 95), one - other),
@@ -137,18 +166,25 @@ def _of(figure: Callable[[np.ndarray], np.floating], off_m: np.ndarray) -> float
     return float(figure(known)) if len(known) else np.nan
 
 
-PICTURED = ("finger before palm, 12 mm aside, skin, along", "")  # beginnings of cases: the first that there is is shown
+PICTURED = (
+    "finger before palm, 12 mm aside, skin, along",
+    "",
+)  # beginnings of cases: the first that there is is shown
 SHOWN_MM = 50.0  # half the width and height that is shown
 MOST_MM = 5.0  # of the differences
 
 
 def draw(folder: Path, rungs: Sequence[str]) -> Figure | None:
-    """Above: the exact map and ours; below: ours − exact. A column for each choice of effects, named by its last."""
+    """Above: the exact map and ours; below: ours − exact. A column for each choice of effects,
+    named by its last."""
     found = next((paths for name in PICTURED if (paths := sorted(folder.glob(f"{name}*.npz")))), [])
     if not found or not rungs:
         return None
     case = found[0].stem.rpartition(", ")[0]
-    kept = [read_npz(folder / f"{case}, {n}.npz", ("x_m", "y_m", "ours_m", "exact_m")) for n, _ in enumerate(rungs, 1)]
+    kept = [
+        read_npz(folder / f"{case}, {n}.npz", ("x_m", "y_m", "ours_m", "exact_m"))
+        for n, _ in enumerate(rungs, 1)
+    ]
     figure = Figure(figsize=(2.2 * (len(kept) + 1), 4.6), layout="constrained")
     axes = figure.subplots(2, len(kept) + 1, sharex=True, sharey=True)
     low_mm, high_mm = 1e3 * np.nanpercentile(kept[0]["exact_m"], [0.5, 99.5])
@@ -157,7 +193,14 @@ def draw(folder: Path, rungs: Sequence[str]) -> Figure | None:
     axes[1, 0].set_axis_off()
     for (above, below), pair, rung in zip(axes.T[1:], kept, rungs, strict=True):
         _shown(above, pair, pair["ours_m"], depths, "viridis_r", f"ours, {rung}")
-        off = _shown(below, pair, pair["ours_m"] - pair["exact_m"], (-MOST_MM, MOST_MM), "RdBu_r", "ours − exact")
+        off = _shown(
+            below,
+            pair,
+            pair["ours_m"] - pair["exact_m"],
+            (-MOST_MM, MOST_MM),
+            "RdBu_r",
+            "ours − exact",
+        )
     figure.colorbar(shown, ax=axes[0], label="depth, mm")
     figure.colorbar(off, ax=axes[1], label="difference, mm")
     figure.suptitle(f"3-FSK: {case}")
@@ -177,7 +220,9 @@ def _shown(
     x_mm, y_mm = 1e3 * maps["x_m"], 1e3 * maps["y_m"]
     ends_mm = (float(x_mm[0]), float(x_mm[-1]), float(y_mm[0]), float(y_mm[-1]))
     low_mm, high_mm = limits_mm
-    image = axes.imshow(1e3 * values_m, colours, extent=ends_mm, origin="lower", vmin=low_mm, vmax=high_mm)
+    image = axes.imshow(
+        1e3 * values_m, colours, extent=ends_mm, origin="lower", vmin=low_mm, vmax=high_mm
+    )
     axes.set(title=title, xlim=(SHOWN_MM, -SHOWN_MM), ylim=(-SHOWN_MM, SHOWN_MM), facecolor="0.92")
     return image
 
@@ -185,10 +230,15 @@ def _shown(
 def main() -> None:
     """All scenes from the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench.studies.exact.measure_exact")
-    parser.add_argument("--polarisations", default="along", help="of the dipoles to the fingers: along,across")
+    parser.add_argument(
+        "--polarisations", default="along", help="of the dipoles to the fingers: along,across"
+    )
     tones = "few: those of the FSK methods, without broadband"
     parser.add_argument("--tones", choices=["all", "few"], default="all", help=tones)
-    every = "simulate in all ways of the trade-off's section, with few tones, in place of the ladder of effects"
+    every = (
+        "simulate in all ways of the trade-off's section, with few tones, in place of the "
+        "ladder of effects"
+    )
     parser.add_argument("--ways", action="store_true", help=every)
     measured(parser, study, "exact")
 

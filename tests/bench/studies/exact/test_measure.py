@@ -1,4 +1,5 @@
-"""The simulation of one finger against the exact series: another formula and other code, from the geometry on."""
+"""The simulation of one finger against the exact series: another formula and other code, from the
+geometry on."""
 
 from __future__ import annotations
 
@@ -19,7 +20,10 @@ FINGER = Cylinder(0.0, 0.29, 8e-3)
 
 @pytest.mark.parametrize(
     ("made", "volume_m3"),
-    [(FINGER.mesh(), np.pi * 8e-3**2 * 0.32), (Sphere((0.0, 0.0, 0.29), 5e-3).mesh(), 4 / 3 * np.pi * 5e-3**3)],
+    [
+        (FINGER.mesh(), np.pi * 8e-3**2 * 0.32),
+        (Sphere((0.0, 0.0, 0.29), 5e-3).mesh(), 4 / 3 * np.pi * 5e-3**3),
+    ],
 )
 def test_a_mesh_is_closed(made, volume_m3):
     """Its faces turn outwards: the volume by the divergence theorem is the body's."""
@@ -30,18 +34,23 @@ def test_a_mesh_is_closed(made, volume_m3):
 
 
 def test_the_skin_of_the_scenes_is_skin_at_80_ghz():
-    assert dielectric_permittivity(MATERIALS["skin"]) == pytest.approx(skin_permittivity(np.array([80e9]))[0], rel=0.02)
+    assert dielectric_permittivity(MATERIALS["skin"]) == pytest.approx(
+        skin_permittivity(np.array([80e9]))[0], rel=0.02
+    )
 
 
 @pytest.mark.parametrize("material", ["metal", "skin"])
 def test_one_finger_echoes_as_the_exact_series_says(material):
-    """Amplitude and phase, nothing fitted. Physical optics leaves out what creeps around, polarisation and the angle of
-    Γ: a few percent on a finger (0.06 and 0.07 in an independent study of such a finger)."""
+    """Amplitude and phase, nothing fitted. Physical optics leaves out what creeps around,
+    polarisation and the angle of Γ: a few percent on a finger (0.06 and 0.07 in an independent
+    study of such a finger)."""
     array, tones_hz = qar50(), np.array([79.5e9, 82e9])
     few = AntennaArray(array.tx_m[::6], array.rx_m[::6])
     case = Case("one finger", (FINGER,), material, ALONG)
     scene = EchoScene(few, tones_hz, np.zeros(2), body(case))
-    filling = None if material == "metal" else np.full(2, dielectric_permittivity(MATERIALS[material]))
+    filling = (
+        None if material == "metal" else np.full(2, dielectric_permittivity(MATERIALS[material]))
+    )
     effects = ("obliquity", "shadow_centre", *(() if filling is None else ("dielectric",)))
     found = simulate_scene(scene, choose(scene, effects, 1.0)).capture.samples[0]
     exact = cylinder_echoes([FINGER], tones_hz, few, ALONG, filling)

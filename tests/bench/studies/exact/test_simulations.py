@@ -1,7 +1,8 @@
-"""Simulations against exact solutions, in echoes and in maps: other formulas and other code, from the geometry on.
+"""Simulations against exact solutions, in echoes and in maps: other formulas and other code, from
+the geometry on.
 
-The bounds are measured ones, rounded up by a tenth or so: physical optics has no limit that could be derived here. An
-effect that comes nearer to the exact echoes adds a row."""
+The bounds are measured ones, rounded up by a tenth or so: physical optics has no limit that could
+be derived here. An effect that comes nearer to the exact echoes adds a row."""
 
 from __future__ import annotations
 
@@ -29,9 +30,17 @@ TWICE = (*ONCE, "multipath")
 BENT = ("obliquity", "shadow_diffraction")
 BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK
     ("one finger", "skin", ONCE, 0.06, 0.12, 0.045),
-    # 0.15 of bounces from the transmitters alone; their mean with those from the receivers is reciprocal.
+    # 0.15 of bounces from the transmitters alone; their mean with those from the receivers is
+    # reciprocal.
     ("fingers 6 mm apart", "skin", (*BENT, "multipath"), 0.17, 0.3, 0.23),
-    ("fingers 1 mm apart", "skin", (*BENT, "multipath"), 0.29, 0.3, 0.2),  # nearer with bounces that are too weak
+    (
+        "fingers 1 mm apart",
+        "skin",
+        (*BENT, "multipath"),
+        0.29,
+        0.3,
+        0.2,
+    ),  # nearer with bounces that are too weak
     ("finger before palm", "skin", BENT, 0.06, 0.32, 0.07),
     ("finger before palm, 12 mm aside", "metal", (*BENT, "multipath"), 0.14, 2.8, 1.1),
     ("sphere of 10 mm", "metal", ONCE, 0.06, 0.08, 0.08),
@@ -54,7 +63,8 @@ def _treams() -> tuple[dict[str, np.ndarray], AntennaArray]:
 
 @pytest.mark.parametrize("name", ["sphere", "coated sphere"])
 def test_the_series_of_a_sphere_is_treams(name):
-    """Another program, which shares nothing with the series; its samples are kept in single precision."""
+    """Another program, which shares nothing with the series; its samples are kept in single
+    precision."""
     known, array = _treams()
     ((centre_m, radii_m),), _ = SCENES[name]
     tones_hz, coated = known["frequencies_hz"], len(radii_m) > 1
@@ -65,18 +75,23 @@ def test_the_series_of_a_sphere_is_treams(name):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("name", "bound"), [("two spheres", 0.13), ("sphere before a larger one", 0.4)])
+@pytest.mark.parametrize(
+    ("name", "bound"), [("two spheres", 0.13), ("sphere before a larger one", 0.4)]
+)
 def test_clusters_of_spheres(name, bound):
     known, array = _treams()
     spheres = tuple(Sphere(centre_m, radii_m[-1]) for centre_m, radii_m in SCENES[name][0])
     tones_hz = known["frequencies_hz"]
-    scene = EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG)))
+    scene = EchoScene(
+        array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG))
+    )
     samples = simulate_scene(scene, choose(scene, (*TWICE, "dielectric"), 1.0)).capture.samples[0]
     assert relative_error(samples, known[name.replace(" ", "_")]) < bound
 
 
 def test_a_plate_s_edge():
-    """Physical optics' edge against Sommerfeld's; the simulation leaves out the dipoles' pattern too."""
+    """Physical optics' edge against Sommerfeld's; the simulation leaves out the dipoles' pattern
+    too."""
     whole, tones_hz = qar50(), np.array([79.5e9, 82e9])
     array = AntennaArray(whole.tx_m[::6], whole.rx_m[::6])
     body = plate((0.0, -0.16, 0.3), (0.0, 0.32, 0.0), (0.32, 0.0, 0.0), 160)

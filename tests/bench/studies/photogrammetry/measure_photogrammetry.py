@@ -1,6 +1,7 @@
 """Photographs of hands rendered, reconstructed as a user would, and scored against the truth.
 
-python -m tests.bench.studies.photogrammetry.measure_photogrammetry bars|sweep [--poses C,Y] [-o DIR]
+python -m tests.bench.studies.photogrammetry.measure_photogrammetry bars|sweep [--poses C,Y] [-o
+DIR]
 
 `bars`: what a ground truth is held to. `sweep`: its price in time, on the first pose.
 """
@@ -31,7 +32,8 @@ CASES = {"bars": bars, "sweep": lambda poses: sweep(poses[0])}
 
 
 def study(work: Path, what: str, poses: str) -> Study:
-    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the first one."""
+    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the
+    first one."""
     return Study(
         f"photogrammetry_{what}",
         "Photogrammetry of rendered hands",
@@ -64,14 +66,23 @@ def measure(case: Case, work: Path) -> Record:
         intrinsics = shutil.ignore_patterns("*cameras.json")
         if not photos.is_dir():
             with atomic_folder(photos) as temporary:
-                shutil.copytree(folder / "capture" / "photos", temporary, dirs_exist_ok=True, ignore=intrinsics)
-    lens = None if case.known else False  # each rendered camera has a lens of its own, and none has EXIF data
-    options = Options(quality=case.quality, box_m=tuple(scene.box_m.ravel()), shared_intrinsics=lens)
+                shutil.copytree(
+                    folder / "capture" / "photos", temporary, dirs_exist_ok=True, ignore=intrinsics
+                )
+    lens = (
+        None if case.known else False
+    )  # each rendered camera has a lens of its own, and none has EXIF data
+    options = Options(
+        quality=case.quality, box_m=tuple(scene.box_m.ravel()), shared_intrinsics=lens
+    )
     return reconstructed(case, scene, photos, options, folder / "reconstruction")
 
 
-def reconstructed(case: Case, scene: Scene, photos: Path, options: Options, workdir: Path) -> Record:
-    """The case's record: its photographs reconstructed, and scored against the scene that they show."""
+def reconstructed(
+    case: Case, scene: Scene, photos: Path, options: Options, workdir: Path
+) -> Record:
+    """The case's record: its photographs reconstructed, and scored against the scene that they
+    show."""
     with costs() as cost:
         result = reconstruct(photos, options, workdir)
     scored = {**score(result, scene), "cpu_s": cost.cpu_seconds}
@@ -80,9 +91,17 @@ def reconstructed(case: Case, scene: Scene, photos: Path, options: Options, work
 
 def record(case: Case, scored: Record, seconds: dict[str, float], peak_memory_mb: float) -> Record:
     """A case with its score, and the seconds by stage."""
-    about = {"case": case.name} | {name: getattr(case, name) for name in ("pose", "cameras", "width", "quality")}
+    about = {"case": case.name} | {
+        name: getattr(case, name) for name in ("pose", "cameras", "width", "quality")
+    }
     times = {f"{stage}_s": value for stage, value in seconds.items()}
-    return {**about, **scored, **times, "all_s": sum(seconds.values()), "peak_memory_mb": peak_memory_mb}
+    return {
+        **about,
+        **scored,
+        **times,
+        "all_s": sum(seconds.values()),
+        "peak_memory_mb": peak_memory_mb,
+    }
 
 
 COLOURS = (BLUE, ORANGE, GREEN, "#CC79A7", "#56B4E9")
@@ -97,7 +116,12 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
     colour = dict(zip(sorted(rows.cameras.unique()), COLOURS, strict=False))
     sizes = {width: 20 + 25 * i for i, width in enumerate(sorted(rows.width.unique()))}
     for (cameras, width, quality), some in rows.groupby(["cameras", "width", "quality"]):
-        look = {"color": colour[cameras], "s": sizes[width], "marker": MARKERS[str(quality)], "alpha": 0.8}
+        look = {
+            "color": colour[cameras],
+            "s": sizes[width],
+            "marker": MARKERS[str(quality)],
+            "alpha": 0.8,
+        }
         left.scatter(some.all_s, 1e3 * some.rms_m, **look)
         right.scatter(some.all_s, 100 * some.complete, **look)
     for cameras, name in colour.items():
@@ -106,8 +130,16 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
         left.scatter([], [], color="0.3", marker=marker, label=quality)
     for width, size in sizes.items():
         left.scatter([], [], color="0.7", s=size, label=f"{width} px wide")
-    left.step(rows.all_s, 1e3 * rows.rms_m.cummin(), where="post", color="0.5", linewidth=0.8, zorder=0)
-    left.set(xscale="log", yscale="log", xlabel="seconds, two cores", ylabel="RMS of the mesh in mm", title="error")
+    left.step(
+        rows.all_s, 1e3 * rows.rms_m.cummin(), where="post", color="0.5", linewidth=0.8, zorder=0
+    )
+    left.set(
+        xscale="log",
+        yscale="log",
+        xlabel="seconds, two cores",
+        ylabel="RMS of the mesh in mm",
+        title="error",
+    )
     right.set(xscale="log", xlabel="seconds, two cores", ylabel="% of the radar's side within 1 mm")
     right.set_title("completeness")
     figure.legend(loc="outside lower center", ncols=5, frameon=False)
@@ -117,10 +149,17 @@ def draw(frames: dict[str, pd.DataFrame]) -> Figure:
 def main() -> None:
     """Measure, write the files of a study, print the table."""
     prog = "python -m tests.bench.studies.photogrammetry.measure_photogrammetry"
-    purpose = "what photogrammetry's accuracy costs in time, and whether its error bars are honest, on rendered hands"
+    purpose = (
+        "what photogrammetry's accuracy costs in time, and whether its error bars are "
+        "honest, on rendered hands"
+    )
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("what", choices=list(CASES), help="what a ground truth is held to, or its price in time")
-    poses = "letters or mesh files of hands, separated by commas; sweep takes the first (default C,Y)"
+    parser.add_argument(
+        "what", choices=list(CASES), help="what a ground truth is held to, or its price in time"
+    )
+    poses = (
+        "letters or mesh files of hands, separated by commas; sweep takes the first (default C,Y)"
+    )
     parser.add_argument("--poses", default="C,Y", help=poses)
     measured(parser, study, "photogrammetry")
 

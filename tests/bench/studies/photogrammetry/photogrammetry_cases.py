@@ -27,8 +27,8 @@ PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and
 
 @dataclass(frozen=True)
 class Case:
-    """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh file in metres, in
-    the frame of handbench's hands. known: the intrinsics are given."""
+    """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh
+    file in metres, in the frame of handbench's hands. known: the intrinsics are given."""
 
     name: str
     pose: str
@@ -46,10 +46,25 @@ class Case:
 
     def scene_file(self) -> SceneFile:
         """The scene: skin on the stand, photographs of 3:2."""
-        photos = {"cameras": self.cameras, "width": self.width, "height": self.width * 2 // 3, **self.photos}
-        hand = {"kind": "mesh", "path": Path(self.pose).name} if self.is_file else {"kind": "hand", "pose": self.pose}
+        photos = {
+            "cameras": self.cameras,
+            "width": self.width,
+            "height": self.width * 2 // 3,
+            **self.photos,
+        }
+        hand = (
+            {"kind": "mesh", "path": Path(self.pose).name}
+            if self.is_file
+            else {"kind": "hand", "pose": self.pose}
+        )
         target = {**PLACED, **hand, "material": {"kind": "skin"}}
-        values = {"version": 1, "name": self.name, "seed": self.seed, "target": target, "photos": photos}
+        values = {
+            "version": 1,
+            "name": self.name,
+            "seed": self.seed,
+            "target": target,
+            "photos": photos,
+        }
         return parse(SceneFile, values, f"case '{self.name}'")
 
 
@@ -71,4 +86,6 @@ def sweep(pose: str, seed: int = 301) -> Iterator[Case]:
             for quality in ("draft", "normal", "high"):
                 if quality == "high" and (cameras == 12 or (cameras, width) == (5, 3000)):
                     continue  # minutes each, and no other answer
-                yield Case(f"{cameras} × {width} px, {quality}", pose, seed, cameras, width, quality)
+                yield Case(
+                    f"{cameras} × {width} px, {quality}", pose, seed, cameras, width, quality
+                )

@@ -18,9 +18,13 @@ def cameras():
 
 
 def test_a_rig_that_is_too_large_makes_everything_too_large():
-    """All centres moved away from the origin by 0.2 %, the directions kept: so are the points, to rounding."""
+    """All centres moved away from the origin by 0.2 %, the directions kept: so are the points, to
+    rounding."""
     true = cameras()
-    larger = tuple(camera.model_copy(update={"t": tuple((1.002 * camera.translation_m).tolist())}) for camera in true)
+    larger = tuple(
+        camera.model_copy(update={"t": tuple((1.002 * camera.translation_m).tolist())})
+        for camera in true
+    )
     by_name = {camera.name: camera for camera in true}
     assert scale_error(POINTS_M, true, by_name) == pytest.approx(0, abs=1e-9)
     assert scale_error(POINTS_M, larger, by_name) == pytest.approx(0.002, abs=1e-8)
@@ -43,8 +47,12 @@ def test_every_case_is_a_valid_scene_and_has_a_line():
         "within_2_sigma": 0.95,
         "within_95": 0.94,
     }
-    [table] = tables([record(c, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for c in cases])
-    head, _, *lines = ([cell.strip() for cell in line.split("|")] for line in table.markdown().splitlines())
+    [table] = tables(
+        [record(c, score, {"sparse": 1.0, "dense": 2.0, "mesh": 3.0}, 500.0) for c in cases]
+    )
+    head, _, *lines = (
+        [cell.strip() for cell in line.split("|")] for line in table.markdown().splitlines()
+    )
     assert len(lines) == len(cases) and all(len(line) == len(head) for line in lines)
     assert lines[0][head.index("all s")] == "6.0" and lines[0][head.index("complete %")] == "90.0"
     assert len(draw({"rows": table.frame}).axes) == 2

@@ -1,9 +1,10 @@
-"""Placements of the calibration target simulated, calibrated as a user would, and compared with the truth.
+"""Placements of the calibration target simulated, calibrated as a user would, and compared with the
+truth.
 
 python -m tests.bench.studies.registration.measure_registration full|faults [--trials N] [-o DIR]
 
-`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong with every second
-placement.
+`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong
+with every second placement.
 """
 
 from __future__ import annotations
@@ -43,15 +44,18 @@ from tests.bench.studies.study import BLUE, Study
 SCHEMAS = declared(__file__)
 FAULTS = {
     "none": "the target as described, in view",
-    "two hidden": "two elements of the square are covered: from the radar, in every second placement from cameras too",
+    "two hidden": "two elements of the square are covered: from the radar, in every second "
+    "placement from cameras too",
     "fifth missing": "the element that breaks the symmetry is missing: likewise",
     "wrong file": "the description is of a target whose square is 20 mm larger",
-    "clutter": "a metal ball stands beside the target whose echo is up to 16 dB stronger than the target's balls'",
+    "clutter": "a metal ball stands beside the target whose echo is up to 16 dB stronger than "
+    "the target's balls'",
 }
 CLUTTER_M = (0.010, 0.030)  # radius of the ball that stands beside the target, at least and at most
 APART_M = 0.06  # from the target's balls, at least: nearer it would not be beside it
 TRIALS = {"full": 20, "faults": 200}
-WRONG_M = 2e-3  # an error of the transform, anywhere in the hand's volume, that should have been a refusal
+# an error of the transform, anywhere in the hand's volume, that should have been a refusal
+WRONG_M = 2e-3
 
 
 def study(work: Path, what: str, trials: int | None) -> Study:
@@ -61,8 +65,13 @@ def study(work: Path, what: str, trials: int | None) -> Study:
     return Study(
         f"registration_{what}",
         "Registration of photographs and radar",
-        [(number, faults[number % len(faults)] if what == "faults" else "none") for number in range(count)],
-        (lambda chosen: photographed(chosen[0], work)) if what == "full" else (lambda chosen: sampled(*chosen, work)),
+        [
+            (number, faults[number % len(faults)] if what == "faults" else "none")
+            for number in range(count)
+        ],
+        (lambda chosen: photographed(chosen[0], work))
+        if what == "full"
+        else (lambda chosen: sampled(*chosen, work)),
         tables,
         draw,
         label=lambda chosen: f"placement {chosen[0]}, {chosen[1]}",
@@ -72,9 +81,15 @@ def study(work: Path, what: str, trials: int | None) -> Study:
 def tables(records: list[Record]) -> list[Table]:
     """A record a placement, and a summary of each fault with the refusals word for word."""
     reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
-    faults = [[r for r in records if r["fault"] == fault] for fault in dict.fromkeys(r["fault"] for r in records)]
+    faults = [
+        [r for r in records if r["fault"] == fault]
+        for fault in dict.fromkeys(r["fault"] for r in records)
+    ]
     summaries = Table(
-        "summary", SCHEMAS["summary"].columns, [summarised(of_it) for of_it in faults], note="".join(reasons)
+        "summary",
+        SCHEMAS["summary"].columns,
+        [summarised(of_it) for of_it in faults],
+        note="".join(reasons),
     )
     return [Table("rows", SCHEMAS["rows"].columns, records, shown=False), summaries]
 
@@ -94,11 +109,15 @@ def summarised(records: list[Record]) -> Record:
 
 
 def summary(scores: Sequence[Score]) -> Record:
-    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration error over the
-    volume, its predicted root mean square over the one seen, and the mean NEES with the band that holds 95 % of what
-    honest covariances give."""
-    shift2, turn2 = (np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad"))
-    tre_m, predicted_m = (np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m"))
+    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration
+    error over the volume, its predicted root mean square over the one seen, and the mean NEES with
+    the band that holds 95 % of what honest covariances give."""
+    shift2, turn2 = (
+        np.array([(getattr(s, key) ** 2).sum() for s in scores]) for key in ("shift_m", "turn_rad")
+    )
+    tre_m, predicted_m = (
+        np.concatenate([getattr(s, key) for s in scores]) for key in ("tre_m", "predicted_m")
+    )
     nees = np.array([s.nees for s in scores])
     return {
         "shift_rms_m": float(np.sqrt(shift2.mean())),
@@ -113,7 +132,8 @@ def summary(scores: Sequence[Score]) -> Record:
 
 
 def photographed(number: int, work: Path) -> Record:
-    """Photographs and echoes simulated into a capture folder, and the calibration of that folder."""
+    """Photographs and echoes simulated into a capture folder, and the calibration of that
+    folder."""
     folder = work / f"placement-{number}"
     chosen = case(number, folder)
     capture = folder / "capture"
@@ -126,7 +146,8 @@ def photographed(number: int, work: Path) -> Record:
 
 
 def sampled(number: int, fault: str, work: Path) -> Record:
-    """Echoes simulated; in place of photographs a cloud of what the cameras would see of the spheres."""
+    """Echoes simulated; in place of photographs a cloud of what the cameras would see of the
+    spheres."""
     chosen = case(number, work / f"placement-{number}", fault, photographs=False)
     points_m, normals = seen_cloud(chosen, chosen.seen)
     echoes = _echoes(chosen)
@@ -140,7 +161,10 @@ def sampled(number: int, fault: str, work: Path) -> Record:
 
 def tried(chosen: Case, work: Callable[[], Transform]) -> Record:
     """The record of a case: its errors, or why it was refused."""
-    record, start = {"placement": chosen.number, "fault": chosen.fault, "refused": ""}, time.perf_counter()
+    record, start = (
+        {"placement": chosen.number, "fault": chosen.fault, "refused": ""},
+        time.perf_counter(),
+    )
     try:
         found = work()
     except HandbenchError as error:
@@ -162,14 +186,18 @@ def _echoes(chosen: Case) -> RadarCapture:
     scene = only(chosen.scene, chosen.heard)
     radar_scene = echo_scene(scene)
     if chosen.fault == "clutter":
-        radar_scene = replace(radar_scene, balls=(*radar_scene.balls, _clutter(radar_scene, chosen.number)))
+        radar_scene = replace(
+            radar_scene, balls=(*radar_scene.balls, _clutter(radar_scene, chosen.number))
+        )
     return simulate_scene(radar_scene, choices(scene, radar_scene)).capture
 
 
 def only(scene: Scene, shown: tuple[int, ...]) -> Scene:
     """The scene with some of the target's elements alone, for its echoes."""
     target = scene.target
-    return replace(scene, target=target.model_copy(update={"element": tuple(target.element[i] for i in shown)}))
+    return replace(
+        scene, target=target.model_copy(update={"element": tuple(target.element[i] for i in shown)})
+    )
 
 
 def _clutter(scene: EchoScene, number: int) -> Ball:
@@ -182,24 +210,33 @@ def _clutter(scene: EchoScene, number: int) -> Ball:
 
 
 def draw(frames: dict[str, pd.DataFrame]) -> Figure | None:
-    """Error, error in the hand's volume over its prediction, and the distribution of the normalised squared error, of
-    the placements that were calibrated; None without one."""
+    """Error, error in the hand's volume over its prediction, and the distribution of the normalised
+    squared error, of the placements that were calibrated; None without one."""
     rows = frames["rows"].query("refused == ''")
     if rows.empty:
         return None
     figure = Figure(figsize=(9.5, 3.4), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     left.scatter(1e3 * rows.shift_m, np.degrees(rows.turn_rad), s=14, color=BLUE)
-    left.set(xlabel="shift at the hand's centre in mm", ylabel="turn in °", xlim=0, ylim=0, title="error")
+    left.set(
+        xlabel="shift at the hand's centre in mm", ylabel="turn in °", xlim=0, ylim=0, title="error"
+    )
     middle.scatter(1e3 * rows.predicted_rms_m, 1e3 * rows.tre_rms_m, s=14, color=BLUE)
     end = 1.05e3 * rows[["tre_rms_m", "predicted_rms_m"]].to_numpy().max()
     middle.plot([0, end], [0, end], color="0.5", linewidth=0.8)
-    middle.set(xlabel="predicted, RMS over the volume in mm", ylabel="seen in mm", xlim=(0, end), ylim=(0, end))
+    middle.set(
+        xlabel="predicted, RMS over the volume in mm",
+        ylabel="seen in mm",
+        xlim=(0, end),
+        ylim=(0, end),
+    )
     middle.set_title("error in the hand's volume")
     nees = np.sort(rows.nees)
     x = np.linspace(0, max(20, nees[-1]), 200)
     right.plot(x, chi2.cdf(x, 6), color="0.5", linewidth=0.8, label="χ² of 6: honest")
-    right.step(nees, (np.arange(len(nees)) + 0.5) / len(nees), where="mid", color=BLUE, label="seen")
+    right.step(
+        nees, (np.arange(len(nees)) + 0.5) / len(nees), where="mid", color=BLUE, label="seen"
+    )
     right.set(xlabel="normalised squared error", ylabel="share of the trials", title="honesty")
     right.legend(frameon=False, loc="lower right")
     return figure
@@ -209,7 +246,9 @@ def main() -> None:
     """Measure, write the files of a study, print the summary."""
     prog = "python -m tests.bench.studies.registration.measure_registration"
     parser = argparse.ArgumentParser(prog=prog, description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("what", choices=list(TRIALS), help="photographs too, or many placements with faults")
+    parser.add_argument(
+        "what", choices=list(TRIALS), help="photographs too, or many placements with faults"
+    )
     parser.add_argument("--trials", type=int, help="placements (default 20 and 200)")
     measured(parser, study, "registration")
 

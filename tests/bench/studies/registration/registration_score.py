@@ -14,8 +14,9 @@ from handbench.calibration.transforms import Transform, adjoint
 
 @dataclass(frozen=True)
 class Score:
-    """shift_m [3]: how far the hand's centre is off; turn_rad [3]: the rotation's error; tre_m [n]: distance from the
-    truth at VOLUME_M, and predicted_m [n]: its root mean square by the covariance; nees: eᵀC⁻¹e, χ² of 6."""
+    """shift_m [3]: how far the hand's centre is off; turn_rad [3]: the rotation's error; tre_m [n]:
+    distance from the truth at VOLUME_M, and predicted_m [n]: its root mean square by the
+    covariance; nees: eᵀC⁻¹e, χ² of 6."""
 
     shift_m: np.ndarray
     turn_rad: np.ndarray
@@ -34,5 +35,9 @@ def score(found: Transform, true: Transform) -> Score:
     error = np.concatenate([shift_m, turn_rad])
     carry = adjoint(HAND_M, 6)
     return Score(
-        shift_m, turn_rad, tre_m, predicted_m, float(error @ np.linalg.solve(carry @ found.covariance @ carry.T, error))
+        shift_m,
+        turn_rad,
+        tre_m,
+        predicted_m,
+        float(error @ np.linalg.solve(carry @ found.covariance @ carry.T, error)),
     )

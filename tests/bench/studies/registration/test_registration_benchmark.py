@@ -12,7 +12,13 @@ from handbench.calibration.transforms import Transform
 from handbench.support.errors import HandbenchError
 from tests.bench.studies.registration import measure_registration
 from tests.bench.studies.registration.faulty_placements import case, wrong
-from tests.bench.studies.registration.measure_registration import FAULTS, draw, summary, tables, tried
+from tests.bench.studies.registration.measure_registration import (
+    FAULTS,
+    draw,
+    summary,
+    tables,
+    tried,
+)
 from tests.bench.studies.registration.registration_score import score
 
 
@@ -22,15 +28,18 @@ def placement(tmp_path_factory):
 
 
 def test_a_known_error_is_what_is_scored():
-    """1 mm along x and 2 mrad about z: at (0, 0, 0.3) the turn moves nothing, at the volume's corners by 2 mrad times
-    the distance from the axis."""
+    """1 mm along x and 2 mrad about z: at (0, 0, 0.3) the turn moves nothing, at the volume's
+    corners by 2 mrad times the distance from the axis."""
     true = Transform("photo", "radar", np.eye(4))
     turn = np.array([[1, -2e-3, 0], [2e-3, 1, 0], [0, 0, 1]])
     turn, _ = np.linalg.qr(turn)
     turn *= np.sign(np.diag(turn))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[0, 3] = turn, 1e-3
-    found = score(Transform("photo", "radar", matrix, np.diag([1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3]) ** 2), true)
+    found = score(
+        Transform("photo", "radar", matrix, np.diag([1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3]) ** 2),
+        true,
+    )
     np.testing.assert_allclose(found.shift_m, [1e-3, 0, 0], atol=1e-9)
     np.testing.assert_allclose(found.turn_rad, [0, 0, 2e-3], atol=1e-8)
     corner_m = np.hypot(1e-3 + 2e-3 * 0.1, 2e-3 * 0.06)  # shift and turn add up at (0.06, −0.1)
@@ -51,7 +60,9 @@ def test_honest_errors_fall_into_the_band_and_others_do_not():
         matrix[:3, 3] = step[:3]
         return score(Transform("photo", "radar", matrix, claimed), true)
 
-    honest, bold = (summary([trial(claimed) for _ in range(200)]) for claimed in (covariance, covariance / 4))
+    honest, bold = (
+        summary([trial(claimed) for _ in range(200)]) for claimed in (covariance, covariance / 4)
+    )
     assert honest["band"][0] < honest["nees"] < honest["band"][1]
     assert honest["within_95"] == pytest.approx(0.95, abs=0.05)
     assert honest["predicted_over_seen"] == pytest.approx(1, abs=0.1)
@@ -64,17 +75,24 @@ def test_a_target_is_made_within_its_tolerances():
     offsets_m = np.array([t.ball_offsets_m for t in targets])
     radii_m = np.array([[e.sphere_radius_m for e in t.element] for t in targets])
     assert offsets_m.std() == pytest.approx(described.ball_offset_sigma_m, rel=0.05)
-    assert (radii_m - radii_m.mean(axis=0)).std() == pytest.approx(described.sphere_radius_sigma_m, rel=0.1)
+    assert (radii_m - radii_m.mean(axis=0)).std() == pytest.approx(
+        described.sphere_radius_sigma_m, rel=0.1
+    )
     assert np.std([t.foam_permittivity for t in targets]) == pytest.approx(0.003, rel=0.2)
     np.testing.assert_allclose(wrong(described).centres_m, described.centres_m * 7 / 6)
 
 
 def test_the_cloud_shows_the_spheres_where_they_are(placement):
-    """To 0.02 mm (the errors drawn are 0.03 mm a point, over a thousand points), from the cameras' side alone."""
+    """To 0.02 mm (the errors drawn are 0.03 mm a point, over a thousand points), from the cameras'
+    side alone."""
     points_m, normals = seen_cloud(placement)
-    seen = match(find_spheres(points_m, normals, placement.described), placement.described, "photographs")
+    seen = match(
+        find_spheres(points_m, normals, placement.described), placement.described, "photographs"
+    )
     scene = placement.scene
-    true_m = scene.radar_from_photo.inverse().points(scene.radar_from_target.points(scene.target.centres_m))
+    true_m = scene.radar_from_photo.inverse().points(
+        scene.radar_from_target.points(scene.target.centres_m)
+    )
     assert sorted(seen) == [0, 1, 2, 3, 4]
     for i, sphere in seen.items():
         assert np.linalg.norm(sphere.centre_m - true_m[i]) < 2e-5
@@ -111,9 +129,11 @@ def test_the_page_names_every_refusal(placement):
 
 
 def test_the_script_runs(tmp_path, monkeypatch, capsys):
-    """With the echoes' first, coarse centres: fitting them to the samples takes most of the time."""
+    """With the echoes' first, coarse centres: fitting them to the samples takes most of the
+    time."""
     monkeypatch.setattr(
-        "handbench.calibration.registration.register.fit_balls", lambda capture, target, found, balls: found
+        "handbench.calibration.registration.register.fit_balls",
+        lambda capture, target, found, balls: found,
     )
     monkeypatch.setattr("sys.argv", ["measure", "faults", "--trials", "1", "-o", str(tmp_path)])
     measure_registration.main()

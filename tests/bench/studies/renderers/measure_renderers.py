@@ -1,9 +1,11 @@
-"""One hand with one bitmap before the same cameras, photographed by Mitsuba and by handbench, and reconstructed.
+"""One hand with one bitmap before the same cameras, photographed by Mitsuba and by handbench, and
+reconstructed.
 
 python -m tests.bench.studies.renderers.measure_renderers [--poses C,MESH.ply] [-o DIR]
 
-Mitsuba is no dependency of handbench: pip install mitsuba. The hand stands without its block before pinhole cameras,
-and the volume is not measured. DIR/work keeps the photographs, DIR gets the files of a study.
+Mitsuba is no dependency of handbench: pip install mitsuba. The hand stands without its block before
+pinhole cameras, and the volume is not measured. DIR/work keeps the photographs, DIR gets the files
+of a study.
 """
 
 from __future__ import annotations
@@ -60,7 +62,8 @@ def measure(case: Rendered, work: Path) -> Record:
 
 
 def photograph(scene: Scene, renderer: str, folder: Path) -> None:
-    """Write the photographs of a scene whose target carries a bitmap, as one of the renderers takes them."""
+    """Write the photographs of a scene whose target carries a bitmap, as one of the renderers takes
+    them."""
     folder.mkdir(parents=True)
     vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
     atlas = Atlas.of(vertices_m, np.asarray(scene.target_mesh.triangles), scene.file.seed)
@@ -75,9 +78,12 @@ def photograph(scene: Scene, renderer: str, folder: Path) -> None:
 
 
 def floating(scene: Scene) -> Scene:
-    """The scene without its block, before pinhole cameras: nothing but the target stands off the board."""
+    """The scene without its block, before pinhole cameras: nothing but the target stands off the
+    board."""
     low, high = scene.target_mesh.get_min_bound(), scene.target_mesh.get_max_bound()
-    corners_m = scene.radar_from_photo.inverse().points(np.array(list(product(*zip(low, high, strict=True)))))
+    corners_m = scene.radar_from_photo.inverse().points(
+        np.array(list(product(*zip(low, high, strict=True))))
+    )
     box_m = np.stack([corners_m.min(axis=0), corners_m.max(axis=0)])
     return replace(scene, cameras=tuple(map(pinhole, scene.cameras)), block_m=None, box_m=box_m)
 
@@ -85,7 +91,9 @@ def floating(scene: Scene) -> Scene:
 def pinhole(camera: Camera) -> Camera:
     """The camera with square pixels and without distortion."""
     focal_px, _, *centre_px = camera.params[:4]
-    return camera.model_copy(update={"model": "PINHOLE", "params": (focal_px, focal_px, *centre_px)})
+    return camera.model_copy(
+        update={"model": "PINHOLE", "params": (focal_px, focal_px, *centre_px)}
+    )
 
 
 def study(work: Path, poses: str) -> Study:
@@ -102,9 +110,16 @@ def study(work: Path, poses: str) -> Study:
 
 def main() -> None:
     """Measure, write the files of a study, print the table."""
-    prog, purpose = "python -m tests.bench.studies.renderers.measure_renderers", (__doc__ or "").partition("\n")[0]
+    prog, purpose = (
+        "python -m tests.bench.studies.renderers.measure_renderers",
+        (__doc__ or "").partition("\n")[0],
+    )
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("--poses", default="C", help="letters or mesh files of hands, separated by commas (default C)")
+    parser.add_argument(
+        "--poses",
+        default="C",
+        help="letters or mesh files of hands, separated by commas (default C)",
+    )
     measured(parser, study, "renderers")
 
 

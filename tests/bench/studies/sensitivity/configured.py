@@ -20,8 +20,8 @@ FILTERS: dict[str, tuple[str, ...]] = {"filters_px": WINDOWS, **{name: (name,) f
 
 
 def paper_methods(bench: BenchFile) -> dict[str, MethodEntry]:
-    """The benchmark's method of each of the paper's: itself, or else the first of its variants. HandbenchError where
-    there is none at all."""
+    """The benchmark's method of each of the paper's: itself, or else the first of its variants.
+    HandbenchError where there is none at all."""
     found: dict[str, MethodEntry] = {}
     for family in FAMILIES:
         own = [entry for entry in bench.method if entry.id.split("-")[0] == family]
@@ -29,7 +29,9 @@ def paper_methods(bench: BenchFile) -> dict[str, MethodEntry]:
             found[family] = next((entry for entry in own if entry.id == family), own[0])
     if not found:
         known = ", ".join(FAMILIES)
-        raise HandbenchError(f"sensitivity: the benchmark has none of the paper's methods; add one of {known}")
+        raise HandbenchError(
+            f"sensitivity: the benchmark has none of the paper's methods; add one of {known}"
+        )
     return found
 
 

@@ -1,7 +1,8 @@
-"""Sensitivity: what would have to be true for the paper's table, over all that its set-up leaves open. The two parts
-are each factor by itself, and a joint design.
+"""Sensitivity: what would have to be true for the paper's table, over all that its set-up leaves
+open. The two parts are each factor by itself, and a joint design.
 
-python -m tests.bench.studies.sensitivity.measure_sensitivity BENCH [--factors FILE.toml] [--parts one|joint] [-o DIR]
+python -m tests.bench.studies.sensitivity.measure_sensitivity BENCH [--factors FILE.toml] [--parts
+one|joint] [-o DIR]
 """
 
 from __future__ import annotations
@@ -22,7 +23,12 @@ from tests.bench.studies.script import measured
 from tests.bench.studies.sensitivity.measurement import Measurement
 from tests.bench.studies.sensitivity.nearness import KEYS, PAPER, answer, factor_records
 from tests.bench.studies.sensitivity.sensitivity_cases import joint, one_at_a_time, shown
-from tests.bench.studies.sensitivity.sensitivity_factors import DEFAULT, Factors, FactorsFile, load_factors
+from tests.bench.studies.sensitivity.sensitivity_factors import (
+    DEFAULT,
+    Factors,
+    FactorsFile,
+    load_factors,
+)
 from tests.bench.studies.sensitivity.sensitivity_figure import draw_map, draw_tornadoes
 from tests.bench.studies.study import Study
 
@@ -55,7 +61,9 @@ def studies(work: Path, bench: str, factors: Path, parts: str | None) -> list[St
 def one_part(measurement: Measurement) -> Study:
     """Each factor by itself."""
     file = measurement.factors_file
-    others = [entry.id for entry in measurement.bench.method if entry not in measurement.entries.values()]
+    others = [
+        entry.id for entry in measurement.bench.method if entry not in measurement.entries.values()
+    ]
     left_out = f" Not of the paper's table, and left out: {', '.join(others)}." if others else ""
     text = ONE.format(frames=file.frames, repeats=measurement.bench.repeats, left_out=left_out)
     return Study(
@@ -90,7 +98,9 @@ def joint_part(measurement: Measurement) -> Study:
         below = turned[turned.distance > 0]
         order = factor_records(turned, varied, below) if len(below) else []
         words = answer(settings, len(cases), factors, order, file)
-        given = [Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied]
+        given = [
+            Column(n, str, Factors.model_fields[n].description or "", heading=n) for n in varied
+        ]
         near = [_worded(record) for record in _records(settings.head(SHOWN))]
         every = [*TOLD, *(replace(column, heading="") for column in given), *_figures(), *VERDICT]
         known = SCHEMAS["factors"].columns
@@ -111,7 +121,9 @@ def joint_part(measurement: Measurement) -> Study:
         lambda frames: draw_map(frames, varied),
         label=lambda case: case.name,
         seed=file.seed,
-        text=JOINT.format(settings=file.settings, factors=len(varied), placements=file.placements, seed=file.seed),
+        text=JOINT.format(
+            settings=file.settings, factors=len(varied), placements=file.placements, seed=file.seed
+        ),
     )
 
 
@@ -120,20 +132,35 @@ PARTS: dict[str, Callable[[Measurement], Study]] = {"one": one_part, "joint": jo
 
 def _figures() -> list[Column]:
     """The ten figures as numbers, for the files."""
-    return [Column(f"{m}_{key}", float, METRICS[key].definition, "mm") for key in KEYS for m in METRICS[key].paper]
+    return [
+        Column(f"{m}_{key}", float, METRICS[key].definition, "mm")
+        for key in KEYS
+        for m in METRICS[key].paper
+    ]
 
 
 def _texts() -> list[Column]:
     """The same for the page, in words."""
-    names = {f"{m}_{key}": f"{TITLES[m]} {METRICS[key].title.split()[0]}" for key in KEYS for m in METRICS[key].paper}
+    names = {
+        f"{m}_{key}": f"{TITLES[m]} {METRICS[key].title.split()[0]}"
+        for key in KEYS
+        for m in METRICS[key].paper
+    }
     return [Column(c.name, str, f"{c.meaning}, mm", heading=names[c.name]) for c in _figures()]
 
 
 def _spreads() -> list[Column]:
     """Of the draws, for the files."""
     words = {"sd": "standard deviation", "low": "lowest", "high": "highest"}
-    ends = [(c.name, end) for c in _figures() for end in words if end == "sd" or not c.name.endswith(KEYS[-1])]
-    return [Column(f"{name}_{end}", float, f"{words[end]} over the draws", "mm") for name, end in ends]
+    ends = [
+        (c.name, end)
+        for c in _figures()
+        for end in words
+        if end == "sd" or not c.name.endswith(KEYS[-1])
+    ]
+    return [
+        Column(f"{name}_{end}", float, f"{words[end]} over the draws", "mm") for name, end in ends
+    ]
 
 
 def _worded(record: Record) -> Record:
@@ -141,19 +168,31 @@ def _worded(record: Record) -> Record:
     cells = {}
     for name in PAPER:
         value, sd = record.get(name), record.get(f"{name}_sd")
-        cells[name] = "" if value is None else f"{value:.2f}" + (f" ± {sd:.2f}" if sd is not None else "")
-    return {**record, **cells, **{n: shown(n, v) for n, v in record.items() if n in Factors.model_fields}}
+        cells[name] = (
+            "" if value is None else f"{value:.2f}" + (f" ± {sd:.2f}" if sd is not None else "")
+        )
+    return {
+        **record,
+        **cells,
+        **{n: shown(n, v) for n, v in record.items() if n in Factors.model_fields},
+    }
 
 
 def _records(settings: pd.DataFrame) -> list[Record]:
-    return [{str(name): value for name, value in line.items()} for line in settings.to_dict("records")]
+    return [
+        {str(name): value for name, value in line.items()} for line in settings.to_dict("records")
+    ]
 
 
 def _ranges(file: FactorsFile) -> Table:
     """The factors with their values and meanings."""
     known = Factors.model_fields
     records: list[Record] = [
-        {"factor": n, "values": ", ".join(shown(n, v) for v in values), "meaning": known[n].description}
+        {
+            "factor": n,
+            "values": ", ".join(shown(n, v) for v in values),
+            "meaning": known[n].description,
+        }
         for n, values in file.factor.listed().items()
     ]
     return Table("factors", SCHEMAS["range"].columns, records)
@@ -164,10 +203,14 @@ def main() -> None:
     prog = "python -m tests.bench.studies.sensitivity.measure_sensitivity"
     purpose = "what would have to be true for the paper's table: factors one at a time, and jointly"
     parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument("bench", metavar="BENCH", help="benchmark file, or the name of an embedded one")
+    parser.add_argument(
+        "bench", metavar="BENCH", help="benchmark file, or the name of an embedded one"
+    )
     varied = "what varies (default: sensitivity.toml beside this script)"
     parser.add_argument("--factors", type=Path, default=DEFAULT, metavar="FILE.toml", help=varied)
-    parser.add_argument("--parts", choices=list(PARTS), help="one of the two parts alone (default: both)")
+    parser.add_argument(
+        "--parts", choices=list(PARTS), help="one of the two parts alone (default: both)"
+    )
     measured(parser, studies, "sensitivity")
 
 

@@ -1,9 +1,10 @@
 """The figures of the paper's table under each setting, against the true surface.
 
-Every capture is scored as `handbench run` scores it: figures per capture, then averaged, and the precision of the
-hands that measure it. Only what a setting changes is made again: echoes are kept (`placement`), and images of the same
-samples by the same configuration as in the benchmark itself are taken from there. The receiver comes last (`received`):
-what noise, the oscillator, the antennas and the calibration add to echoes without noise.
+Every capture is scored as `handbench run` scores it: figures per capture, then averaged, and the
+precision of the hands that measure it. Only what a setting changes is made again: echoes are kept
+(`placement`), and images of the same samples by the same configuration as in the benchmark itself
+are taken from there. The receiver comes last (`received`): what noise, the oscillator, the antennas
+and the calibration add to echoes without noise.
 """
 
 from __future__ import annotations
@@ -45,14 +46,16 @@ from tests.bench.studies.sensitivity.sensitivity_factors import FactorsFile
 
 @dataclass
 class Found:
-    """One hand's part: error maps by method and draw; depths of the strongest scatterer [repeats] by method."""
+    """One hand's part: error maps by method and draw; depths of the strongest scatterer [repeats]
+    by method."""
 
     maps: dict[tuple[str, int], ErrorMap] = field(default_factory=dict)
     strongest_m: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 class Measurement:
-    """A benchmark whose paths start from `base`, what is varied, and the folder `work` in which echoes are kept."""
+    """A benchmark whose paths start from `base`, what is varied, and the folder `work` in which
+    echoes are kept."""
 
     def __init__(self, bench: BenchFile, base: Path, factors_file: FactorsFile, work: Path) -> None:
         self.bench, self.work, self.factors_file = bench, work, factors_file
@@ -61,8 +64,8 @@ class Measurement:
         self._images: dict[str, DepthMap] = {}
 
     def __call__(self, case: Case) -> Record:
-        """The record of a setting: its figures (of several draws the mean, with standard deviation and range), their
-        distance to the paper's and how many agree with them."""
+        """The record of a setting: its figures (of several draws the mean, with standard deviation
+        and range), their distance to the paper's and how many agree with them."""
         found = self.found(case)
         figures: dict[str, float | None] = {}
         spread: dict[str, float | None] = {}
@@ -79,9 +82,13 @@ class Measurement:
                         f"{name}_high": values.max(),
                     }
             if f"{family}_precision_mm" in PAPER and entry.precision:
-                value = mean_deviation([of.strongest_m[family] for of in found if family in of.strongest_m])
+                value = mean_deviation(
+                    [of.strongest_m[family] for of in found if family in of.strongest_m]
+                )
                 figures[f"{family}_precision_mm"] = value and value[0]
-                spread[f"{family}_precision_mm_sd"] = value and float(value[0] / np.sqrt(2 * value[1]))
+                spread[f"{family}_precision_mm_sd"] = value and float(
+                    value[0] / np.sqrt(2 * value[1])
+                )
         broadband, fsk = figures.get(BROADBAND), figures.get(FSK)
         turned = None if broadband is None or fsk is None else broadband < fsk
         agree = agreeing(figures, self.factors_file.within_percent)
@@ -92,11 +99,14 @@ class Measurement:
         return {**told, "factor": factor, **case.values, **figures, **spread, **near}
 
     def found(self, case: Case) -> list[Found]:
-        """Every hand's part of a setting: each draw by each method is a job of its own, so that no core waits."""
+        """Every hand's part of a setting: each draw by each method is a job of its own, so that no
+        core waits."""
         parts = [(Found(), hand, *self.prepared(hand, case)) for hand in self.hands[case.economies]]
         jobs = [
             partial(self._score, case, *part, family, draw)
-            for family in sorted(self.entries, key=lambda family: "fsk" in family)  # what takes longest comes first
+            for family in sorted(
+                self.entries, key=lambda family: "fsk" in family
+            )  # what takes longest comes first
             for part in parts
             for draw in (case.draws if part[1].accuracy else ())
         ]
@@ -115,7 +125,9 @@ class Measurement:
         if not hand.accuracy:
             return clean, {}
         truths: dict[str, np.ndarray] = {}
-        cast: dict[tuple[bytes, bytes], np.ndarray] = {}  # methods that share a grid share its depth
+        cast: dict[
+            tuple[bytes, bytes], np.ndarray
+        ] = {}  # methods that share a grid share its depth
         for family, entry in self.entries.items():
             x_m, y_m = grid_of(configured(entry, case, self.factors_file))
             grid = x_m.tobytes(), y_m.tobytes()
@@ -125,7 +137,14 @@ class Measurement:
         return clean, truths
 
     def _score(
-        self, case: Case, found: Found, hand: Hand, clean: Clean, truths: dict[str, np.ndarray], family: str, draw: int
+        self,
+        case: Case,
+        found: Found,
+        hand: Hand,
+        clean: Clean,
+        truths: dict[str, np.ndarray],
+        family: str,
+        draw: int,
     ) -> None:
         """One draw's errors of one hand by one method."""
         depth = self._depth(family, case, self._capture(hand, clean, case, [draw], draw), 0)
@@ -139,30 +158,49 @@ class Measurement:
         depths = [self._depth(family, case, capture, frame) for frame in range(count)]
         found.strongest_m[family] = strongest_z_m(depths)
 
-    def _capture(self, hand: Hand, clean: Clean, case: Case, frames: Sequence[int], draw: int) -> RadarCapture:
+    def _capture(
+        self, hand: Hand, clean: Clean, case: Case, frames: Sequence[int], draw: int
+    ) -> RadarCapture:
         noise_rad = self.bench.phase_noise_rad
         noise_rad = hand.file.noise.between_tones_rad if noise_rad is None else noise_rad
         entry = self.entries.get("3fsk")
-        config = configured(entry, case, self.factors_file) if entry is not None else ThreeToneConfig()
+        config = (
+            configured(entry, case, self.factors_file) if entry is not None else ThreeToneConfig()
+        )
         assert isinstance(config, ThreeToneConfig)
         late_hz, seed = (config.f2_hz, config.f3_hz), hand.file.seed
-        samples = [received(clean, case.values, noise_rad, late_hz, seed, frame, draw) for frame in frames]
+        samples = [
+            received(clean, case.values, noise_rad, late_hz, seed, frame, draw) for frame in frames
+        ]
         return RadarCapture(np.stack(samples), clean.frequencies_hz, clean.array)
 
     def _depth(self, family: str, case: Case, capture: RadarCapture, frame: int) -> DepthMap:
         """A frame's depth map, smoothed where the setting says so."""
-        entry, config = self.entries[family], configured(self.entries[family], case, self.factors_file)
+        entry, config = (
+            self.entries[family],
+            configured(self.entries[family], case, self.factors_file),
+        )
         chosen, (samples, tones_hz) = method(entry.id), capture.tones(tones_of(config), frame)
-        alone = thinned(RadarCapture(samples[None], tones_hz, capture.aperture), entry.every_nth_antenna)
+        alone = thinned(
+            RadarCapture(samples[None], tones_hz, capture.aperture), entry.every_nth_antenna
+        )
         depth = self._imaged(chosen, config, alone, case)
         size_px = int(case.values.get(f"{family}_filter_px", 1))
-        return depth if size_px == 1 else DepthMap(**{**vars(depth), "z_m": masked_mean(depth.z_m, size_px)})
+        return (
+            depth
+            if size_px == 1
+            else DepthMap(**{**vars(depth), "z_m": masked_mean(depth.z_m, size_px)})
+        )
 
-    def _imaged(self, chosen: Method, config: Config, capture: RadarCapture, case: Case) -> DepthMap:
+    def _imaged(
+        self, chosen: Method, config: Config, capture: RadarCapture, case: Case
+    ) -> DepthMap:
         """The image of a capture's one frame, from the benchmark's own ones if it is among them."""
         if case.placement >= 0:
             return chosen.run(capture, config, 0).depth
-        key = content_hash(chosen.id, config.model_dump(mode="json"), capture.samples, capture.frequencies_hz)
+        key = content_hash(
+            chosen.id, config.model_dump(mode="json"), capture.samples, capture.frequencies_hz
+        )
         depth = self._images.get(key)
         if depth is None:
             depth = chosen.run(capture, config, 0).depth
@@ -170,26 +208,35 @@ class Measurement:
                 self._images[key] = depth
         return depth
 
-    def _erring(self, truth_m: np.ndarray, depth: DepthMap, case: Case, seed: tuple[int, ...]) -> np.ndarray:
+    def _erring(
+        self, truth_m: np.ndarray, depth: DepthMap, case: Case, seed: tuple[int, ...]
+    ) -> np.ndarray:
         """The true depth [ny, nx] with the error of a reference that is not the truth."""
-        sigma_m, bias_m = (float(case.values.get(name, 0.0)) for name in ("reference_error_m", "reference_bias_m"))
+        sigma_m, bias_m = (
+            float(case.values.get(name, 0.0)) for name in ("reference_error_m", "reference_bias_m")
+        )
         if sigma_m:
             x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
             seen = np.isfinite(truth_m)
             error_m = np.zeros(truth_m.shape)
             points_m = np.stack([x_m[seen], y_m[seen]], axis=1)
-            error_m[seen] = sigma_m * smooth_field(points_m, self.factors_file.reference_correlation_m, *seed)
+            error_m[seen] = sigma_m * smooth_field(
+                points_m, self.factors_file.reference_correlation_m, *seed
+            )
             truth_m = truth_m + error_m
         return truth_m + bias_m
 
     def _hands(self, base: Path, economies: bool) -> list[Hand]:
-        """The benchmark's scenes with the tones that its methods use. Raises HandbenchError where none measures the
-        accuracy."""
+        """The benchmark's scenes with the tones that its methods use. Raises HandbenchError where
+        none measures the accuracy."""
         hands = []
         case = Case(0, BASE, economies=economies)
         for source in self.bench.capture:
             if source.scene is None:
-                say(f"sensitivity: {source.path} left out: it is recorded, and its factors are as they are")
+                say(
+                    f"sensitivity: {source.path} left out: it is recorded, and its factors are "
+                    "as they are"
+                )
                 continue
             path = inside(base, source.scene, "capture.scene")
             file = load(SceneFile, path, "a scene description")
@@ -199,10 +246,14 @@ class Measurement:
             tones_hz = np.unique(np.concatenate([tones_of(config) for config in configs]))
             known = file.sensor.model_dump() | {"sweep": (), "tones_hz": tuple(tones_hz.tolist())}
             file = file.model_copy(update={"sensor": Sensor.model_validate(known)})
-            hands.append(Hand(file, path, accuracy, precise, self.factors_file.roughness_correlation_m))
+            hands.append(
+                Hand(file, path, accuracy, precise, self.factors_file.roughness_correlation_m)
+            )
             hands[-1].own({})
         if not any(hand.accuracy for hand in hands):
-            raise HandbenchError("sensitivity: the benchmark simulates no scene that measures the accuracy; add one")
+            raise HandbenchError(
+                "sensitivity: the benchmark simulates no scene that measures the accuracy; add one"
+            )
         return hands
 
 
@@ -215,22 +266,31 @@ def received(
     frame: int,
     draw: int,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of one frame of a scene with this seed. noise_rad: the benchmark's own; late_hz: f2
-    and f3, where phases are left; draw: which errors the antennas have, the same in all frames of a capture.
+    """Samples complex64 [f, t, r] of one frame of a scene with this seed. noise_rad: the
+    benchmark's own; late_hz: f2 and f3, where phases are left; draw: which errors the antennas
+    have, the same in all frames of a capture.
 
-    Thermal noise is that of `handbench simulate`, draw for draw, and keeps its level where antennas err.
+    Thermal noise is that of `handbench simulate`, draw for draw, and keeps its level where antennas
+    err.
     """
     f, samples = clean.frequencies_hz, clean.samples
-    phase_rad, gain_db = (float(values.get(name, 0.0)) for name in ("antenna_phase_rad", "antenna_gain_db"))
+    phase_rad, gain_db = (
+        float(values.get(name, 0.0)) for name in ("antenna_phase_rad", "antenna_gain_db")
+    )
     if phase_rad or gain_db:
         tx, rx = (
             10 ** (gain_db * gain / 20) * np.exp(1j * phase_rad * phase)
             for gain, phase in (
-                _normal(seed, f"antennas {leg}", draw, (2, n)) for leg, n in enumerate(samples.shape[1:])
+                _normal(seed, f"antennas {leg}", draw, (2, n))
+                for leg, n in enumerate(samples.shape[1:])
             )
         )
         samples = samples * (tx[:, None] * rx)
-    turn_rad = float(values.get("common_phase_rad", 0.0)) / np.sqrt(2) * _normal(seed, "tones", frame, f.shape)
+    turn_rad = (
+        float(values.get("common_phase_rad", 0.0))
+        / np.sqrt(2)
+        * _normal(seed, "tones", frame, f.shape)
+    )
     for name, tone_hz in zip(("f2_phase_rad", "f3_phase_rad"), late_hz, strict=True):
         turn_rad[f == tone_hz] += float(values.get(name, 0.0))
     if turn_rad.any():
@@ -239,7 +299,9 @@ def received(
     samples = samples.astype(np.complex64, copy=False)
     if sigma_rad == 0:
         return samples
-    return thermal_noise(samples, f, sigma_rad, clean.strongest, (seed, zlib.crc32(b"noise"), 0, frame))
+    return thermal_noise(
+        samples, f, sigma_rad, clean.strongest, (seed, zlib.crc32(b"noise"), 0, frame)
+    )
 
 
 def _normal(seed: int, what: str, number: int, shape: tuple[int, ...]) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""The settings: the benchmark as it is, each factor by itself, and a joint design over all of them."""
+"""The settings: the benchmark as it is, each factor by itself, and a joint design over all of
+them."""
 
 from __future__ import annotations
 
@@ -12,14 +13,20 @@ from tests.bench.studies.sensitivity.sensitivity_factors import SIMULATED, Facto
 
 Value = float | int | str
 BASE, WHOLE = "as the benchmark has it", "without the study's economies"
-UNITS = (("_deg", 1, "°"), ("_rad", 1, " rad"), ("_px", 1, " px"), ("_db", 1, " dB"), ("_m", 1e3, " mm"))
+UNITS = (
+    ("_deg", 1, "°"),
+    ("_rad", 1, " rad"),
+    ("_px", 1, " px"),
+    ("_db", 1, " dB"),
+    ("_m", 1e3, " mm"),
+)
 
 
 @dataclass(frozen=True)
 class Case:
-    """One setting. values: of the factors that differ from the benchmark's; draws: of all that is random, by number,
-    each with figures of its own; economies: whether tones and tolerance are the study's; placement: in the joint
-    design the number of the simulated placement that it shares."""
+    """One setting. values: of the factors that differ from the benchmark's; draws: of all that is
+    random, by number, each with figures of its own; economies: whether tones and tolerance are the
+    study's; placement: in the joint design the number of the simulated placement that it shares."""
 
     number: int
     name: str
@@ -34,20 +41,32 @@ def one_at_a_time(file: FactorsFile) -> list[Case]:
     draws = tuple(range(file.frames))
     cases = [Case(0, BASE, draws=draws), Case(1, WHOLE, draws=draws, economies=False)]
     for factor, values in file.factor.listed().items():
-        cases += [Case(len(cases) + n, told(factor, v), {factor: v}, draws) for n, v in enumerate(values)]
+        cases += [
+            Case(len(cases) + n, told(factor, v), {factor: v}, draws) for n, v in enumerate(values)
+        ]
     return cases
 
 
 def joint(file: FactorsFile) -> list[Case]:
-    """The settings of the joint design, sorted by placement: Latin hypercubes, one over the factors that only change
-    what is received or processed, and one of fewer points over those that are simulated."""
-    listed = {name: values for name, values in file.factor.listed().items() if name not in file.apart}
+    """The settings of the joint design, sorted by placement: Latin hypercubes, one over the factors
+    that only change what is received or processed, and one of fewer points over those that are
+    simulated."""
+    listed = {
+        name: values for name, values in file.factor.listed().items() if name not in file.apart
+    }
     cheap = {name: values for name, values in listed.items() if name not in SIMULATED}
     rows = filled(cheap, file.settings, file.seed)
-    places = filled({n: v for n, v in listed.items() if n in SIMULATED}, file.placements, file.seed + 1)
+    places = filled(
+        {n: v for n, v in listed.items() if n in SIMULATED}, file.placements, file.seed + 1
+    )
     cases = [
         Case(
-            number, f"setting {number}", {**row, **places[number % len(places)]}, (number,), True, number % len(places)
+            number,
+            f"setting {number}",
+            {**row, **places[number % len(places)]},
+            (number,),
+            True,
+            number % len(places),
         )
         for number, row in enumerate(rows)
     ]
@@ -55,12 +74,14 @@ def joint(file: FactorsFile) -> list[Case]:
 
 
 def filled(factors: Mapping[str, Sequence[Value]], count: int, seed: int) -> list[dict[str, Value]]:
-    """`count` points of a Latin hypercube: of each factor one in each of `count` equal parts of its range, or each of
-    its values equally often."""
+    """`count` points of a Latin hypercube: of each factor one in each of `count` equal parts of its
+    range, or each of its values equally often."""
     if not factors:
         return [{} for _ in range(count)]
     unit = qmc.LatinHypercube(len(factors), rng=np.random.default_rng(seed)).random(count)
-    return [{name: _at(factors[name], u) for name, u in zip(factors, row, strict=True)} for row in unit]
+    return [
+        {name: _at(factors[name], u) for name, u in zip(factors, row, strict=True)} for row in unit
+    ]
 
 
 def _at(values: Sequence[Value], share: float) -> Value:

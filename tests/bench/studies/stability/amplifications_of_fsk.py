@@ -1,4 +1,5 @@
-"""Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its errors."""
+"""Amplification of phase errors by FSK's depth, and the rank correlation of its σ with its
+errors."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -18,7 +19,13 @@ POINT_M = np.array([0.0, 0.0, 0.28])
 NOISE_RAD = 0.0264  # the paper's, between two tones at the strongest pixel
 DRAWS = 24
 NEAR = {"start_m": -0.004, "stop_m": 0.004, "step_m": 0.001}
-KNOWN: dict[str, Any] = {"x": NEAR, "y": NEAR, "off_axis": True, "tolerance": None, "first_depth_m": float(POINT_M[2])}
+KNOWN: dict[str, Any] = {
+    "x": NEAR,
+    "y": NEAR,
+    "off_axis": True,
+    "tolerance": None,
+    "first_depth_m": float(POINT_M[2]),
+}
 
 
 class Method(NamedTuple):
@@ -51,8 +58,12 @@ def amplification(method: Method) -> float:
 
 
 def expected(method: Method) -> float:
-    """c/(2πΔf) over the path's rise along z (2 far away on the axis), averaged over the pairs of the last tone."""
-    rise = sum(np.mean(POINT_M[2] / np.linalg.norm(POINT_M - leg, axis=1)) for leg in (ARRAY.tx_m, ARRAY.rx_m))
+    """c/(2πΔf) over the path's rise along z (2 far away on the axis), averaged over the pairs of
+    the last tone."""
+    rise = sum(
+        np.mean(POINT_M[2] / np.linalg.norm(POINT_M - leg, axis=1))
+        for leg in (ARRAY.tx_m, ARRAY.rx_m)
+    )
     *others, last = method.tones_hz
     per_hz = np.mean([1 / abs(tone - last) for tone in others[:2]])
     return float(SPEED_OF_LIGHT_M_S / (2 * np.pi) * per_hz / rise)
@@ -64,11 +75,13 @@ def _surface_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @cache
 def ranks() -> dict[str, tuple[float, float]]:
-    """Method → rank correlation with |z − truth| of the stated σ, and of the true one: the errors' root mean square of
-    the other draws. Over the pixels of a bumpy surface, with the paper's array and noise.
+    """Method → rank correlation with |z − truth| of the stated σ, and of the true one: the errors'
+    root mean square of the other draws. Over the pixels of a bumpy surface, with the paper's array
+    and noise.
 
-    The true σ knows what repeats, as where a filter flattens the surface; the stated one knows its own draw's
-    amplitudes. An error is one draw of its σ, and σ varies but a few times over a target: none reaches 1.
+    The true σ knows what repeats, as where a filter flattens the surface; the stated one knows its
+    own draw's amplitudes. An error is one draw of its σ, and σ varies but a few times over a
+    target: none reaches 1.
     """
     along = np.arange(-0.03, 0.03 + 1e-9, 0.000625)
     x, y = np.meshgrid(along, along)
@@ -82,18 +95,24 @@ def ranks() -> dict[str, tuple[float, float]]:
         samples = thermal_noise(clean, tones_hz, NOISE_RAD, strongest, (seed,))
         capture = RadarCapture(samples[None], tones_hz, qar50())
         for method in METHODS[:2]:
-            maps[method.name].append(imaged(method.id, capture, x=span, y=span, first_depth_m=float(POINT_M[2])))
+            maps[method.name].append(
+                imaged(method.id, capture, x=span, y=span, first_depth_m=float(POINT_M[2]))
+            )
     return {name: _ranks(found) for name, found in maps.items()}
 
 
 def _ranks(maps: list[DepthMap]) -> tuple[float, float]:
     """Over the pixels that half of the draws observe: of the stated σ, and of the true one."""
-    error_m = np.array([depth.z_m for depth in maps]) - _surface_m(*np.meshgrid(maps[0].x_m, maps[0].y_m))
+    error_m = np.array([depth.z_m for depth in maps]) - _surface_m(
+        *np.meshgrid(maps[0].x_m, maps[0].y_m)
+    )
     seen = np.isfinite(error_m)
     often = seen & (seen.sum(axis=0) > len(maps) / 2)
     square_m2 = np.where(seen, error_m**2, 0)
     others_m2 = (square_m2.sum(axis=0) - square_m2) / np.maximum(seen.sum(axis=0) - 1, 1)
     stated_m = np.array([depth.sigma_m for depth in maps])
     error_m = np.abs(error_m[often])
-    stated, true = (float(spearmanr(sigma[often], error_m).statistic) for sigma in (stated_m, others_m2))
+    stated, true = (
+        float(spearmanr(sigma[often], error_m).statistic) for sigma in (stated_m, others_m2)
+    )
     return stated, true

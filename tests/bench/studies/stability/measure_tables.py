@@ -1,4 +1,5 @@
-"""Two tables: the significant digits of the benchmark's figures, and silent errors in random scenes.
+"""Two tables: the significant digits of the benchmark's figures, and silent errors in random
+scenes.
 
 python -m tests.bench.studies.stability.measure_tables [--seed 0] [--scenes 10000]
 """
@@ -14,7 +15,9 @@ def main() -> None:
     """Measure both tables and print them."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seed", type=int, default=0, help="default 0")
-    parser.add_argument("--scenes", type=int, default=10_000, help="random hard scenes (default 10000; 0: none)")
+    parser.add_argument(
+        "--scenes", type=int, default=10_000, help="random hard scenes (default 10000; 0: none)"
+    )
     given = parser.parse_args()
     tables = [digits.table(given.seed)]
     if given.scenes:

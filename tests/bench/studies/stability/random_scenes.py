@@ -1,7 +1,9 @@
-"""Random hard scenes: a cloud of random points on a known surface (so that speckle comes with it) before an array of
-24 + 24 antennas, with noise from far below to above what the paper's radar has, and what makes them harder still.
+"""Random hard scenes: a cloud of random points on a known surface (so that speckle comes with it)
+before an array of 24 + 24 antennas, with noise from far below to above what the paper's radar has,
+and what makes them harder still.
 
-`silent_errors.py` counts the silent wrong answers in them, `tests/bench/studies/trust` calibrates p_gross on them.
+`silent_errors.py` counts the silent wrong answers in them, `tests/bench/studies/trust` calibrates
+p_gross on them.
 """
 
 from __future__ import annotations
@@ -15,7 +17,11 @@ from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.hard_cases.scenes import small_array
 
 POINTS, HALF_M = 300, 0.024
-AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.00125}  # the filters' 5 pixels are little more than a cell
+AXIS = {
+    "start_m": -0.02,
+    "stop_m": 0.02,
+    "step_m": 0.00125,
+}  # the filters' 5 pixels are little more than a cell
 WITHIN_M = np.linspace(-2.5e-3, 2.5e-3, 5)  # the paper's lateral resolution: 5 mm
 NOISE_DB = (-60.0, 0.0)  # of a channel's echo: the image gains the number of channels, 28 dB
 TONES_HZ = np.array([82.0e9, 81.8e9, 79.5e9])
@@ -32,9 +38,15 @@ def tilted(rng: np.random.Generator) -> Surface:
 
 def bumpy(rng: np.random.Generator) -> Surface:
     """Waves 1 to 6 mm high, 10 to 40 mm long."""
-    height_m, length_m, phase = rng.uniform(1e-3, 6e-3), rng.uniform(0.01, 0.04), rng.uniform(0, 2 * np.pi, 2)
+    height_m, length_m, phase = (
+        rng.uniform(1e-3, 6e-3),
+        rng.uniform(0.01, 0.04),
+        rng.uniform(0, 2 * np.pi, 2),
+    )
     return lambda x, y: (
-        height_m * np.sin(2 * np.pi * x / length_m + phase[0]) * np.sin(2 * np.pi * y / length_m + phase[1])
+        height_m
+        * np.sin(2 * np.pi * x / length_m + phase[0])
+        * np.sin(2 * np.pi * y / length_m + phase[1])
     )
 
 
@@ -63,9 +75,14 @@ TROUBLES = ("none", "glint", "clutter", "dead", "clipped")
 
 
 def recorded(
-    surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator, tones_hz: np.ndarray = TONES_HZ
+    surface: Surface,
+    middle_m: float,
+    trouble: str,
+    rng: np.random.Generator,
+    tones_hz: np.ndarray = TONES_HZ,
 ) -> tuple[RadarCapture, np.ndarray]:
-    """Echoes of the surface with noise, and what else makes them hard; places [n, 3] of clutter that is none of it."""
+    """Echoes of the surface with noise, and what else makes them hard; places [n, 3] of clutter
+    that is none of it."""
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
     weight = rng.standard_normal(POINTS)
@@ -74,7 +91,9 @@ def recorded(
     if trouble == "clutter":
         points_m = np.vstack([points_m, rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.5), (5, 3))])
         weight = np.append(weight, 10 * rng.standard_normal(5))
-    samples = simulate(Scatterers(points_m, weight), tones_hz, ARRAY, spreading=False, tolerance=None)
+    samples = simulate(
+        Scatterers(points_m, weight), tones_hz, ARRAY, spreading=False, tolerance=None
+    )
     level = np.sqrt(np.mean(np.abs(samples) ** 2)) * 10 ** (rng.uniform(*NOISE_DB) / 20)
     noise = rng.standard_normal((2, *samples.shape)) * level / np.sqrt(2)
     samples = samples + noise[0] + 1j * noise[1]

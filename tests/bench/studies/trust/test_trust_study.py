@@ -1,4 +1,5 @@
-"""The study of trust: fits and figures against numbers that are known, and the truth of a mesh by hand."""
+"""The study of trust: fits and figures against numbers that are known, and the truth of a mesh by
+hand."""
 
 import tomllib
 
@@ -12,7 +13,13 @@ from handbench.radar.methods.depth_uncertainty import FEATURES, probability
 from tests.bench.studies.trust import measure_trust
 from tests.bench.studies.trust.measure_trust import as_toml, figures
 from tests.bench.studies.trust.trust_cases import BESIDE_M, off_mesh
-from tests.bench.studies.trust.worth import BINS, DROPPED_PERCENT, fitted, reliability, silent_percent
+from tests.bench.studies.trust.worth import (
+    BINS,
+    DROPPED_PERCENT,
+    fitted,
+    reliability,
+    silent_percent,
+)
 
 
 def drawn(count=40_000, seed=1):
@@ -26,7 +33,9 @@ def test_the_fit_finds_the_weights_that_drew():
     found, wrong, weights = drawn()
     alike = np.ones(len(found))
     assert fitted(found, wrong, alike) == pytest.approx(weights, abs=0.1)
-    assert fitted(np.column_stack([found, alike]), wrong, alike)[-1] == 0  # a feature that never changes
+    assert (
+        fitted(np.column_stack([found, alike]), wrong, alike)[-1] == 0
+    )  # a feature that never changes
     twice = np.concatenate([found, found[wrong]]), np.concatenate([wrong, wrong[wrong]])
     half = np.r_[np.where(wrong, 0.5, 1.0), np.full(wrong.sum(), 0.5)]
     assert fitted(*twice, half) == pytest.approx(fitted(found, wrong, alike), abs=0.02)
@@ -50,10 +59,21 @@ def test_risk_falls_as_the_doubted_are_dropped():
     p = np.arange(100) / 100
     wrong[0], wrong[90] = True, False
     found = dict(zip(DROPPED_PERCENT, silent_percent(p, wrong), strict=True))
-    assert found[0] == 10 and found[5] == pytest.approx(100 * 5 / 95) and found[20] == pytest.approx(100 / 80)
+    assert (
+        found[0] == 10
+        and found[5] == pytest.approx(100 * 5 / 95)
+        and found[20] == pytest.approx(100 / 80)
+    )
     told = figures([p], [wrong], [wrong], [-np.ones(100)])
-    assert told["silent_percent"] == 1 and told["doubted_percent"] == 99 and told["concentrated_percent"] == 100
-    assert told["precision_percent"] == pytest.approx(100 * 9 / 49) and told["old_recall_percent"] == 100
+    assert (
+        told["silent_percent"] == 1
+        and told["doubted_percent"] == 99
+        and told["concentrated_percent"] == 100
+    )
+    assert (
+        told["precision_percent"] == pytest.approx(100 * 9 / 49)
+        and told["old_recall_percent"] == 100
+    )
 
 
 def test_a_depth_between_two_surfaces_is_off_from_both():
@@ -66,20 +86,25 @@ def test_a_depth_between_two_surfaces_is_off_from_both():
     off_m, own_m = off_mesh(front + behind)(DepthMap(axis_m, axis_m, z_m, z_m, "x"))
     assert off_m[20, 10] == pytest.approx(0, abs=1e-6)
     assert off_m[20, 20:30] == pytest.approx(0.015, abs=1e-5)
-    assert own_m[20, 10] == pytest.approx(0, abs=1e-6) and own_m[20, 30] == pytest.approx(0.015, abs=1e-5)
+    assert own_m[20, 10] == pytest.approx(0, abs=1e-6) and own_m[20, 30] == pytest.approx(
+        0.015, abs=1e-5
+    )
     beside, _ = off_mesh(front)(DepthMap(axis_m, axis_m, np.full_like(z_m, top_m[0]), z_m, "x"))
     past_m = axis_m[np.isfinite(beside[20])].max()
     assert past_m == pytest.approx(BESIDE_M + 0.0025, abs=0.0015)  # and half a resolution cell
 
 
 def test_the_script_runs(tmp_path, monkeypatch, capsys):
-    """At the smallest size that it takes: twenty scenes of points by one method, and their reliability."""
+    """At the smallest size that it takes: twenty scenes of points by one method, and their
+    reliability."""
     words = ["--scenes", "20", "--methods", "3fsk", "--only", "points", "-o", str(tmp_path)]
     monkeypatch.setattr("sys.argv", ["measure", *words])
     measure_trust.main()
     assert "| 3fsk" in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "trust.csv")
-    assert table.groupby("method").scenes.sum().to_dict() == {"3fsk": 20} and (table.pixels > 0).all()
+    assert (
+        table.groupby("method").scenes.sum().to_dict() == {"3fsk": 20} and (table.pixels > 0).all()
+    )
     assert (tmp_path / "trust.png").is_file()
 
 

@@ -1,4 +1,5 @@
-"""The simulation against closed forms: each function returns both, for the tests and for docs/validation.py."""
+"""The simulation against closed forms: each function returns both, for the tests and for
+docs/validation.py."""
 
 import numpy as np
 
@@ -14,29 +15,43 @@ WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ
 
 
 def mie_backscatter(ka: np.ndarray) -> np.ndarray:
-    """Backscattering amplitude of a metal sphere over that of geometrical optics: complex [n]; |F|² = σ/(πa²)."""
+    """Backscattering amplitude of a metal sphere over that of geometrical optics: complex [n]; |F|²
+    = σ/(πa²)."""
     return mie_amplitudes(ka, np.ones(1))[0][:, 0]
 
 
 def sphere_body(radius_m: float, splits: int, centre_m=(0.0, 0.0, 0.0)) -> Body:
-    """An octahedron whose faces are split in four `splits` times and lifted to the sphere: edges of 1.6a/2^splits."""
-    octahedron = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float)
-    faces = np.array([(i, (i + 1) % 4, 4) for i in range(4)] + [((i + 1) % 4, i, 5) for i in range(4)])
+    """An octahedron whose faces are split in four `splits` times and lifted to the sphere: edges of
+    1.6a/2^splits."""
+    octahedron = np.array(
+        [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float
+    )
+    faces = np.array(
+        [(i, (i + 1) % 4, 4) for i in range(4)] + [((i + 1) % 4, i, 5) for i in range(4)]
+    )
     corners = octahedron[faces]
     for _ in range(splits):
         a, b, c = (corners[:, i] for i in range(3))
         ab, bc, ca = (unit(p + q) for p, q in ((a, b), (b, c), (c, a)))
-        corners = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+        corners = np.concatenate(
+            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
     vertices, index = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0, return_inverse=True)
     return Body(np.asarray(centre_m) + radius_m * vertices, index.reshape(-1, 3))
 
 
-def sheet_body(width_m: float, height_m: float, step_m: float, depth_m=lambda x, y: 0 * x, z_m: float = 0.0) -> Body:
+def sheet_body(
+    width_m: float, height_m: float, step_m: float, depth_m=lambda x, y: 0 * x, z_m: float = 0.0
+) -> Body:
     """An open sheet z = z_m + depth_m(x, y) about the z axis that faces -z."""
-    x, y = (np.linspace(-side / 2, side / 2, round(side / step_m) + 1) for side in (width_m, height_m))
+    x, y = (
+        np.linspace(-side / 2, side / 2, round(side / step_m) + 1) for side in (width_m, height_m)
+    )
     x, y = np.meshgrid(x, y, indexing="ij")
     index = np.arange(x.size).reshape(x.shape)
-    a, b, c, d = (i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    a, b, c, d = (
+        i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    )
     faces = np.concatenate([np.stack([a, c, b], 1), np.stack([a, d, c], 1)])
     return Body(np.stack([x, y, z_m + depth_m(x, y)], axis=-1).reshape(-1, 3), faces)
 
@@ -53,12 +68,15 @@ def optics_of(body: Body, longest_m: float = np.inf, oblique: bool = True) -> Sc
 
 def cross_section_m2(samples, frequencies_hz, range_m=FAR_M):
     """σ = 4π/λ² |S R²|² of samples [f, ...]."""
-    wavelength_m = SPEED_OF_LIGHT_M_S / np.asarray(frequencies_hz).reshape(-1, *(1,) * (samples.ndim - 1))
+    wavelength_m = SPEED_OF_LIGHT_M_S / np.asarray(frequencies_hz).reshape(
+        -1, *(1,) * (samples.ndim - 1)
+    )
     return 4 * np.pi / wavelength_m**2 * np.abs(samples.astype(complex) * range_m**2) ** 2
 
 
 def sphere_over_ka(ka):
-    """σ/πa² [n] of a sphere at each ka: by physical optics over facets, its closed form, and Mie's series.
+    """σ/πa² [n] of a sphere at each ka: by physical optics over facets, its closed form, and Mie's
+    series.
 
     ∫μ e^{jxμ} dμ over the lit half, x = 2ka: S R² = 2πa² (e^{jx}/jx + (e^{jx} − 1)/x²)."""
     radius_m = 0.01
@@ -67,19 +85,27 @@ def sphere_over_ka(ka):
     samples = simulate(optics_of(sphere_body(radius_m, 7)), tones_hz, far, tolerance=None)[:, 0, 0]
     x = 2 * np.asarray(ka)
     closed = np.abs(1 + 1j * (1 - np.exp(-1j * x)) / x) ** 2
-    return cross_section_m2(samples, tones_hz) / (np.pi * radius_m**2), closed, np.abs(mie_backscatter(ka)) ** 2
+    return (
+        cross_section_m2(samples, tones_hz) / (np.pi * radius_m**2),
+        closed,
+        np.abs(mie_backscatter(ka)) ** 2,
+    )
 
 
 def plate_over_angle(degrees, oblique=True):
-    """σ [n] of a square plate of ten wavelengths at monostatic angles from its normal: over facets, and in closed form
-    4πA²/λ² (cos θ · sinc(kL sin θ))²."""
+    """σ [n] of a square plate of ten wavelengths at monostatic angles from its normal: over facets,
+    and in closed form 4πA²/λ² (cos θ · sinc(kL sin θ))²."""
     side_m, theta = 10 * WAVELENGTH_M, np.radians(degrees)
     antennas = FAR_M * np.stack([np.sin(theta), 0 * theta, -np.cos(theta)], axis=1)
     plate = optics_of(sheet_body(side_m, side_m, WAVELENGTH_M / 8), oblique=oblique)
     tone_hz = np.array([TONE_HZ])
-    echoes = [simulate(plate, tone_hz, AntennaArray([a], [a]), tolerance=None)[0, 0, 0] for a in antennas]
+    echoes = [
+        simulate(plate, tone_hz, AntennaArray([a], [a]), tolerance=None)[0, 0, 0] for a in antennas
+    ]
     pattern = np.cos(theta) * np.sinc(2 * side_m / WAVELENGTH_M * np.sin(theta))
-    return cross_section_m2(np.array(echoes)[None], tone_hz)[0], 4 * np.pi * side_m**4 / WAVELENGTH_M**2 * pattern**2
+    return cross_section_m2(np.array(echoes)[None], tone_hz)[
+        0
+    ], 4 * np.pi * side_m**4 / WAVELENGTH_M**2 * pattern**2
 
 
 def bumps_m(x, y):
@@ -88,7 +114,8 @@ def bumps_m(x, y):
 
 
 def refined(per_wavelength=(2, 4, 8, 16), best=32):
-    """Relative L2 error [n] of the samples of a curved sheet of 31 mm at 0.3 m with edges of λ/n against λ/best."""
+    """Relative L2 error [n] of the samples of a curved sheet of 31 mm at 0.3 m with edges of λ/n
+    against λ/best."""
     array = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
     tone_hz = np.array([TONE_HZ])
 
@@ -97,11 +124,14 @@ def refined(per_wavelength=(2, 4, 8, 16), best=32):
         return simulate(optics_of(sheet), tone_hz, array, tolerance=None).astype(complex)
 
     exact = samples(best)
-    return np.array([np.linalg.norm(samples(n) - exact) / np.linalg.norm(exact) for n in per_wavelength])
+    return np.array(
+        [np.linalg.norm(samples(n) - exact) / np.linalg.norm(exact) for n in per_wavelength]
+    )
 
 
 def power_over_range(range_m):
-    """|S|² [3, n] of one antenna over range: of a point, of facets on a ball of 5 mm and of its Mie series."""
+    """|S|² [3, n] of one antenna over range: of a point, of facets on a ball of 5 mm and of its Mie
+    series."""
     powers, tone_hz, one = [], np.array([TONE_HZ]), AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
     for r in range_m:
         at = np.array([0.0, 0.0, r])
@@ -113,12 +143,15 @@ def power_over_range(range_m):
 
 
 def phase_errors_rad(tolerance, spreading=True, count=40):
-    """Largest phase error [n] of single points before the paper's array, against −2πf(|p − t| + |p − r|)/c."""
+    """Largest phase error [n] of single points before the paper's array, against −2πf(|p − t| + |p
+    − r|)/c."""
     points = np.random.default_rng(2).uniform([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6], (count, 3))
     array, errors = qar50(), []
     tones_hz = np.array([72e9, TONE_HZ, 82e9])
     for point in points:
-        path_m = np.add.outer(*(np.linalg.norm(point - leg.position_m, axis=1) for leg in array.legs))
+        path_m = np.add.outer(
+            *(np.linalg.norm(point - leg.position_m, axis=1) for leg in array.legs)
+        )
         exact = np.exp(-2j * np.pi * tones_hz[:, None, None] * path_m / SPEED_OF_LIGHT_M_S)
         echo = simulate(Scatterers(point[None], np.ones(1)), tones_hz, array, spreading, tolerance)
         errors.append(np.abs(np.angle(echo * exact.conj())).max())

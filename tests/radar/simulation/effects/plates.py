@@ -10,7 +10,9 @@ def plate(corner_m, along_m, across_m, count) -> Body:
     step = np.linspace(0, 1, count + 1)
     a, b = (grid.reshape(-1, 1) for grid in np.meshgrid(step, step, indexing="ij"))
     index = np.arange((count + 1) ** 2).reshape(count + 1, count + 1)
-    p, q, r, s = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    p, q, r, s = (
+        part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    )
     faces = np.concatenate([np.stack([p, q, r], 1), np.stack([p, r, s], 1)])
     return Body(np.asarray(corner_m) + a * np.asarray(along_m) + b * np.asarray(across_m), faces)
 
@@ -38,7 +40,9 @@ def cylinder(centre_m, radius_m, length_m, around=48, along=40) -> Body:
     turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
     ring = radius_m * np.stack([np.cos(turn), 0 * turn, np.sin(turn)], axis=1)
     height = np.linspace(-length_m / 2, length_m / 2, along + 1)
-    vertices_m = np.asarray(centre_m) + (ring[None] + height[:, None, None] * [0, 1, 0]).reshape(-1, 3)
+    vertices_m = np.asarray(centre_m) + (ring[None] + height[:, None, None] * [0, 1, 0]).reshape(
+        -1, 3
+    )
     index = np.arange(around * (along + 1)).reshape(along + 1, around)
     p, q = index[:-1].ravel(), np.roll(index[:-1], -1, axis=1).ravel()
     r, s = np.roll(index[1:], -1, axis=1).ravel(), index[1:].ravel()

@@ -19,10 +19,17 @@ TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
 
 def sphere_body(radius_m, centre_m, count=24) -> Body:
     """A sphere of triangles."""
-    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, count), np.linspace(0, 2 * np.pi, 2 * count), indexing="ij")
-    unit = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+    polar, azimuth = np.meshgrid(
+        np.linspace(0, np.pi, count), np.linspace(0, 2 * np.pi, 2 * count), indexing="ij"
+    )
+    unit = np.stack(
+        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1
+    )
     index = np.arange(polar.size).reshape(polar.shape)
-    a, b, c, d = (index[i : i + count - 1, j : j + 2 * count - 1].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    a, b, c, d = (
+        index[i : i + count - 1, j : j + 2 * count - 1].ravel()
+        for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+    )
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     return Body(np.asarray(centre_m) + radius_m * unit.reshape(-1, 3), faces)
 
@@ -30,7 +37,9 @@ def sphere_body(radius_m, centre_m, count=24) -> Body:
 def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) -> EchoScene:
     """A bead of 4 mm at 0.30 m before the paper's array, with three tones and some causes."""
     values = {"target": sphere_body(4e-3, (0.01, -0.005, 0.3)), "seed": 3, **changes}
-    return EchoScene(qar50(), TONES_HZ, np.asarray(time_s), causes=Causes(**(causes or {})), **values)
+    return EchoScene(
+        qar50(), TONES_HZ, np.asarray(time_s), causes=Causes(**(causes or {})), **values
+    )
 
 
 def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:
@@ -44,13 +53,15 @@ def effect(name: str) -> Effect:
 
 
 def estimated(scene: EchoScene, *effects: str, without: str) -> tuple[dict[str, Change], float]:
-    """What leaving one of the effects out does to each method's map, and its level in dB, by an ablation."""
+    """What leaving one of the effects out does to each method's map, and its level in dB, by an
+    ablation."""
     ablation = Ablation(scene, [effect(name) for name in effects], CONTAINED)
     return ablation.change({without}), ablation.level_db({without})
 
 
 def simulated_change(scene: EchoScene, *effects: str, without: str) -> tuple[Change, float]:
-    """The same of 3-FSK's map, by two whole simulations and the method as users run it, at pixels of 1 mm."""
+    """The same of 3-FSK's map, by two whole simulations and the method as users run it, at pixels
+    of 1 mm."""
     rest = [name for name in effects if name != without]
     captures = [simulated(scene, *names).capture for names in (effects, rest)]
     middle = np.round(scene.middle_m[:2], 3)

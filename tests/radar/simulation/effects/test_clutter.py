@@ -34,8 +34,8 @@ def clutter(scene, **options):
 
 
 def test_a_wide_plate_mirrors():
-    # Image theory: the wave of an antenna at 2D, 2π/(jk)·1/(2D)·e^{−2jkD}; edges echo too, but 94 mm later, so that
-    # they average out over 10 GHz.
+    # Image theory: the wave of an antenna at 2D, 2π/(jk)·1/(2D)·e^{−2jkD}; edges echo too, but 94
+    # mm later, so that they average out over 10 GHz.
     tones_hz = np.linspace(72e9, 82e9, 101)
     wavenumber = 2 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
     samples = clutter(EchoScene(HERE, tones_hz, np.zeros(101), room=(plate(0.4, 0.4),)))[:, 0, 0]
@@ -45,12 +45,18 @@ def test_a_wide_plate_mirrors():
 
 def test_the_target_hides_what_stands_behind_it():
     ball = sphere_body(0.02, (0.0, 0.0, 0.3))
-    scene = EchoScene(HERE, np.array([80e9]), np.zeros(1), target=ball, room=(plate(0.03),))  # 53 mm of shadow there
+    scene = EchoScene(
+        HERE, np.array([80e9]), np.zeros(1), target=ball, room=(plate(0.03),)
+    )  # 53 mm of shadow there
     assert not clutter(scene).any()
     assert np.abs(clutter(replace(scene, target=None))).item() > 0
-    assert np.array_equal(clutter(scene, levels={}), clutter(replace(scene, target=None)))  # the room without it
+    assert np.array_equal(
+        clutter(scene, levels={}), clutter(replace(scene, target=None))
+    )  # the room without it
     foam = replace(ball, material=Material(kind="foam"))
-    assert clutter(replace(scene, target=foam)) == pytest.approx(clutter(replace(scene, target=None)), rel=1e-5)
+    assert clutter(replace(scene, target=foam)) == pytest.approx(
+        clutter(replace(scene, target=None)), rel=1e-5
+    )
 
 
 def test_bodies_of_the_room_hide_each_other():
@@ -60,13 +66,19 @@ def test_bodies_of_the_room_hide_each_other():
 
 
 def test_the_echo_is_as_strong_as_the_material_says():
-    weak, strong = (clutter(bead_scene(room=(plate(reflectivity_db=level),))) for level in (-30.0, -10.0))
-    assert np.linalg.norm(strong) / np.linalg.norm(weak) == pytest.approx(10, rel=1e-3)  # a difference of float32
+    weak, strong = (
+        clutter(bead_scene(room=(plate(reflectivity_db=level),))) for level in (-30.0, -10.0)
+    )
+    assert np.linalg.norm(strong) / np.linalg.norm(weak) == pytest.approx(
+        10, rel=1e-3
+    )  # a difference of float32
 
 
 def test_the_room_stays_when_the_target_moves():
     scene = bead_scene({"motion": {"velocity_m_s": 0.01}}, room=(plate(),))
-    with_room, without = (simulated(scene, "motion", *more, frames=2).capture.samples for more in (("clutter",), ()))
+    with_room, without = (
+        simulated(scene, "motion", *more, frames=2).capture.samples for more in (("clutter",), ())
+    )
     still = clutter(scene)
     for frame in with_room - without:
         assert np.abs(frame - still).max() < 1e-6 * np.abs(with_room).max()  # float32
@@ -90,7 +102,8 @@ def test_an_empty_room_is_missing():
 
 
 def test_the_estimate_takes_the_nearest_body_for_a_mirror():
-    """1/(2z) of what the strongest material returns, over a target's echo: twice as far, half as much."""
+    """1/(2z) of what the strongest material returns, over a target's echo: twice as far, half as
+    much."""
     near, far = (plate(z_m=z_m, reflectivity_db=-70.0) for z_m in (0.4, 0.8))
     ball = sphere_body(0.02, (0.0, 0.0, 0.3))
     one, half, both = (

@@ -1,4 +1,5 @@
-"""Dielectrics: delays, a slab's closed form, spheres of foam by geometrical and by physical optics."""
+"""Dielectrics: delays, a slab's closed form, spheres of foam by geometrical and by physical
+optics."""
 
 from dataclasses import replace
 
@@ -46,10 +47,17 @@ def dielectric_samples(scene, *before):
     return echoes.samples[0]
 
 
-@pytest.mark.parametrize(("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)])
+@pytest.mark.parametrize(
+    ("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)]
+)
 def test_foam_as_published(permittivity, reflected_db, delay_mm):
-    assert 20 * np.log10(abs(fresnel(np.array(permittivity)))) == pytest.approx(reflected_db, abs=0.05)
-    balls = foam_ball(foam_radius_m=0.055, foam_permittivity=permittivity), foam_ball(foam_radius_m=0)
+    assert 20 * np.log10(abs(fresnel(np.array(permittivity)))) == pytest.approx(
+        reflected_db, abs=0.05
+    )
+    balls = (
+        foam_ball(foam_radius_m=0.055, foam_permittivity=permittivity),
+        foam_ball(foam_radius_m=0),
+    )
     delays_m = foam_delays_m(balls)
     assert 1e3 * delays_m == pytest.approx([delay_mm, 0], abs=0.01)  # of 50 mm; and of none
 
@@ -57,15 +65,20 @@ def test_foam_as_published(permittivity, reflected_db, delay_mm):
 def test_plastic_reflects_by_fresnel_alone():
     plastic = Material(kind="plastic", loss_tangent=0.015)
     scene = bead_scene(target=replace(bead_scene().target, material=plastic))
-    metal, samples = (simulated(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",)))
+    metal, samples = (
+        simulated(scene, "obliquity", *more).capture.samples[0] for more in ((), ("dielectric",))
+    )
     n = np.sqrt(2.7 * (1 - 0.015j))
-    assert np.allclose(samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max())
+    assert np.allclose(
+        samples, metal * ((n - 1) / (n + 1)), rtol=1e-5, atol=1e-6 * np.abs(metal).max()
+    )
     changes, _ = estimated(scene, "obliquity", "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm < 1e-3  # the same phase at all tones
 
 
 def test_what_plastic_lets_through_is_said():
-    """Low-loss closed form: α = (π/λ)√ε·tan δ along the mean chord of a sphere, 4r/3; Γ² of 2.7 is −12.3 dB."""
+    """Low-loss closed form: α = (π/λ)√ε·tan δ along the mean chord of a sphere, 4r/3; Γ² of 2.7 is
+    −12.3 dB."""
     sphere = sphere_body(8e-3, 4)
 
     def scene(loss_tangent):
@@ -73,19 +86,30 @@ def test_what_plastic_lets_through_is_said():
         return bead_scene(target=Body(sphere.vertices_m + [0, 0, 0.3], sphere.faces, material))
 
     wave_m = SPEED_OF_LIGHT_M_S / TONES_HZ.mean()
-    expected_db = 20 * np.log10((1 - 10**-1.23) * np.exp(-2 * np.pi / wave_m * np.sqrt(2.7) * 0.01 * 4 / 3 * 8e-3))
+    expected_db = 20 * np.log10(
+        (1 - 10**-1.23) * np.exp(-2 * np.pi / wave_m * np.sqrt(2.7) * 0.01 * 4 / 3 * 8e-3)
+    )
     assert far_wall_db(scene(0.01).body, TONES_HZ.mean()) == pytest.approx(expected_db, abs=0.05)
     assert f"about {expected_db:.0f} dB" in lost(scene(0.01))
     assert lost(scene(0.2)) == lost(bead_scene()) == ""
 
 
 def test_a_slab_of_foam_is_a_layer():
-    # Far away a slab's front and back add up to Γ of a layer in air, whose third reflections, Γ² = 1e-4, are left out.
+    # Far away a slab's front and back add up to Γ of a layer in air, whose third reflections, Γ² =
+    # 1e-4, are left out.
     side_m, thickness_m, z_m = 0.02, 0.0125, 5.0
-    tones_hz = np.linspace(76e9, 82e9, 7)  # half a period of the interference, 2nT = λ/2 … λ, and more
-    x, y, z = (side_m / 2 * np.array([-1, 1]), side_m / 2 * np.array([-1, 1]), z_m + np.array([0, thickness_m]))
+    tones_hz = np.linspace(
+        76e9, 82e9, 7
+    )  # half a period of the interference, 2nT = λ/2 … λ, and more
+    x, y, z = (
+        side_m / 2 * np.array([-1, 1]),
+        side_m / 2 * np.array([-1, 1]),
+        z_m + np.array([0, thickness_m]),
+    )
     corners = np.array([(a, b, c) for a in x for b in y for c in z])
-    faces = np.array([(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)])  # front and back; sides seen edge-on add nothing
+    faces = np.array(
+        [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+    )  # front and back; sides seen edge-on add nothing
     foam = Material(kind="foam", permittivity=1.05)
     one = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
     scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
@@ -99,25 +123,35 @@ def test_a_slab_of_foam_is_a_layer():
 
 @pytest.mark.parametrize("radius_m", [0.015, 0.025])
 def test_a_sphere_of_foam_by_rays_and_by_its_facets(radius_m):
-    array = AntennaArray([[0, 0, 0], [-0.07, 0.03, 0], [0.07, 0, 0]], [[0.001, 0, 0], [0, 0.07, 0], [0.02, -0.07, 0]])
+    array = AntennaArray(
+        [[0, 0, 0], [-0.07, 0.03, 0], [0.07, 0, 0]], [[0.001, 0, 0], [0, 0.07, 0], [0.02, -0.07, 0]]
+    )
     ball = foam_ball(radius_m=1e-9, foam_radius_m=radius_m, foam_permittivity=1.003)
-    body = replace(sphere_body(radius_m, 6, ball.centre_m), material=Material(kind="foam", permittivity=1.003))
+    body = replace(
+        sphere_body(radius_m, 6, ball.centre_m), material=Material(kind="foam", permittivity=1.003)
+    )
     tones_hz = np.linspace(78e9, 82e9, 3)
     optics = dielectric_samples(EchoScene(array, tones_hz, np.zeros(3), target=body))
     rays = foam_echoes((ball,), tones_hz, array)
-    # Physical optics errs by 1/(2ka) = 1.2 % to 2 % for each of the two surfaces, and the terminator by as much.
+    # Physical optics errs by 1/(2ka) = 1.2 % to 2 % for each of the two surfaces, and the
+    # terminator by as much.
     assert np.abs(optics - rays).max() < 0.06 * np.abs(rays).max()
 
 
 def test_the_ball_is_delayed_and_hides_the_back():
-    ball, array = foam_ball(), AntennaArray([[0.01, -0.02, 0]], [[0.012, -0.02, 0], [0.01, 0.14, 0]])
+    ball, array = (
+        foam_ball(),
+        AntennaArray([[0.01, -0.02, 0]], [[0.012, -0.02, 0], [0.01, 0.14, 0]]),
+    )
     scene = EchoScene(array, TONES_HZ, np.zeros(3), balls=(ball,))
     bare, foamed = bare_echoes(scene).samples[0], dielectric_samples(scene)
     shell = foam_echoes((ball,), TONES_HZ, array)
     delay_m = (np.sqrt(1.03) - 1) * 0.02
     delayed = bare * np.exp(-4j * np.pi * TONES_HZ * delay_m / SPEED_OF_LIGHT_M_S)[:, None, None]
     assert np.allclose(foamed - shell, delayed, rtol=1e-5)
-    front = np.abs(foam_echoes((replace(ball, radius_m=0.0249),), TONES_HZ, array))  # so large a ball hides any back
+    front = np.abs(
+        foam_echoes((replace(ball, radius_m=0.0249),), TONES_HZ, array)
+    )  # so large a ball hides any back
     along, aslant = np.abs(np.abs(shell) / front - 1).max(axis=0)[0]
     assert along < 1e-5
     assert aslant > 0.1  # rays under 15° pass the ball at 25 sin 15° = 6.4 mm
@@ -127,16 +161,23 @@ def test_rays_count_what_lies_inside():
     near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.02, 5, (0.0, 0.0, 0.3))
     vertices_m = np.concatenate([near.vertices_m, far.vertices_m])
     rays = Rays(vertices_m, np.concatenate([near.faces, far.faces + len(near.vertices_m)]))
-    points_m = np.array([[0, 0, 0.19], [0, 0, 0.21], [0, 0, 0.25], [0, 0, 0.3], [0, 0, 0.4], [0.1, 0, 0.3]])
-    # The octahedron's corners lie on the spheres, so that the axis meets them exactly; rays go on after 0.01 mm each.
-    assert inside_m(rays, points_m, np.zeros(3)) == pytest.approx([0, 0.02, 0.02, 0.04, 0.06, 0], abs=5e-5)
+    points_m = np.array(
+        [[0, 0, 0.19], [0, 0, 0.21], [0, 0, 0.25], [0, 0, 0.3], [0, 0, 0.4], [0.1, 0, 0.3]]
+    )
+    # The octahedron's corners lie on the spheres, so that the axis meets them exactly; rays go on
+    # after 0.01 mm each.
+    assert inside_m(rays, points_m, np.zeros(3)) == pytest.approx(
+        [0, 0.02, 0.02, 0.04, 0.06, 0], abs=5e-5
+    )
 
 
 def test_foam_casts_no_shadow():
     near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.01, 5, (0.0, 0.0, 0.3))
     faces = np.concatenate([near.faces, far.faces + len(near.vertices_m)])
     body = Body(np.concatenate([near.vertices_m, far.vertices_m]), faces, Material(kind="foam"))
-    scene = EchoScene(AntennaArray(qar50().tx_m[::20], qar50().rx_m[::20]), TONES_HZ[:1], np.zeros(1), target=body)
+    scene = EchoScene(
+        AntennaArray(qar50().tx_m[::20], qar50().rx_m[::20]), TONES_HZ[:1], np.zeros(1), target=body
+    )
     assert np.array_equal(dielectric_samples(scene), dielectric_samples(scene, shadow_centre))
 
 
@@ -145,7 +186,9 @@ def test_the_estimate_meets_what_happens_to_a_ball():
     changes, level_db = estimated(scene, "dielectric", without="dielectric")
     change, expected_db = simulated_change(scene, "dielectric", without="dielectric")
     assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
-    assert level_db == pytest.approx(expected_db, abs=0.5)  # 0.0074 · 25 mm / 5 mm and as much from behind
+    assert level_db == pytest.approx(
+        expected_db, abs=0.5
+    )  # 0.0074 · 25 mm / 5 mm and as much from behind
 
 
 def test_the_room_without_the_target_has_no_foam():
@@ -155,7 +198,9 @@ def test_the_room_without_the_target_has_no_foam():
 
 def test_what_is_missing_and_what_foam_cannot_be():
     assert effect("dielectric").missing(bead_scene())
-    assert effect("dielectric").missing(bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),)))
+    assert effect("dielectric").missing(
+        bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),))
+    )
     assert not effect("dielectric").missing(bead_scene(target=None, balls=(foam_ball(),)))
     with pytest.raises(HandbenchError, match=r"target: .*1\.5 at most"):
         parse(Material, {"kind": "foam", "permittivity": 1.6}, "target")

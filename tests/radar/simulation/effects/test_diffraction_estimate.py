@@ -1,5 +1,5 @@
-"""The quick estimate of diffracted shadows against the effects themselves: nothing on convex bodies, much where a
-finger stands before a plate."""
+"""The quick estimate of diffracted shadows against the effects themselves: nothing on convex
+bodies, much where a finger stands before a plate."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def sizes_mm(body):
     """The size by a quick estimate, and that of the maps with sharp shadows instead."""
     estimate = estimate_shadow_diffraction(scene(body))
     shown = [effect(name) for name in ("obliquity", "shadow_antennas", "shadow_diffraction")]
-    return estimate.worst_mm, worst_mm(Ablation(scene(body), shown, CONTAINED).change({"shadow_diffraction"}))
+    return estimate.worst_mm, worst_mm(
+        Ablation(scene(body), shown, CONTAINED).change({"shadow_diffraction"})
+    )
 
 
 @pytest.mark.parametrize("name", CONVEX)
@@ -50,7 +52,9 @@ def test_a_finger_before_a_plate_is_diffracted():
     estimate_mm, change_mm = sizes_mm(SHADED)
     assert estimate_mm > CLEAR * TOLERANCE_MM
     assert change_mm / CLEAR < estimate_mm < CLEAR * change_mm
-    assert {row.effect for row in choose(scene(SHADED), "auto", TOLERANCE_MM) if row.on} >= {"shadow_diffraction"}
+    assert {row.effect for row in choose(scene(SHADED), "auto", TOLERANCE_MM) if row.on} >= {
+        "shadow_diffraction"
+    }
 
 
 def test_spheres_side_by_side_are_not_underestimated():

@@ -1,4 +1,5 @@
-"""Motion between tones: its depth error has the sign and the size of theory, and the displaced echoes are right."""
+"""Motion between tones: its depth error has the sign and the size of theory, and the displaced
+echoes are right."""
 
 import numpy as np
 import pytest
@@ -6,10 +7,21 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.causes import Causes, Motion
-from handbench.radar.simulation.effects.motion import displacement_m, echoes_of_moving, estimate_motion, mean_change_m
+from handbench.radar.simulation.effects.motion import (
+    displacement_m,
+    echoes_of_moving,
+    estimate_motion,
+    mean_change_m,
+)
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.errors import HandbenchError
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated, sphere_body
+from tests.radar.simulation.effects.small_scenes import (
+    TONES_HZ,
+    bead_scene,
+    estimated,
+    simulated,
+    sphere_body,
+)
 
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])
 
@@ -18,7 +30,9 @@ def depth_error_m(still, moving, low, high):
     """Shift of the bead's FSK depth between two tones by motion."""
     phase = []
     for capture in (still, moving):
-        images = image_points(capture.samples[0], TONES_HZ, capture.aperture, NEAR_SIDE_M, None, apart=True)[:, 0]
+        images = image_points(
+            capture.samples[0], TONES_HZ, capture.aperture, NEAR_SIDE_M, None, apart=True
+        )[:, 0]
         phase.append(images[high] * images[low].conj())
     turned = np.angle(phase[1] * phase[0].conj())
     return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
@@ -30,12 +44,15 @@ def test_velocity_moves_the_depth_by_f_over_delta_f_times_v_t(low, high, velocit
     scene = bead_scene({"motion": {"velocity_m_s": velocity_m_s}})
     error_m = depth_error_m(simulated(scene).capture, simulated(scene, "motion").capture, low, high)
     tones_hz, time_s = TONES_HZ[[low, high]], scene.time_s[[low, high]]
-    # z + (f_b δ_b − f_a δ_a)/(f_b − f_a): away from the radar counts as further; an antenna sees cos θ of the velocity.
+    # z + (f_b δ_b − f_a δ_a)/(f_b − f_a): away from the radar counts as further; an antenna sees
+    # cos θ of the velocity.
     moved = velocity_m_s * (tones_hz @ (time_s * [-1, 1])) / np.ptp(tones_hz)
     antennas_m = np.concatenate([scene.array.tx_m, scene.array.rx_m])
     cosine = 0.296 / np.linalg.norm(NEAR_SIDE_M - antennas_m, axis=1)
     assert error_m / moved == pytest.approx(cosine.mean(), abs=2e-3)
-    assert abs(moved) == pytest.approx(abs(velocity_m_s) * 82e9 / np.ptp(tones_hz) * np.ptp(time_s), rel=0.1)
+    assert abs(moved) == pytest.approx(
+        abs(velocity_m_s) * 82e9 / np.ptp(tones_hz) * np.ptp(time_s), rel=0.1
+    )
 
 
 def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():
@@ -43,7 +60,9 @@ def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():
     offset_m = displacement_m(Motion(amplitude_m=5e-5, frequency_hz=9.0), time_s, 0.3)
     assert offset_m[0] == 0
     assert np.ptp(offset_m) == pytest.approx(1e-4, rel=1e-4)
-    assert np.count_nonzero(np.diff(np.sign(offset_m - offset_m.mean()))) == pytest.approx(18, abs=1)
+    assert np.count_nonzero(np.diff(np.sign(offset_m - offset_m.mean()))) == pytest.approx(
+        18, abs=1
+    )
 
 
 def test_displaced_echoes_are_those_of_a_displaced_target():
@@ -63,13 +82,17 @@ def test_frames_have_their_own_tremor():
     scene = bead_scene({"motion": {"amplitude_m": 1e-4}}, time_s=(0.0, 0.03, 0.05))
     first, second = simulated(scene, "motion", frames=2).capture.samples
     assert np.array_equal(first, simulated(scene, "motion", frames=1).capture.samples[0])
-    assert np.linalg.norm(first[0] - second[0]) < 1e-6 * np.linalg.norm(first[0])  # nothing has moved at the first tone
+    assert np.linalg.norm(first[0] - second[0]) < 1e-6 * np.linalg.norm(
+        first[0]
+    )  # nothing has moved at the first tone
     assert np.linalg.norm(first[2] - second[2]) > 1e-2 * np.linalg.norm(first[2])
 
 
 def test_the_estimate_is_the_mean_error_of_tremor():
     causes = Causes(motion=Motion(amplitude_m=5e-5, frequency_hz=9.0))
-    scene = bead_scene({"motion": {"amplitude_m": 5e-5, "frequency_hz": 9.0}}, time_s=(0.0, 0.03, 0.05))
+    scene = bead_scene(
+        {"motion": {"amplitude_m": 5e-5, "frequency_hz": 9.0}}, time_s=(0.0, 0.03, 0.05)
+    )
     phases = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     between = [displacement_m(causes.motion, scene.time_s, phase)[[0, 2]] for phase in phases]
     mean_m = np.abs(np.diff(between, axis=1)).mean() * 82e9 / 2.5e9
@@ -81,8 +104,13 @@ def test_the_estimate_is_the_mean_error_of_tremor():
 def test_motion_across_the_line_of_sight_counts_by_its_share():
     motion = {"velocity_m_s": 0.05, "direction": (1.0, 0.0, 0.0)}
     beside = bead_scene({"motion": motion}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
-    along = bead_scene({"motion": motion | {"direction": (0.0, 0.0, 1.0)}}, target=sphere_body(4e-3, (0.08, 0.0, 0.3)))
-    changes = [estimated(scene, "obliquity", "motion", without="motion")[0] for scene in (beside, along)]
+    along = bead_scene(
+        {"motion": motion | {"direction": (0.0, 0.0, 1.0)}},
+        target=sphere_body(4e-3, (0.08, 0.0, 0.3)),
+    )
+    changes = [
+        estimated(scene, "obliquity", "motion", without="motion")[0] for scene in (beside, along)
+    ]
     share = changes[0]["3fsk"].depth_mm / changes[1]["3fsk"].depth_mm
     assert share == pytest.approx(0.08 / 0.3, rel=0.1)  # of a bead's width
 
@@ -90,5 +118,8 @@ def test_motion_across_the_line_of_sight_counts_by_its_share():
 def test_a_target_that_flies_is_refused():
     with pytest.raises(HandbenchError, match=r"target\.motion: moves the target by 100 mm"):
         simulated(
-            bead_scene({"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3), 16)), "motion"
+            bead_scene(
+                {"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3), 16)
+            ),
+            "motion",
         )

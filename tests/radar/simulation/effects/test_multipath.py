@@ -10,7 +10,14 @@ from handbench.radar.simulation.effects import further
 from handbench.radar.simulation.effects.further import estimate_multipath, multipath
 from handbench.radar.simulation.effects.motion import echoes_of_moving
 from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
-from handbench.radar.simulation.physics.ray_tubes import Hits, landed, mirrored_on, mirrors_of, patches_of, trace
+from handbench.radar.simulation.physics.ray_tubes import (
+    Hits,
+    landed,
+    mirrored_on,
+    mirrors_of,
+    patches_of,
+    trace,
+)
 from handbench.radar.simulation.physics.reflection import oblique_ratios
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
@@ -25,16 +32,22 @@ WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ[0]
 TONES_HZ = np.linspace(72e9, 82e9, 11)
 SPARSE = AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6])
 CORNER = dihedral(0.02, 0.03, (0.01, 0.005, 0.33))
-FINGERS = joined(cylinder((-0.011, 0.0, 0.31), 8e-3, 0.04), cylinder((0.011, 0.0, 0.32), 8e-3, 0.04))
+FINGERS = joined(
+    cylinder((-0.011, 0.0, 0.31), 8e-3, 0.04), cylinder((0.011, 0.0, 0.32), 8e-3, 0.04)
+)
 
 
 def state(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> Echoes:
-    return multipath(bare_echoes(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body)))
+    return multipath(
+        bare_echoes(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body))
+    )
 
 
 def twice(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> np.ndarray:
     """The two-bounce echoes alone."""
-    return state(body, frequencies_hz, array).extra_echoes() + np.zeros((len(frequencies_hz), *array.channels))
+    return state(body, frequencies_hz, array).extra_echoes() + np.zeros(
+        (len(frequencies_hz), *array.channels)
+    )
 
 
 def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
@@ -45,7 +58,8 @@ def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
 
 
 def test_the_peak_of_a_dihedral():
-    # Depth of field and the 0.2 mm next to the edge where rays are not told from their own surface: below 0.5 %.
+    # Depth of field and the 0.2 mm next to the edge where rays are not told from their own surface:
+    # below 0.5 %.
     expected = 8 * np.pi * 0.06**2 * 0.05**2 / WAVELENGTH_M**2
     assert cross_section_m2(dihedral(0.06, 0.05)) == pytest.approx(expected, rel=5e-3)
 
@@ -54,7 +68,9 @@ def test_the_peak_of_a_dihedral():
 def test_a_turned_dihedral_echoes_like_the_plate_that_it_lights_twice(turn_deg):
     width_m = 2 * 0.06 * np.sin(np.pi / 4 - np.radians(turn_deg))
     expected = 4 * np.pi * (width_m * 0.05) ** 2 / WAVELENGTH_M**2
-    assert cross_section_m2(dihedral(0.06, 0.05, turn_rad=np.radians(turn_deg))) == pytest.approx(expected, rel=0.02)
+    assert cross_section_m2(dihedral(0.06, 0.05, turn_rad=np.radians(turn_deg))) == pytest.approx(
+        expected, rel=0.02
+    )
 
 
 @pytest.mark.parametrize("elevation_deg", [0.5, 1.0])
@@ -67,8 +83,8 @@ def test_a_dihedral_has_the_pattern_of_its_equivalent_plate_along_the_edge(eleva
 
 
 def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) -> np.ndarray:
-    """Physical optics over each plate of what the transmitter's image in the other one sends through that one, of
-    dipoles along y, whose images are dipoles along y."""
+    """Physical optics over each plate of what the transmitter's image in the other one sends
+    through that one, of dipoles along y, whose images are dipoles along y."""
 
     def field(ray_m):
         unit = ray_m / np.linalg.norm(ray_m, axis=-1, keepdims=True)
@@ -77,9 +93,13 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
 
     samples = np.zeros((len(frequencies_hz), *array.channels), complex)
     for side in (1, -1):
-        mirror, screen = (np.array([np.sin(s * np.pi / 4), 0, -np.cos(np.pi / 4)]) for s in (side, -side))
+        mirror, screen = (
+            np.array([np.sin(s * np.pi / 4), 0, -np.cos(np.pi / 4)]) for s in (side, -side)
+        )
         step = (np.arange(count) + 0.5) / count
-        along, up = (grid.reshape(-1, 1) for grid in np.meshgrid(step * width_m, (step - 0.5) * height_m))
+        along, up = (
+            grid.reshape(-1, 1) for grid in np.meshgrid(step * width_m, (step - 0.5) * height_m)
+        )
         q_m = np.asarray(edge_m) + along * screen + up * [0, 1, 0]
         back_m = array.rx_m[:, None] - q_m
         reach_m = np.linalg.norm(back_m, axis=2)
@@ -88,7 +108,11 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
             image_m = antenna_m - 2 * ((antenna_m - edge_m) @ screen) * screen
             ray_m = q_m - image_m
             length_m = np.linalg.norm(ray_m, axis=1)
-            crossing_m = image_m + (((edge_m - image_m) @ screen) / (ray_m @ screen))[:, None] * ray_m - edge_m
+            crossing_m = (
+                image_m
+                + (((edge_m - image_m) @ screen) / (ray_m @ screen))[:, None] * ray_m
+                - edge_m
+            )
             inside = (crossing_m @ mirror > 0) & (crossing_m @ mirror < width_m)
             inside &= np.abs(crossing_m[:, 1]) < height_m / 2
             lit = inside * np.sqrt(np.maximum(-(ray_m @ mirror) / length_m, 0)) / length_m
@@ -97,13 +121,18 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
             alike = np.einsum("rqi,qi->rq", field(back_m), mirrored)
             for f, frequency_hz in enumerate(frequencies_hz):
                 k = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S
-                samples[f, t] -= (alike * seen * np.exp(-1j * k * reach_m)) @ (lit * np.exp(-1j * k * length_m))
+                samples[f, t] -= (alike * seen * np.exp(-1j * k * reach_m)) @ (
+                    lit * np.exp(-1j * k * length_m)
+                )
     return samples
 
 
 def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
     corner = 0.02, 0.03, np.array([0.01, 0.005, 0.33]), TONES_HZ[::5]
-    there, back = image_theory(*corner, SPARSE), image_theory(*corner, AntennaArray(SPARSE.rx_m, SPARSE.tx_m))
+    there, back = (
+        image_theory(*corner, SPARSE),
+        image_theory(*corner, AntennaArray(SPARSE.rx_m, SPARSE.tx_m)),
+    )
     expected = (there + back.transpose(0, 2, 1)) / 2
     # Footprints end half a patch beside the plates' edges: 0.5 mm of 20.
     assert relative_error(twice(CORNER, TONES_HZ[::5]), expected) < 0.03
@@ -118,7 +147,9 @@ def forth(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     return bundles.echo(frequencies_hz, array, None, 0.0, oblique_ratios(Material(), TONE_HZ[0]))
 
 
-@pytest.mark.parametrize(("echoes", "bound"), [(forth, 0.03), (lambda array, f_hz: twice(CORNER, f_hz, array), 0.08)])
+@pytest.mark.parametrize(
+    ("echoes", "bound"), [(forth, 0.03), (lambda array, f_hz: twice(CORNER, f_hz, array), 0.08)]
+)
 def test_tones_and_antennas_between_the_nodes_are_interpolated(echoes, bound):
     array = AntennaArray(qar50().tx_m[:47:2], qar50().rx_m[:47])
     assert len(traced_nodes(array)[1]) < 15
@@ -129,8 +160,9 @@ def test_tones_and_antennas_between_the_nodes_are_interpolated(echoes, bound):
 
 
 def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
-    """A cylinder of the radius R mirrors rays along its axis of symmetry to a line R/2 before it, and a sphere to a
-    point: the field gains j behind the one and j² behind the other (Balanis, sec. 13.2.2)."""
+    """A cylinder of the radius R mirrors rays along its axis of symmetry to a line R/2 before it,
+    and a sphere to a point: the field gains j behind the one and j² behind the other (Balanis, sec.
+    13.2.2)."""
     radius_m = np.array([0.02, np.inf]), np.array([0.02, 0.02])
     for length_m, crossed in ((5e-3, (0, 0)), (0.03, (1, 2))):
         for curved_m, count in zip(radius_m, crossed, strict=True):
@@ -148,7 +180,10 @@ def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
 
 
 def test_flat_and_convex_bodies_have_no_second_bounce():
-    for body in (plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 20), sphere_body(0.01, (0, 0, 0.3))):
+    for body in (
+        plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 20),
+        sphere_body(0.01, (0, 0, 0.3)),
+    ):
         assert not twice(body).any()
 
 
@@ -158,13 +193,16 @@ def test_transmitters_and_receivers_can_be_swapped():
 
 
 def test_finer_patches_change_little(monkeypatch):
-    monkeypatch.setattr(further, "BOUNCES", 2)  # what is mirrored on over several places has not converged
+    monkeypatch.setattr(
+        further, "BOUNCES", 2
+    )  # what is mirrored on over several places has not converged
     echoes = {}
     for patch in (0.5, 0.25, 0.125, 0.0625):
         monkeypatch.setattr(further, "PATCH", patch)
         echoes[patch] = twice(FINGERS, TONE_HZ, AntennaArray(SPARSE.tx_m[::4], SPARSE.rx_m[::2]))
     errors = [relative_error(echoes[patch], echoes[0.0625]) for patch in (0.5, 0.25, 0.125)]
-    # Of the first order, by what lies on the border of what is lit twice; 0.15 on a hand with patches of 0.25.
+    # Of the first order, by what lies on the border of what is lit twice; 0.15 on a hand with
+    # patches of 0.25.
     assert errors[2] < 0.6 * errors[1] < 0.6 * errors[0]
     assert errors[1] < 0.3
 
@@ -180,9 +218,13 @@ def test_no_result_depends_on_the_threads(monkeypatch):
 
 def test_motion_turns_the_bounces_with_the_target():
     made = state(FINGERS)
-    made = replace(made, surface=made.surface.where(np.arange(1)))  # the extra echoes alone, but for one facet
+    made = replace(
+        made, surface=made.surface.where(np.arange(1))
+    )  # the extra echoes alone, but for one facet
     along, offset_m = np.array([0.0, 0.0, 1.0]), 2e-4
-    turned = echoes_of_moving(made, along, np.full((1, len(TONES_HZ)), offset_m), (0.0, offset_m))[0]
+    turned = echoes_of_moving(made, along, np.full((1, len(TONES_HZ)), offset_m), (0.0, offset_m))[
+        0
+    ]
     moved = twice(Body(FINGERS.vertices_m + offset_m * along, FINGERS.faces))
     # 0.2 mm turn the echoes by 0.6 rad; what is left over is the tubes' borders.
     assert relative_error(turned, moved) < 0.03
@@ -192,18 +234,28 @@ def test_motion_turns_the_bounces_with_the_target():
 def test_reflection_and_pattern_act_on_every_bounce():
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
     metal = multipath(bare).extra_echoes()
-    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[0.3 + 0.4j]]))))
-    assert np.allclose(made.extra_echoes(), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max())
+    made = multipath(
+        replace(bare, surface=replace(bare.surface, reflection=np.array([[0.3 + 0.4j]])))
+    )
+    assert np.allclose(
+        made.extra_echoes(), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max()
+    )
     made = multipath(replace(bare, pattern=2.0))
     towards = [np.array([0.01, 0.005, 0.32]) - leg.position_m for leg in SPARSE.legs]
     squared = [(way[:, 2] / np.linalg.norm(way, axis=1)) ** 2 for way in towards]
-    assert relative_error(made.extra_echoes(), metal * np.outer(*squared)) < 0.03  # the corner is 20 mm wide
+    assert (
+        relative_error(made.extra_echoes(), metal * np.outer(*squared)) < 0.03
+    )  # the corner is 20 mm wide
 
 
 def test_layers_reflect_each_in_its_way():
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
     layer = (bare.surface.facets.face >= len(CORNER.faces) // 2).astype(int)  # the second plate
-    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[1.0], [0.5]]), layer=layer)))
+    made = multipath(
+        replace(
+            bare, surface=replace(bare.surface, reflection=np.array([[1.0], [0.5]]), layer=layer)
+        )
+    )
     # Each tube meets both plates once.
     assert relative_error(made.extra_echoes(), 0.5 * twice(CORNER, TONE_HZ)) < 1e-6
 
@@ -211,7 +263,11 @@ def test_layers_reflect_each_in_its_way():
 def test_a_layer_that_no_face_has_changes_nothing():
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
     layer = np.zeros(len(bare.surface.facets), int)
-    made = multipath(replace(bare, surface=replace(bare.surface, reflection=np.array([[0.5], [0.1]]), layer=layer)))
+    made = multipath(
+        replace(
+            bare, surface=replace(bare.surface, reflection=np.array([[0.5], [0.1]]), layer=layer)
+        )
+    )
     assert relative_error(made.extra_echoes(), 0.25 * twice(CORNER, TONE_HZ)) < 1e-6
 
 
@@ -223,7 +279,10 @@ def test_too_weak_bounces_are_not_traced():
 
 
 def test_an_estimate_is_sure_of_convex_bodies_alone():
-    flat, ball = plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60), sphere_body(0.01, (0, 0, 0.3))
+    flat, ball = (
+        plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60),
+        sphere_body(0.01, (0, 0, 0.3)),
+    )
     before = Rays.cast
     for body, sure in ((flat, True), (ball, True), (FINGERS, False), (hollow(ball), False)):
         estimate = estimate_multipath(EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), body))
@@ -232,16 +291,22 @@ def test_an_estimate_is_sure_of_convex_bodies_alone():
 
 
 def hollow(ball: Body) -> Body:
-    """The inner side of the ball's far half: a bowl, none of whose facets mirrors towards the array over another."""
+    """The inner side of the ball's far half: a bowl, none of whose facets mirrors towards the array
+    over another."""
     far = ball.vertices_m[ball.faces].mean(axis=1)[:, 2] > ball.vertices_m[:, 2].mean()
     return replace(ball, faces=ball.faces[far][:, ::-1])
 
 
 def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
-    # Closed form: 12πa⁴/λ² of three squares of side a, of geometrical optics and physical optics alike.
+    # Closed form: 12πa⁴/λ² of three squares of side a, of geometrical optics and physical optics
+    # alike.
     turn = 0.3 + 2 * np.pi / 3 * np.arange(3)
-    edges = np.stack([np.cos(turn), -np.sin(turn), -np.full(3, np.sqrt(0.5))], axis=1) * np.sqrt(2 / 3)
-    body = joined(*(plate(np.zeros(3), 0.03 * edges[i], 0.03 * edges[(i + 1) % 3], 16) for i in range(3)))
+    edges = np.stack([np.cos(turn), -np.sin(turn), -np.full(3, np.sqrt(0.5))], axis=1) * np.sqrt(
+        2 / 3
+    )
+    body = joined(
+        *(plate(np.zeros(3), 0.03 * edges[i], 0.03 * edges[(i + 1) % 3], 16) for i in range(3))
+    )
     expected = 12 * np.pi * 0.03**4 / WAVELENGTH_M**2
     assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
     monkeypatch.setattr(further, "BOUNCES", 2)
@@ -249,7 +314,8 @@ def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
 
 
 def test_tubes_that_land_nowhere_are_not_followed(monkeypatch):
-    """Their points are never written: whatever the memory held would be traced, with a warning at best."""
+    """Their points are never written: whatever the memory held would be traced, with a warning at
+    best."""
     empty = np.empty
 
     def poisoned(shape, dtype=float, **settings):
@@ -261,7 +327,9 @@ def test_tubes_that_land_nowhere_are_not_followed(monkeypatch):
     rays = Rays(FINGERS.vertices_m, FINGERS.faces)
     mirrors = mirrors_of(rays, FINGERS, SPARSE.tx_m, further.PATCH * WAVELENGTH_M)
     hits = trace(rays, mirrors, SPARSE, 1, 0.0).hits
-    turned = np.random.default_rng(0).integers(len(FINGERS.faces), size=hits.faces.shape)  # half of them look away
+    turned = np.random.default_rng(0).integers(
+        len(FINGERS.faces), size=hits.faces.shape
+    )  # half of them look away
     hits = hits._replace(faces=turned.astype(np.int32))
     monkeypatch.setattr(np, "empty", poisoned)
     found = mirrored_on(rays, hits, mirrors.patches, mirrors.surface, SPARSE.tx_m)

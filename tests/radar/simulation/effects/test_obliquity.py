@@ -6,7 +6,13 @@ import pytest
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.scene import Ball
 from handbench.radar.simulation.scene_echoes import bare_echoes
-from tests.radar.simulation.effects.small_scenes import bead_scene, effect, estimated, simulated, simulated_change
+from tests.radar.simulation.effects.small_scenes import (
+    bead_scene,
+    effect,
+    estimated,
+    simulated,
+    simulated_change,
+)
 
 
 @pytest.mark.parametrize("on", [False, True])

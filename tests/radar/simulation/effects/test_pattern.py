@@ -18,22 +18,29 @@ def test_power_is_halved_at_half_the_beamwidth(beamwidth_deg):
 
 def gains(array, point_m, beamwidth_deg):
     """cosᵠθ of both antennas of each channel [t, r] towards a point."""
-    cosines = [(point_m - a)[:, 2] / np.linalg.norm(point_m - a, axis=1) for a in (array.tx_m, array.rx_m)]
+    cosines = [
+        (point_m - a)[:, 2] / np.linalg.norm(point_m - a, axis=1) for a in (array.tx_m, array.rx_m)
+    ]
     return np.multiply.outer(*cosines) ** Pattern(beamwidth_deg=beamwidth_deg).exponent
 
 
 def test_a_bead_is_weighed_by_both_antennas():
     scene = bead_scene({"pattern": {"beamwidth_deg": 60.0}})
-    with_it, without = (simulated(scene, "obliquity", *more).capture.samples[0] for more in (("pattern",), ()))
+    with_it, without = (
+        simulated(scene, "obliquity", *more).capture.samples[0] for more in (("pattern",), ())
+    )
     expected = without * gains(scene.array, np.array([0.01, -0.005, 0.3]), 60.0)
-    # The bead's specular points lie up to 4 mm before its middle: 2q·tan θ·Δθ, at most 2·2.4·0.33·0.004 = 1 %.
+    # The bead's specular points lie up to 4 mm before its middle: 2q·tan θ·Δθ, at most
+    # 2·2.4·0.33·0.004 = 1 %.
     assert np.linalg.norm(with_it - expected) < 0.01 * np.linalg.norm(expected)
     assert np.linalg.norm(with_it - without) > 0.1 * np.linalg.norm(without)
 
 
 def test_balls_are_weighed_too():
     centre_m = np.array([0.05, 0.0, 0.3])
-    scene = bead_scene({"pattern": {"beamwidth_deg": 40.0}}, target=None, balls=(Ball(centre_m, 5e-3),))
+    scene = bead_scene(
+        {"pattern": {"beamwidth_deg": 40.0}}, target=None, balls=(Ball(centre_m, 5e-3),)
+    )
     with_it, without = (simulated(scene, *more).capture.samples[0] for more in (("pattern",), ()))
     expected = without * gains(scene.array, centre_m, 40.0)
     assert np.abs(with_it - expected).max() < 1e-6 * np.abs(without).max()  # float32

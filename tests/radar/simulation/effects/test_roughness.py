@@ -1,4 +1,5 @@
-"""Roughness and layer lines against closed forms: a sine's coherent loss, the field's statistics, a moved plate."""
+"""Roughness and layer lines against closed forms: a sine's coherent loss, the field's statistics, a
+moved plate."""
 
 import numpy as np
 import pytest
@@ -23,13 +24,17 @@ def flat(step_m: float):
 
 
 def echo(facets) -> complex:
-    """What a plane wave along z finds again, over the plate's area: a closed form needs no antenna."""
+    """What a plane wave along z finds again, over the plate's area: a closed form needs no
+    antenna."""
     return complex(np.sum(facets.area_m2 * np.exp(2j * K * facets.position_m[:, 2])) / SIDE_M**2)
 
 
-@pytest.mark.parametrize("step_m", [1e-3, 2e-5])  # finer than facets: weakened; resolved by them: displaced
+@pytest.mark.parametrize(
+    "step_m", [1e-3, 2e-5]
+)  # finer than facets: weakened; resolved by them: displaced
 def test_layer_lines_leave_a_mirror_what_bessels_function_says(step_m):
-    """A sine of depth H leaves J₀(kH) of what a flat plate mirrors; exp(−k²H²/4) is its expansion to fourth order."""
+    """A sine of depth H leaves J₀(kH) of what a flat plate mirrors; exp(−k²H²/4) is its expansion
+    to fourth order."""
     rough = Roughness(layer_depth_m=2e-4, layer_pitch_m=2e-4, layers_along=(1, 0, 0))
     lined = roughened(flat(step_m), *waves_of(rough, np.random.default_rng(1)), K)
     assert abs(echo(lined)) == pytest.approx(j0(K * 2e-4), abs=(K * 2e-4) ** 4 / 32)
@@ -39,14 +44,18 @@ def test_heights_have_their_spread_and_correlation():
     rough = Roughness(rms_m=1e-4, correlation_m=1e-3)
     facets = flat(1e-4)
     heights = [
-        roughened(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2] for seed in range(40)
+        roughened(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2]
+        for seed in range(40)
     ]
     assert np.std(heights) == pytest.approx(1e-4, rel=0.1)  # 40 surfaces of 36 patches: 3 %
     order = np.argsort(facets.position_m[:, 0])
     apart = facets.position_m[:, 0]
     for lag_m in (0.5e-3, 1e-3, 2e-3):
         first = order[:400]
-        second = [int(np.argmin(np.abs(apart - apart[n] - lag_m) + 10 * _across(facets, n))) for n in first]
+        second = [
+            int(np.argmin(np.abs(apart - apart[n] - lag_m) + 10 * _across(facets, n)))
+            for n in first
+        ]
         found = np.mean([h[first] * h[second] for h in heights]) / np.mean(np.square(heights))
         assert found == pytest.approx(np.exp(-((lag_m / 1e-3) ** 2)), abs=0.15)
 
@@ -62,7 +71,9 @@ def test_relief_wider_than_the_plate_moves_it():
     scene = bead_scene(causes, target=body)
     rough = simulated(scene, "obliquity", "roughness").capture.samples
     heights = waves_of(scene.causes.roughness, _draws(scene))
-    height_m = float(np.sum(heights[1] * np.cos(heights[0] @ body.vertices_m.mean(axis=0) + heights[2])))
+    height_m = float(
+        np.sum(heights[1] * np.cos(heights[0] @ body.vertices_m.mean(axis=0) + heights[2]))
+    )
     moved = Body(body.vertices_m - [0, 0, height_m], body.faces)  # its front looks along −z
     there = simulated(bead_scene(target=moved), "obliquity").capture.samples
     still = simulated(bead_scene(target=body), "obliquity").capture.samples
@@ -74,7 +85,8 @@ def _draws(scene):
 
 
 def test_skin_hardly_is_rough_at_these_wavelengths():
-    """30 µm turn echoes by 0.1 rad: what the map gains by them is estimated like any other effect."""
+    """30 µm turn echoes by 0.1 rad: what the map gains by them is estimated like any other
+    effect."""
     changes, level_db = estimated(
         bead_scene({"roughness": {"rms_m": 3e-5}}), "obliquity", "roughness", without="roughness"
     )
@@ -83,5 +95,7 @@ def test_skin_hardly_is_rough_at_these_wavelengths():
 
 
 def test_a_direction_has_a_length():
-    with pytest.raises(HandbenchError, match=r"layers_along' is \[0, 0, 0\]; expected a direction as"):
+    with pytest.raises(
+        HandbenchError, match=r"layers_along' is \[0, 0, 0\]; expected a direction as"
+    ):
         parse(Roughness, {"layers_along": [0, 0, 0]}, "roughness")

@@ -1,4 +1,5 @@
-"""Imperfect sensors: each error has the statistics that the scene file gives, and touches what it says."""
+"""Imperfect sensors: each error has the statistics that the scene file gives, and touches what it
+says."""
 
 from itertools import pairwise
 
@@ -23,11 +24,18 @@ def test_thermal_noise_has_the_phase_noise_of_the_scene():
     scene = bead_scene({"noise": {"phase_noise_rad": 0.05}})
     noise = simulated(scene, "noise", frames=60).capture.samples - clean
     assert np.abs(noise.mean()) < 5 * noise.std() / np.sqrt(noise.size)
-    assert np.mean(noise**2) == pytest.approx(0, abs=5 * noise.std() ** 2 / np.sqrt(noise.size))  # circular
+    assert np.mean(noise**2) == pytest.approx(
+        0, abs=5 * noise.std() ** 2 / np.sqrt(noise.size)
+    )  # circular
     # At the strongest pixel it turns two tones against each other by 0.05 rad; 60 frames: 9 % (1σ).
     surface_m = scene.target.vertices_m
-    strongest = surface_m[np.abs(tone_images(clean[2:], TONES_HZ[2:], scene.array, surface_m)[0]).argmax()][None]
-    pixel = [tone_images(samples, TONES_HZ, scene.array, strongest)[:, 0] for samples in (clean, *(clean + noise))]
+    strongest = surface_m[
+        np.abs(tone_images(clean[2:], TONES_HZ[2:], scene.array, surface_m)[0]).argmax()
+    ][None]
+    pixel = [
+        tone_images(samples, TONES_HZ, scene.array, strongest)[:, 0]
+        for samples in (clean, *(clean + noise))
+    ]
     between = np.angle([p[2] * p[0].conj() / (pixel[0][2] * pixel[0][0].conj()) for p in pixel[1:]])
     assert between.std() == pytest.approx(0.05, rel=0.3)
 
@@ -72,9 +80,13 @@ def test_positions_move_the_antennas_and_not_the_capture():
 def test_channel_errors_belong_to_antennas():
     scene = bead_scene({"channels": {"gain_db": 0.5, "phase_rad": 0.1, "delay_m": 1e-4}})
     factor = simulated(scene, "channels").capture.samples[0] / simulated(scene).capture.samples[0]
-    assert np.linalg.svd(factor[1], compute_uv=False)[1] < 1e-4 * np.linalg.norm(factor[1])  # rank 1: t times r
+    assert np.linalg.svd(factor[1], compute_uv=False)[1] < 1e-4 * np.linalg.norm(
+        factor[1]
+    )  # rank 1: t times r
     gain_db = 20 * np.log10(np.abs(factor))
-    assert gain_db.std() == pytest.approx(0.5 * np.sqrt(2), rel=0.2)  # 188 antennas: 5 % (1σ), twice four
+    assert gain_db.std() == pytest.approx(
+        0.5 * np.sqrt(2), rel=0.2
+    )  # 188 antennas: 5 % (1σ), twice four
     slope = np.angle(factor[2] * factor[0].conj()) * 3e8 / (2 * np.pi * 2.5e9)
     assert slope.std() == pytest.approx(1e-4 * np.sqrt(2), rel=0.2)
 
@@ -85,7 +97,9 @@ def test_dead_antennas_are_silent():
     silent = samples == 0
     assert silent[:, 3].all() and silent[:, :, [0, 93]].all()
     assert silent.sum() == 3 * (94 * 94 - 93 * 92)
-    with pytest.raises(HandbenchError, match=r"sensor\.dead\.rx: is 94; expected numbers from 0 to 93"):
+    with pytest.raises(
+        HandbenchError, match=r"sensor\.dead\.rx: is 94; expected numbers from 0 to 93"
+    ):
         simulated(bead_scene({"dead": {"rx": (94,)}}), "dead")
 
 
@@ -114,14 +128,23 @@ def test_quantisation_is_white_noise_of_a_twelfth_of_a_step_squared():
 
 
 def test_the_empty_room_has_the_same_sensor_and_other_noise():
-    causes = {"noise": {"phase_noise_rad": 0.05}, "coupling": {"level_db": 0.0}, "channels": {"phase_rad": 0.5}}
+    causes = {
+        "noise": {"phase_noise_rad": 0.05},
+        "coupling": {"level_db": 0.0},
+        "channels": {"phase_rad": 0.5},
+    }
     found = simulated(bead_scene(causes), "noise", "coupling", "channels", empty=True)
     quiet = simulated(bead_scene(causes), "coupling", "channels", empty=True)
-    assert np.array_equal(quiet.subtracted().capture.samples, quiet.capture.samples - quiet.empty.samples)
+    assert np.array_equal(
+        quiet.subtracted().capture.samples, quiet.capture.samples - quiet.empty.samples
+    )
     bare = simulated(bead_scene(causes), "channels").capture.samples
     # What is left after subtracting is the bead behind the sensor's channels.
     assert np.linalg.norm(quiet.subtracted().capture.samples - bare) < 1e-5 * np.linalg.norm(bare)
-    noise = [a.samples - b.samples for a, b in ((found.capture, quiet.capture), (found.empty, quiet.empty))]
+    noise = [
+        a.samples - b.samples
+        for a, b in ((found.capture, quiet.capture), (found.empty, quiet.empty))
+    ]
     assert rms(noise[0]) == pytest.approx(rms(noise[1]), rel=0.05)
     assert abs(np.vdot(*noise)) < 0.05 * np.linalg.norm(noise[0]) * np.linalg.norm(noise[1])
 
@@ -131,6 +154,9 @@ def test_coupling_is_told_against_the_target_whatever_stands_around():
     corners_m = np.array([[-0.1, -0.1, 0.4], [0.1, -0.1, 0.4], [0.0, 0.1, 0.4]])
     wall = Body(corners_m, np.array([[0, 2, 1]]), reflectivity_db=0.0)
     scene = bead_scene(causes, room=(wall,))
-    with_wall = simulated(scene, "coupling", "clutter").capture.samples - simulated(scene, "clutter").capture.samples
+    with_wall = (
+        simulated(scene, "coupling", "clutter").capture.samples
+        - simulated(scene, "clutter").capture.samples
+    )
     without = simulated(scene, "coupling").capture.samples - simulated(scene).capture.samples
     assert rms(with_wall) == pytest.approx(rms(without), rel=1e-3)

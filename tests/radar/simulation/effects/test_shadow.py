@@ -38,8 +38,13 @@ def state(body: Body, *effects) -> Echoes:
 def by_rays(body: Body, facets, antennas_m) -> np.ndarray:
     rays = Rays(body.vertices_m, body.faces)
     towards = face_vectors(body.vertices_m, body.faces)[facets.face]
-    front = [((a - body.vertices_m[body.faces[facets.face, 0]]) * towards).sum(axis=1) > 0 for a in antennas_m]
-    return np.array([f & rays.in_sight(facets.position_m, a) for f, a in zip(front, antennas_m, strict=True)])
+    front = [
+        ((a - body.vertices_m[body.faces[facets.face, 0]]) * towards).sum(axis=1) > 0
+        for a in antennas_m
+    ]
+    return np.array(
+        [f & rays.in_sight(facets.position_m, a) for f, a in zip(front, antennas_m, strict=True)]
+    )
 
 
 def test_what_antennas_see_agrees_with_a_ray_to_every_facet():
@@ -55,7 +60,9 @@ def test_what_antennas_see_agrees_with_a_ray_to_every_facet():
 
 
 def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet():
-    body = joined(plate((-0.02, -0.02, 0.3), (0, 0.04, 0), (0.04, 0, 0), 1), sphere_body(3e-3, (0, 0, 0.28)))
+    body = joined(
+        plate((-0.02, -0.02, 0.3), (0, 0.04, 0), (0.04, 0, 0), 1), sphere_body(3e-3, (0, 0, 0.28))
+    )
     here = scene(body)
     facets = facing(here, body)
     antennas_m = here.array.tx_m[::7]
@@ -69,7 +76,10 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
 def test_echoes_with_shadows_leave_out_what_is_hidden():
     alone = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), shadow_antennas)
     # A small ball right behind the cylinder is hidden from all antennas: no echo of it is left.
-    hidden = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))), shadow_antennas)
+    hidden = state(
+        joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))),
+        shadow_antennas,
+    )
     assert np.array_equal(hidden.echo(hidden.array), alone.echo(alone.array))
 
 
@@ -111,7 +121,9 @@ def test_lines_are_runs_of_neighbours():
 def test_a_buffer_of_depths_sees_what_rays_see():
     facets = facing(scene(FINGERS), FINGERS)
     expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
-    assert (visible_from(facets, np.zeros(3)) != expected).mean() < 0.03  # cells of two facets at the shadow's edge
+    assert (
+        visible_from(facets, np.zeros(3)) != expected
+    ).mean() < 0.03  # cells of two facets at the shadow's edge
 
 
 def test_an_estimate_casts_no_ray_and_sees_where_shadows_matter():

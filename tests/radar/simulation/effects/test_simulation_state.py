@@ -27,7 +27,8 @@ CASTING = ("shadow_centre", "shadow_antennas", "multipath")
 
 @pytest.fixture
 def no_random_numbers(monkeypatch):
-    """Refuses what scenes draw from; the estimates' own numbers, always the same, come from elsewhere."""
+    """Refuses what scenes draw from; the estimates' own numbers, always the same, come from
+    elsewhere."""
 
     def refuse(*arguments, **named):
         raise AssertionError("drew a random number")
@@ -82,7 +83,16 @@ def test_no_effect_changes_anothers_draws(other, monkeypatch):
 
 
 def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
-    names = ("positions", "obliquity", "shadow_antennas", "multipath", "motion", "channels", "oscillator", "noise")
+    names = (
+        "positions",
+        "obliquity",
+        "shadow_antennas",
+        "multipath",
+        "motion",
+        "channels",
+        "oscillator",
+        "noise",
+    )
     found = []
     for workers in ("1", "2", "3"):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
@@ -98,7 +108,9 @@ def test_rows_say_what_each_effect_took():
 
 def test_time_inside_another_counts_once(monkeypatch):
     ticks = iter([0.0, 1.0, 5.0, 7.0])  # outer begins, inner begins and ends, outer ends
-    monkeypatch.setattr("handbench.radar.simulation.simulate.time.perf_counter", lambda: next(ticks))
+    monkeypatch.setattr(
+        "handbench.radar.simulation.simulate.time.perf_counter", lambda: next(ticks)
+    )
     watch = Stopwatch()
     with watch.timed("outer"), watch.timed("inner"):
         pass

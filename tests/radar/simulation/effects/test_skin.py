@@ -1,4 +1,5 @@
-"""Reflection of skin: published values, limits of the layered half-space, and the palm's bias in depth."""
+"""Reflection of skin: published values, limits of the layered half-space, and the palm's bias in
+depth."""
 
 from dataclasses import replace
 
@@ -7,10 +8,22 @@ import pytest
 
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.effects.target_surface import skin
-from handbench.radar.simulation.physics.reflection import fresnel, layered, skin_permittivity, skin_reflection
+from handbench.radar.simulation.physics.reflection import (
+    fresnel,
+    layered,
+    skin_permittivity,
+    skin_reflection,
+)
 from handbench.radar.simulation.scene import Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, effect, estimated, simulated, sphere_body
+from tests.radar.simulation.effects.small_scenes import (
+    TONES_HZ,
+    bead_scene,
+    effect,
+    estimated,
+    simulated,
+    sphere_body,
+)
 
 SKIN = Material(kind="skin")
 
@@ -25,21 +38,27 @@ def db(amplitude):
 )
 def test_dry_skin_as_published(tone_hz, expected, reflected_db):
     permittivity = skin_permittivity(np.array([tone_hz]))
-    assert permittivity[0] == pytest.approx(expected, abs=0.08)  # two digits are known of real and imaginary part
+    assert permittivity[0] == pytest.approx(
+        expected, abs=0.08
+    )  # two digits are known of real and imaginary part
     assert db(fresnel(permittivity))[0] == pytest.approx(reflected_db, abs=0.06)
 
 
 def test_wet_skin_reflects_a_third_of_a_decibel_more():
     tone_hz = np.array([77e9])
-    more_db = db(fresnel(skin_permittivity(tone_hz, wet=True))) - db(fresnel(skin_permittivity(tone_hz)))
+    more_db = db(fresnel(skin_permittivity(tone_hz, wet=True))) - db(
+        fresnel(skin_permittivity(tone_hz))
+    )
     assert more_db[0] == pytest.approx(0.3, abs=0.05)
 
 
 @pytest.mark.parametrize(
-    ("thickness_m", "reflected_db", "within_db"), [(15e-6, -4.8, 0.1), (140e-6, -5.8, 0.1), (430e-6, -18, 2.5)]
+    ("thickness_m", "reflected_db", "within_db"),
+    [(15e-6, -4.8, 0.1), (140e-6, -5.8, 0.1), (430e-6, -18, 2.5)],
 )
 def test_horny_layers_as_published(thickness_m, reflected_db, within_db):
-    # 430 µm is close to a quarter wave: a deep minimum, which the second digit of a permittivity moves by decibels.
+    # 430 µm is close to a quarter wave: a deep minimum, which the second digit of a permittivity
+    # moves by decibels.
     reflection = skin_reflection(SKIN, np.array([77e9]), thickness_m)
     assert db(reflection)[0] == pytest.approx(reflected_db, abs=within_db)
 
@@ -65,22 +84,29 @@ def depth_change_m(before, after):
     near_side_m = np.array([[0.01, -0.005, 0.296]])
     products = []
     for capture in (before, after):
-        images = image_points(capture.samples[0], TONES_HZ, capture.aperture, near_side_m, None, apart=True)[:, 0]
+        images = image_points(
+            capture.samples[0], TONES_HZ, capture.aperture, near_side_m, None, apart=True
+        )[:, 0]
         products.append(images[2] * images[0].conj())
     return -299_792_458.0 * np.angle(products[1] * products[0].conj()) / (4 * np.pi * 2.5e9)
 
 
 @pytest.mark.parametrize(
-    ("palm", "thickness_m", "bias_m"), [(False, 430e-6, 0.04e-3), (True, 140e-6, 0.15e-3), (True, 430e-6, 2.6e-3)]
+    ("palm", "thickness_m", "bias_m"),
+    [(False, 430e-6, 0.04e-3), (True, 140e-6, 0.15e-3), (True, 430e-6, 2.6e-3)],
 )
 def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     material = Material(kind="skin", palm_thickness_m=thickness_m)
     scene = bead_scene(target=replace(body, material=material, palm=np.full(len(body.faces), palm)))
-    change_m = depth_change_m(simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture)
+    change_m = depth_change_m(
+        simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture
+    )
     assert change_m == pytest.approx(bias_m, abs=0.05e-3)
     changes, _ = estimated(scene, "obliquity", "skin", without="skin")
-    assert changes["3fsk"].depth_mm == pytest.approx(1e3 * change_m, rel=0.05)  # exact for one layer
+    assert changes["3fsk"].depth_mm == pytest.approx(
+        1e3 * change_m, rel=0.05
+    )  # exact for one layer
 
 
 def test_each_face_has_its_own_layer():
@@ -94,11 +120,17 @@ def test_each_face_has_its_own_layer():
         half = bare_echoes(scene)
         half = replace(half, surface=half.surface.where(part[half.surface.facets.face]))
         halves.append(half.echo(scene.array))
-    expected = sum(half * r[:, None, None] for half, r in zip(halves, state.surface.reflection[::-1], strict=True))
-    # The halves together and apart go through other boxes of the fast chain: its tolerance, 1e-5, twice.
+    expected = sum(
+        half * r[:, None, None]
+        for half, r in zip(halves, state.surface.reflection[::-1], strict=True)
+    )
+    # The halves together and apart go through other boxes of the fast chain: its tolerance, 1e-5,
+    # twice.
     assert np.linalg.norm(state.echo(scene.array) - expected) < 3e-5 * np.linalg.norm(expected)
 
 
 def test_only_skin_has_it():
     assert effect("skin").missing(bead_scene())
-    assert not effect("skin").missing(bead_scene(target=replace(bead_scene().target, material=SKIN)))
+    assert not effect("skin").missing(
+        bead_scene(target=replace(bead_scene().target, material=SKIN))
+    )

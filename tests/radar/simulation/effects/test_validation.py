@@ -32,13 +32,16 @@ def sphere():
 
 def test_a_large_sphere_has_the_cross_section_pi_a_squared(sphere):
     ka, facets, _, mie = sphere
-    large = ka >= 25  # a = 15 mm at 77 GHz; the terminator of physical optics is 1/ka = 0.17 dB there
+    large = (
+        ka >= 25
+    )  # a = 15 mm at 77 GHz; the terminator of physical optics is 1/ka = 0.17 dB there
     assert np.abs(db(facets[large])).max() < 0.2
     assert np.abs(db(mie[large])).max() < 0.2
 
 
 def test_facets_sum_to_the_integral_of_physical_optics(sphere):
-    # Chords for arcs: edges of 1.6a/128 make a second-order error of (2ka·0.0125)²/12 = 1.9 % in power at ka = 60.
+    # Chords for arcs: edges of 1.6a/128 make a second-order error of (2ka·0.0125)²/12 = 1.9 % in
+    # power at ka = 60.
     ka, facets, closed, _ = sphere
     assert np.abs(facets / closed - 1).max() < 0.02
     assert np.abs(facets / closed - 1)[ka <= 10].max() < 1e-3
@@ -46,7 +49,8 @@ def test_facets_sum_to_the_integral_of_physical_optics(sphere):
 
 def test_physical_optics_approaches_mie_as_one_over_ka(sphere):
     ka, facets, _, mie = sphere
-    # Both go to πa²; of what they differ by, the terminator of physical optics is the largest part: |2/x| in power.
+    # Both go to πa²; of what they differ by, the terminator of physical optics is the largest part:
+    # |2/x| in power.
     for low, high, most_db in ((20, 30, 0.4), (30, 60, 0.25)):
         assert np.abs(db(facets / mie))[(ka >= low) & (ka <= high)].max() < most_db
     assert np.abs(db(facets / mie))[ka < 2].max() > 3  # resonance is not physical optics
@@ -55,7 +59,9 @@ def test_physical_optics_approaches_mie_as_one_over_ka(sphere):
 def test_a_plate_at_normal_incidence_has_the_cross_section_of_its_area():
     facets, exact = plate_over_angle(np.zeros(1))
     assert exact[0] == pytest.approx(4 * np.pi * (10 * WAVELENGTH_M) ** 4 / WAVELENGTH_M**2)
-    assert facets[0] == pytest.approx(exact[0], rel=1e-5)  # all in phase: float32 and the spherical wave alone
+    assert facets[0] == pytest.approx(
+        exact[0], rel=1e-5
+    )  # all in phase: float32 and the spherical wave alone
 
 
 def test_a_plate_has_its_sinc_pattern_down_to_30_db():
@@ -63,15 +69,21 @@ def test_a_plate_has_its_sinc_pattern_down_to_30_db():
     (facets, exact), (even, _) = plate_over_angle(degrees), plate_over_angle(degrees, oblique=False)
     lobes = exact > 1e-3 * exact.max()
     assert degrees[lobes].max() > 20
-    # Facets of λ/8 stand for points: (2π·sin 25°/4)²/24 = 1.8 % of the amplitude, 0.16 dB, at the outermost lobe.
+    # Facets of λ/8 stand for points: (2π·sin 25°/4)²/24 = 1.8 % of the amplitude, 0.16 dB, at the
+    # outermost lobe.
     assert np.abs(db(facets / exact))[lobes].max() < 0.16
-    assert np.abs(db(even / exact))[lobes].max() > 0.6  # cos² 25° = −0.9 dB: what leaving out the obliquity costs
+    assert (
+        np.abs(db(even / exact))[lobes].max() > 0.6
+    )  # cos² 25° = −0.9 dB: what leaving out the obliquity costs
 
 
 def test_a_sheet_seen_from_behind_does_not_echo():
     sheet = optics_of(sheet_body(0.02, 0.02, 1e-3))
     front, back = ([[0.0, 0.0, side * FAR_M]] for side in (-1, 1))
-    lit, dark = (simulate(sheet, np.array([TONE_HZ]), AntennaArray(a, a), tolerance=None) for a in (front, back))
+    lit, dark = (
+        simulate(sheet, np.array([TONE_HZ]), AntennaArray(a, a), tolerance=None)
+        for a in (front, back)
+    )
     assert dark.item() == 0 != lit.item()
 
 
@@ -83,7 +95,8 @@ def test_phases_are_those_of_the_exact_distance(tolerance, spreading):
 def test_refinement_converges_with_the_square_of_the_edge():
     errors = refined()
     orders = np.log2(errors[:-1] / errors[1:])
-    # Midpoints of flat facets: second order. The last step looks steeper since the reference errs by a quarter of it.
+    # Midpoints of flat facets: second order. The last step looks steeper since the reference errs
+    # by a quarter of it.
     assert np.all(orders[:2] > 1.9)
     assert np.all(orders[:2] < 2.2)
     assert errors[1] < 0.03  # a quarter of the wavelength, which scenes are sampled at
@@ -93,9 +106,11 @@ def test_transmitters_and_receivers_may_be_exchanged():
     array = AntennaArray(qar50().tx_m[::9], qar50().rx_m[::7])
     body = optics_of(sphere_body(0.02, 5, (0.01, 0.02, 0.3)))
     there, back = (
-        simulate(body, np.array([72e9, 82e9]), a, tolerance=None) for a in (array, AntennaArray(array.rx_m, array.tx_m))
+        simulate(body, np.array([72e9, 82e9]), a, tolerance=None)
+        for a in (array, AntennaArray(array.rx_m, array.tx_m))
     )
-    # The weight multiplies one leg's float32 gains, the transmitters': 6e-8 per facet, averaged over thousands.
+    # The weight multiplies one leg's float32 gains, the transmitters': 6e-8 per facet, averaged
+    # over thousands.
     assert np.abs(there - back.swapaxes(1, 2)).max() < 1e-6 * np.abs(there).max()
 
 
@@ -103,7 +118,8 @@ def test_power_falls_with_the_fourth_power_of_range():
     range_m = np.array([0.3, 0.6, 1.2, 2.4, 4.8])
     orders = -np.diff(np.log2(power_over_range(range_m)), axis=1)
     assert orders[0] == pytest.approx(4, abs=1e-5)  # a point: float32
-    # A ball's near surface is nearer than its centre by 5 mm: 1/(R − a)² R² tends to R⁻⁴ like 1 + 2a/R.
+    # A ball's near surface is nearer than its centre by 5 mm: 1/(R − a)² R² tends to R⁻⁴ like 1 +
+    # 2a/R.
     assert np.all(np.diff(np.abs(orders[1] - 4)) < 0)
     assert orders[1, -1] == pytest.approx(4, abs=0.003)
 
@@ -111,6 +127,11 @@ def test_power_falls_with_the_fourth_power_of_range():
 def test_both_legs_share_the_obliquity():
     array, tone_hz = AntennaArray([[0.0, 0.0, 0.0]], [[0.1, 0.0, 0.0]]), np.array([TONE_HZ])
     at, normal = np.array([[0.0, 0.0, 0.3]]), np.array([[0.0, 0.6, -0.8]])
-    even, turned = (simulate(Scatterers(at, np.ones(1), n), tone_hz, array, tolerance=None) for n in (None, normal))
+    even, turned = (
+        simulate(Scatterers(at, np.ones(1), n), tone_hz, array, tolerance=None)
+        for n in (None, normal)
+    )
     # √cos of both legs: 0.8 and 0.8·0.3/√(0.1² + 0.3²).
-    assert abs(turned.item() / even.item()) == pytest.approx(0.8 * np.sqrt(0.3 / np.hypot(0.1, 0.3)), rel=1e-6)
+    assert abs(turned.item() / even.item()) == pytest.approx(
+        0.8 * np.sqrt(0.3 / np.hypot(0.1, 0.3)), rel=1e-6
+    )

@@ -1,5 +1,5 @@
-"""Waves that creep around round edges: Pekeris' function against its residues, and the field behind a cylinder's mesh
-against the exact series, which share nothing with it."""
+"""Waves that creep around round edges: Pekeris' function against its residues, and the field behind
+a cylinder's mesh against the exact series, which share nothing with it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from scipy.special import ai_zeros, airy
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.simulation.physics.creeping import pekeris, roundness_of
-from handbench.radar.simulation.physics.diffraction import cells_of, edge_waves, edges_of, outline, seen_outline
+from handbench.radar.simulation.physics.diffraction import (
+    cells_of,
+    edge_waves,
+    edges_of,
+    outline,
+    seen_outline,
+)
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.rays import Rays, load_open3d
@@ -23,7 +29,8 @@ AXIS_M = 0.265
 
 @pytest.mark.parametrize("hard", [False, True])
 def test_pekeris_function_is_its_residues_and_the_knife_edge_s_part(hard):
-    """Deep in the shadow: 1/(2√π ξ) and the waves that creep, at the zeros of W₂, or of W₂' across the edge."""
+    """Deep in the shadow: 1/(2√π ξ) and the waves that creep, at the zeros of W₂, or of W₂' across
+    the edge."""
     xi = np.linspace(0.8, 3, 12)
     zeros, slopes = ai_zeros(40)[:2]
     tau = -(slopes if hard else zeros) * np.exp(-1j * np.pi / 3)
@@ -35,14 +42,16 @@ def test_pekeris_function_is_its_residues_and_the_knife_edge_s_part(hard):
 
 
 def test_pekeris_function_at_the_shadow_s_edge_is_as_tabulated():
-    """0.354 and 0.307 at 30° and −150° (Logan, Tables of the Fock functions; McNamara et al., app. F)."""
+    """0.354 and 0.307 at 30° and −150° (Logan, Tables of the Fock functions; McNamara et al., app.
+    F)."""
     found = pekeris(np.zeros(1), np.array([0.0, 1.0]), np.array([1.0, 0.0]))[0]
     np.testing.assert_allclose(np.abs(found), [0.354, 0.307], atol=5e-4)
     np.testing.assert_allclose(np.degrees(np.angle(found)), [30, -150], atol=0.1)
 
 
 def exact_field(radius_m, antenna_m, points_m, polarisation, material):
-    """The field along the dipole at points [n, 3] around one cylinder over that without it, by the series."""
+    """The field along the dipole at points [n, 3] around one cylinder over that without it, by the
+    series."""
     permittivity = None if material.kind == "metal" else dielectric_permittivity(material)
     cylinder = Cylinder(0.0, AXIS_M, radius_m)
     field = scattered([cylinder], K, antenna_m[None], points_m, polarisation, permittivity)[0]
@@ -69,11 +78,18 @@ def fields(radius_m, antenna_m, points_m, polarisation, material):
 @pytest.mark.parametrize("radius_m", [2e-3, 8e-3, 25e-3])
 @pytest.mark.parametrize(
     ("polarisation", "material", "bound"),
-    [(ALONG, "metal", 0.02), (ALONG, "skin", 0.02), (ACROSS, "metal", 0.08), (ACROSS, "skin", 0.05)],
+    [
+        (ALONG, "metal", 0.02),
+        (ALONG, "skin", 0.02),
+        (ACROSS, "metal", 0.08),
+        (ACROSS, "skin", 0.05),
+    ],
 )
-def test_the_field_behind_a_cylinder_is_that_of_the_exact_series(polarisation, material, bound, radius_m, height_m):
-    """In the shadow and a third of its half-width beside it, 18 mm behind; a knife's edge is off by 0.08 to 0.2. Across
-    the edge the expansion's next term is larger."""
+def test_the_field_behind_a_cylinder_is_that_of_the_exact_series(
+    polarisation, material, bound, radius_m, height_m
+):
+    """In the shadow and a third of its half-width beside it, 18 mm behind; a knife's edge is off by
+    0.08 to 0.2. Across the edge the expansion's next term is larger."""
     antenna_m = np.array([0.03, height_m, 0.0])
     place_m = np.linspace(-1.3, 1.3, 80) * radius_m
     depth_m = AXIS_M + radius_m + 0.018
@@ -81,7 +97,9 @@ def test_the_field_behind_a_cylinder_is_that_of_the_exact_series(polarisation, m
     points_m = np.stack([x_m, 0 * x_m, 0 * x_m + depth_m], axis=1)
     given = antenna_m, points_m, polarisation, MATERIALS[material]
     exact = exact_field(radius_m, *given)
-    knife, round_ = (np.sqrt(np.mean(np.abs(found - exact) ** 2)) for found in fields(radius_m, *given))
+    knife, round_ = (
+        np.sqrt(np.mean(np.abs(found - exact) ** 2)) for found in fields(radius_m, *given)
+    )
     assert round_ < bound
     assert round_ < 0.5 * knife
 

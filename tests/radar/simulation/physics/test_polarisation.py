@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 
 from handbench.radar.simulation.physics.bounces import Tubes
 from handbench.radar.simulation.physics.polarisation import tube_factors
-from handbench.radar.simulation.physics.reflection import interface, layered, oblique_layered, oblique_ratios
+from handbench.radar.simulation.physics.reflection import (
+    interface,
+    layered,
+    oblique_layered,
+    oblique_ratios,
+)
 from handbench.radar.simulation.scene import Material
 
 METAL = oblique_ratios(Material(), 80e9)
@@ -16,20 +21,26 @@ ALONG, ACROSS = np.array([0.0, 1, 0]), np.array([1.0, 0, 0])
 
 
 def factor(dipole, ratios=METAL, at=((-0.1, 0, 0), (-0.1, 0, 1.0), (0.1, 0, 1.0), (0.1, 0, 0))):
-    """Of one tube from place to place; unless told, of a right-angled dihedral with its edge along y, met at 45°."""
+    """Of one tube from place to place; unless told, of a right-angled dihedral with its edge along
+    y, met at 45°."""
     tx_m, start_m, end_m, rx_m = np.array(at, float)
     after, before = (way / np.linalg.norm(way) for way in (rx_m - end_m, end_m - start_m))
     normal = (after - before) / np.linalg.norm(after - before)
     zero, flat = np.zeros(1, int), np.zeros((1, 3))
     one = np.ones(1)
     places_m = np.array([[start_m, end_m]])
-    made = Tubes(zero, zero, zero[:, None], places_m, normal[None], one, one, flat[None], flat, zero)
-    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, np.zeros((1, 2), int))[0]
+    made = Tubes(
+        zero, zero, zero[:, None], places_m, normal[None], one, one, flat[None], flat, zero
+    )
+    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, np.zeros((1, 2), int))[
+        0
+    ]
 
 
 def test_a_metal_dihedral_turns_the_field_across_its_edge():
-    """Image theory: two mirrors at a right angle turn space by 180° about the edge: a field along it stays, one across
-    it comes back as its opposite, and one at 45° comes back crossed (Ruck et al., Radar Cross Section Handbook)."""
+    """Image theory: two mirrors at a right angle turn space by 180° about the edge: a field along
+    it stays, one across it comes back as its opposite, and one at 45° comes back crossed (Ruck et
+    al., Radar Cross Section Handbook)."""
     assert factor(ALONG) == pytest.approx(1, abs=1e-6)
     assert factor(ACROSS) == pytest.approx(-1, abs=1e-6)
     assert factor((ALONG + ACROSS) / 2**0.5) == pytest.approx(0, abs=1e-6)
@@ -37,7 +48,8 @@ def test_a_metal_dihedral_turns_the_field_across_its_edge():
 
 @pytest.mark.parametrize(("dipole", "sign", "part"), [(ALONG, 1, 0), (ACROSS, -1, 1)])
 def test_skin_reflects_by_fresnels_formulas(dipole, sign, part):
-    """At 45°; the formulas as in Born & Wolf, sec. 1.5.2. The table of cosines is interpolated: 1e-3."""
+    """At 45°; the formulas as in Born & Wolf, sec. 1.5.2. The table of cosines is interpolated:
+    1e-3."""
     n, inside = np.sqrt(6.4 * (1 - 1.35j)), np.sqrt(6.4 * (1 - 1.35j) - 0.5)
     s = (0.5**0.5 - inside) / (0.5**0.5 + inside)
     p = (inside - n**2 * 0.5**0.5) / (inside + n**2 * 0.5**0.5)
@@ -49,7 +61,10 @@ def test_skin_reflects_by_fresnels_formulas(dipole, sign, part):
 def test_the_way_back_is_as_good(places, angle_deg):
     """Reciprocity: transmitter and receiver exchanged, with their dipoles."""
     tx_m, rx_m = np.array([*places[:2], 0.0]), np.array([*places[2:4], 0.0])
-    start_m, end_m = np.array([places[4] - 0.5, places[5], 1.0]), np.array([places[6] + 0.5, places[7], 1.1])
+    start_m, end_m = (
+        np.array([places[4] - 0.5, places[5], 1.0]),
+        np.array([places[6] + 0.5, places[7], 1.1]),
+    )
     dipole = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0])
     ratios = oblique_ratios(SKIN, 80e9)
     there = factor(dipole, ratios, (tx_m, start_m, end_m, rx_m))
@@ -58,13 +73,17 @@ def test_the_way_back_is_as_good(places, angle_deg):
 
 
 def test_layers_at_an_angle_have_their_limits():
-    """A layer of the half-space's own medium, and of no thickness, is the half-space at any angle; at normal incidence
-    both polarisations are `layered`."""
+    """A layer of the half-space's own medium, and of no thickness, is the half-space at any angle;
+    at normal incidence both polarisations are `layered`."""
     f, epsilon = np.array([80e9]), np.array([6.4 - 8.6j])
     for cosine in (1.0, 0.7, 0.2):
         bare = interface(1.0, epsilon, cosine)
-        np.testing.assert_allclose(oblique_layered(epsilon, epsilon, 1e-3, f, cosine), bare, atol=1e-12)
-        np.testing.assert_allclose(oblique_layered(np.array([3.0]), epsilon, 0.0, f, cosine), bare, atol=1e-12)
+        np.testing.assert_allclose(
+            oblique_layered(epsilon, epsilon, 1e-3, f, cosine), bare, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            oblique_layered(np.array([3.0]), epsilon, 0.0, f, cosine), bare, atol=1e-12
+        )
     both = oblique_layered(np.array([3.0]), epsilon, 1e-4, f, 1.0)
     np.testing.assert_allclose(both, [layered(np.array([3.0]), epsilon, 1e-4, f)] * 2, atol=1e-12)
 
