@@ -49,9 +49,10 @@ def reconstruct(
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
         if seconds[0] < PLANNED_S:
-            image: Callable[[Config], DepthMap] = lambda of: (
-                replace(imager.task, settings=of).image().depth
-            )  # noqa: E731
+
+            def image(settings: Config) -> DepthMap:
+                return replace(imager.task, settings=settings).image().depth
+
             with peaks_kept(kept, reuse=True):
                 write_treated(folder, image, imager.task.settings, depths[0])
     imager.task.with_uncertainty(depths[0]).save(

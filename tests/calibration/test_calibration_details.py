@@ -23,10 +23,10 @@ from tests.calibration.array.test_array import (
     PAPER_RAD,
     C,
     Imperfect,
-    centres_m,
+    centres_m,  # noqa: F401
     recorded,
     small_state,
-)  # noqa: F401
+)
 
 
 def test_few_pairs_propose_all_triples_and_many_a_fixed_draw():

@@ -78,7 +78,6 @@ def write_inputs(folder: Path) -> Path:
         write_synthetic(folder / name, seed=seed, step_m=6e-3)
     for words in (
         f"simulate {folder}/ball.toml -o {folder}/capture",
-        # fmt: skip
         f"reconstruct {folder}/capture --method 2fsk {PIXELS} -o {folder}/depth.npz",
     ):
         if (ended := once(words)).code != 0:

@@ -29,7 +29,6 @@ LIBRARIES = (
     "pandas",
     "pydantic",
     "cv2",
-    # fmt: skip
     "open3d",
     "pycolmap",
     "PIL.Image",

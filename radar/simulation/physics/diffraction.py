@@ -188,9 +188,9 @@ def edge_waves(
 
 
 @njit(**FAST)
-def _waves(
+def _waves(  # type: ignore[no-untyped-def]
     antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves
-):  # type: ignore[no-untyped-def]
+):
     """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges:
     their places from the antenna, normal_m2 [e, 3] = along × start."""
     start_m, along_m, normal_m2, within_m, creeping = edges

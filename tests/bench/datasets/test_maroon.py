@@ -251,7 +251,6 @@ def test_the_key_minds_what_a_run_reads_and_nothing_else(mine):
         mine / "metadata.json",
         mine / "alignment.json",
         radar / "calibration.json",
-        # fmt: skip
         mine / "photogrammetry" / "mesh_masked.obj",
         radar / "calibrated_data" / "000000.npy",
     ):

@@ -219,7 +219,6 @@ def test_a_kinect_with_its_lenses(mine, space):
             "Rt": rt,
             "Intrinsics": {"ModelParameters": parameters, "ModelType": lens},
         }
-        # fmt: skip
         for place, rt, parameters in (("D0", still, FACTORY), ("PV0", moved, raw))
     ]
     write(mine, "kinect", {"depth/000000.png": depth, "mask/000000.png": mask},
