@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from handbench.support.config import Config
+from handbench.support.config import Config, FileName
 from handbench.support.errors import HandbenchError
 
 Quality = Literal["draft", "normal", "high", "thorough"]
@@ -52,8 +52,8 @@ def predicted(count: int, megapixels: float, quality: Quality) -> tuple[float, f
 class Distance(Config):
     """A measured distance between the projection centres of two photographs, metres."""
 
-    first: str
-    second: str
+    first: FileName
+    second: FileName
     distance_m: float = Field(gt=0)
 
 

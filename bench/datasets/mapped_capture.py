@@ -285,6 +285,11 @@ def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
     """Complex numbers whose axes are in ORDER, as far as they are there."""
     axes: tuple[str, ...] = told.axes[::-1] if told.reversed else told.axes
     parts = {name: of(name) for name in told.datasets}
+    if told.reversed:  # MATLAB has no last axes of length one
+        parts = {
+            name: values.reshape((1,) * (len(axes) - values.ndim) + values.shape)
+            for name, values in parts.items()
+        }
     for name, values in parts.items():
         expected = tuple(
             counts.get(axis, size) for axis, size in zip(axes, values.shape, strict=False)

@@ -45,7 +45,7 @@ from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, CameraFile
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.photos.photos import SUFFIXES, Photo, find_photos
+from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
@@ -54,6 +54,7 @@ from handbench.radar.methods.registry import method
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
+from handbench.support.pictures import SUFFIXES
 
 LOOKED_AT, FEWEST_SEEN = (
     3,
@@ -241,7 +242,7 @@ def board_warnings(
     """A warning about the board's unit: its corners lie out of reach, or the first photograph that
     shows it, with a camera's focal length or the photograph's own, was taken from further or nearer
     than cameras stand about a hand."""
-    from handbench.groundtruth.board.markers import detect_corners, focal_length_px
+    from handbench.groundtruth.board.markers import detect_corners, focal_length_px, pattern_in
 
     corners_m = {
         (id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)
@@ -263,4 +264,6 @@ def board_warnings(
         return list(
             warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m})
         )
+    if change := pattern_in(photos[:LOOKED_AT], board):
+        return [f"board: has another pattern in the photographs; write {change} in its description"]
     return []

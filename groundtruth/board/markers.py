@@ -5,6 +5,8 @@ A corner detector finds the corner of a blurred square inside it, and a photogra
 an edge's slope has neither error, once the tones are proportional to light.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -19,6 +21,7 @@ INNER = 0.1  # of an edge, at either end: there the blur mixes in the other edge
 STEP_PX = 0.5
 FAINTEST = 0.5  # of the typical slope along the edge
 CLEAR = 0.6  # of the edge's length that must lie on the line
+TRIED = 4  # photographs, with other patterns of the board
 STRAIGHT_PX = 0.25  # median distance from the line
 
 Corners = dict[
@@ -67,17 +70,40 @@ def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
     return {(CHESSBOARD, k): pixel for k, pixel in zip(ids.ravel().tolist(), pixels, strict=True)}
 
 
-def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
-    """`seen` (photograph → corners), or a HandbenchError when no corner is in two photographs."""
+def require_board(
+    seen: dict[str, Corners], board: Board, photos: Sequence[Photo] = ()
+) -> dict[str, Corners]:
+    """`seen` (photograph → corners), or a HandbenchError when no corner is in two photographs; it
+    names the pattern that the board in the photographs has, where that is another."""
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
+        change = pattern_in(photos, board)
+        advice = f"write {change} in its description" if change else "check dictionary, ids, focus"
         raise HandbenchError(
             f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
-            "photographs, each at most "
-            "once; some must be in two: check dictionary, ids and focus"
+            f"photographs, each at most once; some must be in two: {advice}"
         )
     return seen
+
+
+def pattern_in(photos: Sequence[Photo], board: Board) -> str:
+    """How the ChArUco board in the photographs differs from its description: the keys that mend it,
+    empty where none is found. Tried are the pattern of OpenCV before 4.6 (or after), and columns
+    and rows exchanged."""
+    if board.charuco is None:
+        return ""
+    columns, rows, legacy = board.charuco.columns, board.charuco.rows, board.charuco.legacy
+    pictures = [(photo.gray() * 255).round().astype(np.uint8) for photo in photos[:TRIED]]
+    found = dict[str, int]()
+    for exchanged, other in ((False, True), (True, False), (True, True)):
+        keys = {"columns": rows, "rows": columns} if exchanged else {}
+        keys |= {"legacy": not legacy} if other else {}
+        tried = Board(charuco=board.charuco.model_copy(update=keys))
+        words = ", ".join(f"{key} = {str(value).lower()}" for key, value in keys.items())
+        found[words] = sum(len(_chessboard_corners(picture, tried)) for picture in pictures)
+    best = max(found, key=lambda words: found[words])
+    return best if found[best] >= FEWEST_CORNERS else ""
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:

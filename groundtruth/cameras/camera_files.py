@@ -22,7 +22,7 @@ from handbench.groundtruth.cameras.cameras import (
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes, require_folder, require_size
+from handbench.support.files import one_form, read_bytes, read_text, require_folder, require_size
 from handbench.support.limits import MODEL_BYTES
 from handbench.support.progress import say
 
@@ -131,6 +131,7 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
         model = pycolmap.Reconstruction(str(folder))
+        _restore_names(model, folder)
         registered(model)  # by their names, which are text
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
@@ -152,6 +153,21 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
             f"{folder}: its cameras, poses or points are no sensible numbers; make the model again"
         )
     return model
+
+
+def _restore_names(model: "pycolmap.Reconstruction", folder: Path) -> None:
+    """Give a model's images their names in full (pycolmap cuts those of a text model at the first
+    space), in one form."""
+    names = {number: image.name for number, image in model.images.items()}
+    if not (folder / "images.bin").is_file():
+        text = read_text(folder / "images.txt", "the images of a COLMAP model", MODEL_BYTES)
+        lines = [line for line in text.split("\n") if not line.startswith("#")]
+        for line in lines[::2]:  # each other one lists the points that its image sees
+            words = line.split(maxsplit=9)
+            if len(words) == 10 and int(words[0]) in names:
+                names[int(words[0])] = words[9].strip()
+    for number, name in names.items():
+        model.images[number].name = one_form(name)
 
 
 def _is_rigid(image: "pycolmap.Image") -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, field_validator
 
-from handbench.support.config import Config, parse
+from handbench.support.config import Config, FileName, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
@@ -50,7 +50,7 @@ class Camera(Config):
     """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera
     frame (x right, y down, z forward); both may be unknown."""
 
-    name: str
+    name: FileName
     width: int = Field(gt=0)
     height: int = Field(gt=0)
     model: str = "OPENCV"

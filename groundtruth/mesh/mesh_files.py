@@ -5,14 +5,16 @@ itself (open3d: a header that lies crashes it), or read past it in silence (trim
 numbers missing, OBJ's relative indices).
 """
 
-from collections.abc import Callable
-from itertools import pairwise
+import codecs
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from handbench.calibration.transforms import LARGEST_M
-from handbench.groundtruth.mesh.ply import MOST, MOST_CORNERS, read_ply
+from handbench.groundtruth.mesh.ply import MOST, read_ply
+from handbench.groundtruth.mesh.polygons import MOST_CORNERS, triangles
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, require_file, require_size
@@ -79,7 +81,7 @@ def repair(mesh: TriangleMesh) -> TriangleMesh:
 
 def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64
-    (polygons are cut into fans), and what else each vertex of a PLY carries, [n] by name.
+    (polygons are cut), and what else each vertex of a PLY carries, [n] by name.
 
     Raises HandbenchError for a file that is cut short, that is not what its header promises,
     without triangles, with NaN, infinite or absurdly far vertices, or with faces that name vertices
@@ -91,13 +93,12 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         raise HandbenchError(
             f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them"
         )
-    read, times = readers[
-        path.suffix.lower()
-    ]  # the memory that reading takes, over the file's size
+    # the memory that reading takes, over the file's size
+    read, times = readers[path.suffix.lower()]
     require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
     require_size(path, "a triangle mesh", MESH_BYTES)
     try:
-        told, faces = read(path)
+        columns, polygons = read(path)
     except ValueError as error:
         raise HandbenchError(
             f"{path}: holds no triangles to read: {error}; copy or export it again"
@@ -105,8 +106,22 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or "too large for this machine's memory"
         raise HandbenchError(f"{path}: cannot be read ({reason}); check the file") from None
-    vertices_m = np.stack([told.pop(axis) for axis in "xyz"], axis=1)
-    if len(faces) == 0:
+    vertices_m = np.stack([columns.pop(axis) for axis in "xyz"], axis=1).astype(np.float64)
+    _check(path, vertices_m, polygons)
+    try:
+        faces = triangles(vertices_m, polygons)
+    except ValueError as error:
+        raise HandbenchError(f"{path}: {error}") from None
+    if len(faces) > MOST:
+        raise HandbenchError(
+            f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh"
+        )
+    return vertices_m, faces, columns
+
+
+def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> None:
+    """HandbenchError for vertices that are no lengths, or faces without or of other vertices."""
+    if not any(map(len, polygons)):
         raise HandbenchError(
             f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
         )
@@ -117,39 +132,60 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         raise HandbenchError(
             f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres"
         )
-    if faces.min() < 0 or faces.max() >= len(vertices_m):
-        named = faces.min() if faces.min() < 0 else faces.max()
-        raise HandbenchError(
-            f"{path}: a face names vertex {named}, but there are {len(vertices_m)}"
-        )
-    if len(faces) > MOST:
-        raise HandbenchError(
-            f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh"
-        )
-    return vertices_m.astype(np.float64), faces, told
+    for corners in polygons:
+        if corners.size and (corners.min() < 0 or corners.max() >= len(vertices_m)):
+            named = corners.min() if corners.min() < 0 else corners.max()
+            raise HandbenchError(
+                f"{path}: a face names vertex {named}, but there are {len(vertices_m)}"
+            )
 
 
-def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """The v and f lines of a Wavefront OBJ file: vertices by axis, faces [m, 3]."""
+# The first words of an OBJ file's other lines (Wavefront, Advanced Visualizer, appendix B)
+OBJ_WORDS = frozenset(
+    b"vt vn vp cstype deg bmat step p l curv curv2 surf parm trim hole scrv sp end con g s mg o "
+    b"bevel c_interp d_interp lod maplib usemap usemtl mtllib shadow_obj trace_obj ctech "
+    b"stech".split()
+)
+
+
+def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """The v and f lines of a Wavefront OBJ file: vertices by axis, and the faces' vertices, a group
+    [count, corners] for each number of corners."""
     vertices: list[tuple[float, ...]] = []
-    faces: list[tuple[int, int, int]] = []
+    faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
-        for number, line in enumerate(stream, 1):
+        for number, line in _obj_lines(stream):
             try:
                 match line.split():
                     case [b"v", x, y, z, *_]:
                         vertices.append((float(x), float(y), float(z)))
-                    case [b"f", *words] if 3 <= len(words) <= MOST_CORNERS:
-                        first, *others = (_corner(word, len(vertices)) for word in words)
-                        faces += [(first, *pair) for pair in pairwise(others)]
-                    case [b"v" | b"f", *_]:
+                    case [b"f" | b"fo", *words] if 3 <= len(words) <= MOST_CORNERS:
+                        faces[len(words)].append([_corner(word, len(vertices)) for word in words])
+                    case [first, *_] if first not in OBJ_WORDS:
                         raise ValueError
             except ValueError:
                 shown = line.decode("latin-1").strip()[:60]
-                raise ValueError(
-                    f"line {number} is '{shown}', which is no vertex or face"
-                ) from None
-    return _by_axis(np.array(vertices, np.float64)), np.array(faces, np.int64).reshape(-1, 3)
+                wrong = (
+                    "has decimal commas" if b"," in line else "is no vertex, face or OBJ keyword"
+                )
+                raise ValueError(f"line {number}, '{shown}', {wrong}") from None
+    groups = [np.array(faces[count], np.int64) for count in sorted(faces)]
+    return _by_axis(np.array(vertices, np.float64)), groups
+
+
+def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
+    """The lines with their numbers, without comments and a byte order mark, continued lines
+    joined."""
+    begun = b""
+    for number, line in enumerate(stream, 1):
+        line = begun + line.removeprefix(codecs.BOM_UTF8).partition(b"#")[0].rstrip()
+        begun = b""
+        if line.endswith(b"\\"):
+            begun = line[:-1] + b" "
+        else:
+            yield number, line
+    if begun:
+        yield number, begun
 
 
 def _corner(word: bytes, vertices: int) -> int:
@@ -160,7 +196,7 @@ def _corner(word: bytes, vertices: int) -> int:
     return index - 1 if index > 0 else vertices + index
 
 
-def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     """An STL file, binary if it is as long as its count says, else ASCII; equal corners become one
     vertex."""
     content = path.read_bytes()
@@ -168,8 +204,8 @@ def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
     if len(content) >= 84 and len(content) == 84 + 50 * count:
         facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
         corners = np.frombuffer(content, facet, count, 84)["corners"].reshape(-1, 3)
-    elif content.lstrip()[:5] == b"solid":
-        corners = _text_corners(content)
+    elif (text := content.removeprefix(codecs.BOM_UTF8).lstrip())[:5].lower() == b"solid":
+        corners = _text_corners(text)
     else:
         takes = 84 + 50 * count
         raise ValueError(f"its {count} triangles take {takes} bytes, but it has {len(content)}")
@@ -178,22 +214,29 @@ def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
     is_first = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(corners)]
     names = np.empty(len(corners), np.int64)
     names[order] = np.cumsum(is_first) - 1
-    return _by_axis(ordered[is_first]), names.reshape(-1, 3)
+    return _by_axis(ordered[is_first]), [names.reshape(-1, 3)]
+
+
+STL_WORDS = frozenset(b"solid facet outer endloop endfacet endsolid".split())
 
 
 def _text_corners(content: bytes) -> np.ndarray:
-    """The corners [3 m, 3] of an ASCII STL file."""
+    """The corners [3 m, 3] of an ASCII STL file, its keywords in any case."""
     corners, ends, last = [], 0, b""
     for number, line in enumerate(content.splitlines(), 1):
-        match line.split():
+        match [word.lower() for word in line.split()]:
             case [b"vertex", x, y, z]:
                 try:
                     corners.append((float(x), float(y), float(z)))
                 except ValueError:
-                    raise ValueError(f"line {number} is no vertex") from None
-            case [word, *_]:
+                    commas = " but has decimal commas" if b"," in line else ""
+                    raise ValueError(f"line {number} is no vertex{commas}") from None
+            case [word, *_] if word in STL_WORDS:
                 last = word
                 ends += word == b"endfacet"
+            case [_, *_]:
+                shown = line.decode("latin-1").strip()[:60]
+                raise ValueError(f"line {number}, '{shown}', begins with no STL keyword")
     if len(corners) != 3 * ends or last != b"endsolid":
         raise ValueError(
             f"it has {len(corners)} corners and {ends} whole triangles, and should end with "

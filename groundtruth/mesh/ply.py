@@ -1,6 +1,7 @@
 """PLY files, read with numpy alone: what a header promises is compared with the file before
 anything is believed."""
 
+import codecs
 import struct
 import warnings
 from collections.abc import Iterator
@@ -13,7 +14,6 @@ import numpy as np
 MOST = (
     50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
 )
-MOST_CORNERS = 1000  # of a polygon
 LONGEST_HEADER = 65_536  # bytes
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 LETTERS = "bBhHiIfd"  # of struct and numpy, for:
@@ -62,20 +62,21 @@ class Element:
         return [p.name for p in self.properties if p.length is not None]
 
 
-def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     """The numbers [n] that each vertex of a PLY file carries, by name (x, y, z among them), and its
-    faces' vertices [m, 3], polygons cut into fans; ASCII or binary. Raises ValueError unless the
-    file holds exactly what its header promises. What the numbers are is the caller's to check."""
-    content = path.read_bytes()
+    faces' vertices, a group [count, corners] for each number of corners; ASCII or binary. Raises
+    ValueError unless the file holds exactly what its header promises. What the numbers are is the
+    caller's to check."""
+    content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     order, elements, start = _header(content)
     body = _numbers(content[start:]).tobytes() if order == ORDERS["ascii"] else content[start:]
-    vertices, faces, offset = {}, np.zeros((0, 3), np.int64), 0
+    vertices, faces, offset = {}, list[np.ndarray](), 0
     for element in elements:
         rows, offset = _rows(element, body, offset)
         if element.name == "vertex":
             vertices = {p.name: rows[p.name] for p in element.properties if p.length is None}
         if element.name == "face":
-            faces = _fans(next((rows[name] for name in CORNERS if name in element.lists()), []))
+            faces = _groups(next((rows[name] for name in CORNERS if name in element.lists()), []))
     if body[offset:].strip():
         raise ValueError(f"{len(body) - offset} bytes follow what its header promises")
     if not {"x", "y", "z"} <= vertices.keys():
@@ -209,25 +210,17 @@ def _walk(
         yield row, offset
 
 
-def _fans(polygons: np.ndarray | list[tuple[float, ...]]) -> np.ndarray:
-    """Polygons' corners as triangles [m, 3], each polygon a fan about its first corner; shorter
-    polygons come first."""
-    parts = [np.zeros((0, 3), np.int64)]
-    whole = isinstance(polygons, np.ndarray) and polygons.ndim == 2
-    lengths = {polygons.shape[1]} if whole else {len(corners) for corners in polygons}
-    for length in sorted(lengths):
-        corners = (
-            polygons
-            if whole
-            else np.array([corners for corners in polygons if len(corners) == length])
-        )
-        if not 3 <= length <= MOST_CORNERS:
-            raise ValueError(f"a face has {length} corners; expected 3 to {MOST_CORNERS}")
+def _groups(polygons: np.ndarray | list[tuple[float, ...]]) -> list[np.ndarray]:
+    """Polygons' corners [count, corners], a group for each number of corners, fewest first."""
+    if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
+        groups = [polygons]
+    else:
+        lengths = sorted({len(corners) for corners in polygons})
+        groups = [np.array([p for p in polygons if len(p) == length]) for length in lengths]
+    for corners in groups:
         if (
             corners.dtype.kind == "f"
             and not ((np.abs(corners) < 2**53) & (corners == np.floor(corners))).all()
         ):
             raise ValueError("a face names a vertex by what is no whole number")
-        ends = [corners[:, (0, k, k + 1)] for k in range(1, length - 1)]
-        parts.append(np.stack(ends, axis=1).reshape(-1, 3).astype(np.int64))
-    return np.concatenate(parts)
+    return [corners.astype(np.int64) for corners in groups]

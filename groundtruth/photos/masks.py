@@ -11,7 +11,7 @@ import numpy as np
 
 from handbench.groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
 from handbench.support.errors import HandbenchError
-from handbench.support.files import require_folder
+from handbench.support.files import one_form, require_folder
 from handbench.support.progress import say
 
 if TYPE_CHECKING:
@@ -54,10 +54,11 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
     """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the
     target; all are read once. A HandbenchError where one is missing, empty or of another size."""
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
+    pictures = {one_form(file.name): file for file in folder.glob("*.png")}
     masks = {}
     for photo in photos:
-        files = [folder / f"{name}.png" for name in (photo.name, Path(photo.name).stem)]
-        if there := [file for file in files if file.is_file()]:
+        names = [f"{name}.png" for name in (photo.name, Path(photo.name).stem)]
+        if there := [pictures[name] for name in names if name in pictures]:
             masks[photo.name] = there[0]
     missing = [photo.name for photo in photos if photo.name not in masks]
     if missing:

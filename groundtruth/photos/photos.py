@@ -10,6 +10,7 @@ belong to the stored one: sizes cannot tell.
 
 import math
 import struct
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,8 @@ import numpy as np
 from PIL import Image
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, require_folder
-from handbench.support.pictures import is_deep, opened_picture
+from handbench.support.files import content_hash, one_form, require_folder
+from handbench.support.pictures import SUFFIXES, is_deep, opened_picture
 from handbench.support.progress import say, track
 
 IFD = 0x8769
@@ -29,7 +30,11 @@ FOCAL_PLANE_RESOLUTION, FOCAL_PLANE_UNIT, PIXELS_ACROSS = 0xA20E, 0xA210, 0xA002
 UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 DIAGONAL_35MM = math.hypot(36, 24)
 PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
-SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+# Pictures that handbench does not read; HEIC it reads where pillow-heif is installed.
+UNREAD = {
+    *(".heic", ".heif", ".avif", ".jxl", ".jp2", ".j2k", ".webp", ".bmp", ".gif", ".dng"),
+    *(".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".raw"),
+}
 FEWEST = 3
 QUARTER_TURNS = {
     1: 0,
@@ -135,12 +140,26 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
     that a broken file is reported before any work starts. At least three are needed."""
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
+    twice = [name for name, count in Counter(one_form(p.name) for p in paths).items() if count > 1]
+    if twice:
+        raise HandbenchError(
+            f"{folder}: two photographs are called {twice[0]}, with accents written in two ways; "
+            "rename one"
+        )
     if len(paths) < FEWEST:
         raise HandbenchError(
             f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in "
             "images/; "
             f"at least {FEWEST} are needed, 5 to 12 from different sides are good"
         )
+    unread = [
+        path.name
+        for path in _files(paths[0].parent)
+        if path.suffix.lower() in UNREAD and path not in paths
+    ]
+    if unread:
+        others = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+        say(f"{one_form(unread[0])}{others}: no JPEG, PNG or TIFF; left out")
     return tuple(_open(path) for path in paths)
 
 
@@ -188,11 +207,14 @@ def _colours(image: Image.Image, path: Path) -> np.ndarray:
 
 
 def _pictures(folder: Path) -> list[Path]:
+    return [path for path in _files(folder) if path.suffix.lower() in SUFFIXES]
+
+
+def _files(folder: Path) -> list[Path]:
+    """The visible files of a folder, sorted."""
     if not folder.is_dir():
         return []
-    return sorted(
-        p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")
-    )
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 
 
 def _open(path: Path) -> Photo:
@@ -207,7 +229,13 @@ def _open(path: Path) -> Photo:
         )
     body = body_of(exif, (width, height))
     return Photo(
-        path, path.name, width, height, body, orientation, focal_length_px(exif, width, height)
+        path,
+        one_form(path.name),
+        width,
+        height,
+        body,
+        orientation,
+        focal_length_px(exif, width, height),
     )
 
 

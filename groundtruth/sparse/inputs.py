@@ -146,7 +146,7 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
     corners: dict[str, Corners] = {}
     if board is not None:
         corners = require_board(
-            {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board
+            {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board, photos
         )
     return Inputs(photos, cameras, board, corners, options.model), options
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
@@ -82,12 +83,29 @@ class Lenses:
         ).colmap()
 
 
+def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
+    """A folder where COLMAP finds the photographs under their names: their own, or, where a file
+    has another name or is HEIC, which it does not read, one of links and copies in `folder`."""
+    heic = [photo for photo in photos if photo.path.suffix.lower() in (".heic", ".heif")]
+    if not heic and all(photo.path.name == photo.name for photo in photos):
+        return photos[0].path.parent
+    pictures = folder / "pictures"
+    if not pictures.is_dir():
+        pictures.mkdir()
+        for photo in photos:
+            if photo in heic:
+                Image.fromarray(photo.colours()).save(pictures / photo.name, format="PNG")
+            else:
+                (pictures / photo.name).symlink_to(photo.path.resolve())
+    return pictures
+
+
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
     """Write the photographs' features, and what is known of their cameras, into a new database."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
-    folder, mode = photos[0].path.parent, pycolmap.CameraMode
+    folder, mode = named_pictures(photos, database.parent), pycolmap.CameraMode
     reader = pycolmap.ImageReaderOptions(camera_model="RADIAL")
     pycolmap.Database.open(database).close()
     for names in lenses.groups(photos):
@@ -200,7 +218,7 @@ def structure_from_motion(
     find_features(photos, database, lenses, seed)
     match(database, seed)
     say("registering")
-    pictures, best = photos[0].path.parent, pycolmap.Reconstruction()
+    pictures, best = named_pictures(photos, folder), pycolmap.Reconstruction()
     for attempt in range(ATTEMPTS):
         options = pipeline_options(seed + attempt)
         options.min_model_size, options.multiple_models = FEWEST, False
@@ -236,11 +254,8 @@ def triangulated(
     Photographs that see next to nothing are left out. HandbenchError when the features do not fit
     the poses.
     """
-    pictures, database, given = (
-        photos[0].path.parent,
-        folder / DATABASE,
-        {camera.name: camera for camera in cameras},
-    )
+    pictures, database = named_pictures(photos, folder), folder / DATABASE
+    given = {camera.name: camera for camera in cameras}
     find_features(photos, database, Lenses(cameras), seed)
     model = pycolmap.Reconstruction()  # of the cameras alone, with the database's numbers
     with pycolmap.Database.open(database) as stored:

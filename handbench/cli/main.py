@@ -3,6 +3,7 @@
 
 import argparse
 import errno
+import io
 import os
 import resource
 import sys
@@ -47,6 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given and given[0] in FORMER:
         print(f"handbench: {given[0]!r} is now {FORMER[given[0]]}", file=sys.stderr)
         return 2
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
     options = known.parse_args(given)
     try:
         _require_addresses()
@@ -72,6 +75,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 2
     except OSError as error:
+        if error.errno == errno.ENOENT and error.filename is None:  # of tempfile
+            print(
+                "handbench: no folder for temporary files can be written; set TMPDIR to one",
+                file=sys.stderr,
+            )
+            return 2
         if error.errno not in (FULL | GONE if error.filename else FULL):
             raise
         _drain()

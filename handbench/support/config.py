@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import pydantic
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_text
+from handbench.support.files import one_form, read_text
 from handbench.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
 
 ConfigT = TypeVar("ConfigT", bound="Config")
@@ -145,4 +145,5 @@ def checked_name(name: str) -> str:
     return name
 
 
+FileName = Annotated[str, pydantic.AfterValidator(one_form)]
 Name = Annotated[str, pydantic.AfterValidator(checked_name)]  # of a capture, a benchmark, …

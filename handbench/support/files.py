@@ -9,6 +9,7 @@ import os
 import shutil
 import stat
 import tempfile
+import unicodedata
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -40,9 +41,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         temporary = Path(name)
         ending.callback(temporary.unlink, missing_ok=True)
         os.close(handle)
-        temporary.chmod(
-            0o666 & ~_umask()
-        )  # mkstemp is private; a result is as open as any other file
+        _permit(temporary, 0o666)  # mkstemp is private; a result is as open as any other file
         yield temporary
         os.replace(temporary, path)
 
@@ -55,9 +54,18 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         ending.callback(shutil.rmtree, temporary, ignore_errors=True)
-        temporary.chmod(0o777 & ~_umask())
+        _permit(temporary, 0o777)
         yield temporary
         _replace_folder(temporary, path)
+
+
+def _permit(path: Path, mode: int) -> None:
+    """Give a new file the usual permissions, where the file system has any to give."""
+    try:
+        path.chmod(mode & ~_umask())
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP):
+            raise
 
 
 @contextmanager
@@ -136,8 +144,18 @@ def read_bytes(path: str | Path, what: str, most: int) -> bytes:
 
 
 def read_text(path: str | Path, what: str, most: int) -> str:
-    """The same as UTF-8 text, its line ends as \\n; ValueError for bytes that are none."""
-    return read_bytes(path, what, most).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    """The same as UTF-8 text, without a byte order mark, its line ends as \\n; ValueError for bytes
+    that are none."""
+    text = read_bytes(path, what, most).decode("utf-8-sig")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def one_form(name: str) -> str:
+    """A name in the one form in which names are compared: composed letters (NFC, where a file
+    system of macOS writes an accent by itself), bytes that are not UTF-8 as %E4."""
+    known = os.fsencode(name).decode("utf-8", "surrogateescape")
+    shown = "".join(f"%{ord(c) - 0xDC00:02X}" if "\udc80" <= c <= "\udcff" else c for c in known)
+    return unicodedata.normalize("NFC", shown)
 
 
 def require_folder(path: str | Path, what: str) -> Path:

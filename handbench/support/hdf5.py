@@ -56,26 +56,22 @@ def _check_heaps(content: mmap.mmap) -> None:
 
 
 def attribute(file: "h5py.File", name: str) -> Any:
-    """One text or number among a file's attributes; None where there is none, or another kind of
-    thing: the library crashes on lists of a kind that it does not know."""
+    """One text or number among a file's attributes, also in an array of one, as the C library and
+    netCDF write it; None where there is none, or another kind of thing: the library crashes on
+    lists of a kind that it does not know."""
     from h5py import h5t
 
     if name not in file.attrs:
         return None
     found = file.attrs.get_id(name)
-    plain = found.shape == () and found.get_type().get_class() in (
-        h5t.STRING,
-        h5t.INTEGER,
-        h5t.FLOAT,
-    )
-    told = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
-    return (
-        told.decode("utf-8")
-        if isinstance(told, bytes)
-        else told.item()
-        if isinstance(told, np.generic)
-        else told
-    )
+    if found.shape is None or any(length != 1 for length in found.shape):
+        return None
+    if found.get_type().get_class() not in (h5t.STRING, h5t.INTEGER, h5t.FLOAT):
+        return None
+    value = file.attrs[name]  # as h5py, MATLAB, … write it
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item()
+    return value.decode("utf-8") if isinstance(value, bytes) else value
 
 
 def of_its_own(file: "h5py.File", name: str) -> Any:

@@ -15,7 +15,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes
 from handbench.support.limits import PICTURE_BYTES
 
-FORMATS = ("JPEG", "PNG", "TIFF")  # of what else Pillow knows, some starts programs
+FORMATS = ["JPEG", "PNG", "TIFF"]  # of what else Pillow knows, some starts programs
 LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode
 SMALL_PX = 24_000_000  # half a second: what few bytes may hold, up to ...
 PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel has 8000
@@ -28,6 +28,16 @@ MOST_SCANS = (
 )
 MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
+
+
+try:
+    import pillow_heif  # an extra
+except ImportError:
+    SUFFIXES: tuple[str, ...] = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+else:
+    pillow_heif.register_heif_opener()
+    FORMATS.append("HEIF")
+    SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".heic", ".heif")
 
 
 @contextmanager
