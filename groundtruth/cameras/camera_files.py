@@ -67,7 +67,9 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
             )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:
-        known = read_metashape(path) if path.suffix.lower() == ".xml" else load_cameras(path)
+        names = [photo.name for photo in photos]
+        is_xml = path.suffix.lower() == ".xml"
+        known = read_metashape(path, names) if is_xml else load_cameras(path)
     cameras = []
     for photo, camera in _pairs(photos, known, path):
         if camera is None:
@@ -142,12 +144,12 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     finally:
         pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     numbers = [image.cam_from_world().matrix() for image in registered(model)]
-    numbers += [camera.params for camera in model.cameras.values()]
+    lenses = [camera_in(image) for image in registered(model)]  # others are nobody's
+    numbers += [camera.params for camera in lenses]
     numbers += [point.xyz for point in model.points3D.values()]
     broken = not all(np.isfinite(part).all() for part in numbers) or not all(
         map(_is_rigid, registered(model))
     )
-    lenses = model.cameras.values()
     if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
         raise HandbenchError(
             f"{folder}: its cameras, poses or points are no sensible numbers; make the model again"

@@ -15,14 +15,15 @@ FULL_OPENCV. A camera's 4 × 4 `transform` (row order) carries its frame to the 
 rotation · X + translation, in metres where the project has a scale.
 """
 
-from pathlib import Path, PureWindowsPath
+from collections.abc import Collection
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from xml.etree import ElementTree
 
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes
+from handbench.support.files import one_form, read_bytes
 from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
@@ -33,10 +34,12 @@ SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left ou
 Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], translation [3]
 
 
-def read_metashape(path: str | Path) -> tuple[Camera, ...]:
+def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> tuple[Camera, ...]:
     """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras
     that were not aligned have no pose, and none has one in a project without a scale. A
     HandbenchError for lenses that COLMAP does not have.
+
+    photos: names of the photographs; cameras of others are left out unread. None: all are read.
     """
     root = _parse(path)
     chunks = root.findall("chunk")
@@ -53,6 +56,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
         return tuple(
             _camera(camera, sensors, components.get(camera.get("component_id", "")) or whole)
             for camera in chunks[0].iterfind("cameras//camera")
+            if photos is None or _is_of(_label(camera), photos)
         )
     except (ValueError, KeyError, TypeError) as error:
         raise HandbenchError(
@@ -60,6 +64,17 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
         ) from error
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {error}") from error
+
+
+def _label(element: ElementTree.Element) -> str:
+    return PureWindowsPath(element.get("label", "")).name  # cuts at / and at \\
+
+
+def _is_of(label: str, photos: Collection[str]) -> bool:
+    """Whether a camera's label is the name of one of the photographs, with or without its
+    suffix."""
+    short = {one_form(label), one_form(PureWindowsPath(label).stem)}
+    return any(name in short or PurePosixPath(name).stem in short for name in photos)
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
@@ -80,7 +95,7 @@ def _parse(path: str | Path) -> ElementTree.Element:
 def _camera(
     element: ElementTree.Element, sensors: dict[str, ElementTree.Element], world: Similarity | None
 ) -> Camera:
-    label = PureWindowsPath(element.get("label", "")).name  # cuts at / and at \
+    label = _label(element)
     sensor = sensors[_id(element, "sensor_id")]
     width, height, params = _intrinsics(sensor, label)
     pose = {}
