@@ -17,13 +17,12 @@ from scipy.ndimage import maximum_filter
 from handbench.calibration.spheres.description import Candidate, Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.cpu.exact import exact_images, path_lengths
 from handbench.radar.imaging.cpu.executor import ToneSkeleton
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.physics.spheres import half_angle_cosine, path_gradients
-from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 REACH_M = 0.006  # a seed is at most this far from its peak, per axis
@@ -39,7 +38,7 @@ QUADRATIC = np.linalg.pinv(
 )
 
 
-class EchoSearch(Config):
+class EchoSearch(GridConfig):
     """Search volume for the balls, the weakest echo that counts, and the number of peaks."""
 
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)

@@ -4,7 +4,7 @@ typo."""
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
 import pydantic
 
@@ -13,6 +13,7 @@ from handbench.support.files import one_form, read_text
 from handbench.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
 
 ConfigT = TypeVar("ConfigT", bound="Config")
+SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
 
 
 class Config(pydantic.BaseModel):
@@ -26,6 +27,22 @@ class Config(pydantic.BaseModel):
         validate_default=True,
         protected_namespaces=(),
     )
+
+    @pydantic.model_validator(mode="after")
+    def _in_range(self) -> Self:
+        """What no quantity in SI units has overflows, or vanishes, in float32."""
+        for name, value in self:
+            for number in value if isinstance(value, tuple) else (value,):
+                if (
+                    isinstance(number, int | float)
+                    and number
+                    and not (SMALLEST <= abs(number) <= LARGEST)
+                ):
+                    raise ValueError(
+                        f"{name} is {number:.4g}; expected 0 or a size from {SMALLEST:g} to "
+                        f"{LARGEST:g}"
+                    )
+        return self
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:

@@ -1,6 +1,8 @@
 """Pixel and voxel grids: regular axes in the radar frame, metres."""
 
+import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -8,6 +10,9 @@ from pydantic import Field, model_validator
 from handbench.radar.data.arrays import positions
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
+
+MOST_ON_AXIS = 10_000  # samples
+MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper's; 1.6 GB
 
 
 class Axis(Config):
@@ -24,12 +29,39 @@ class Axis(Config):
             raise ValueError("stop_m lies before start_m; swap them")
         return self
 
+    @model_validator(mode="after")
+    def _bounded(self) -> "Axis":
+        if self.count > MOST_ON_AXIS:
+            raise ValueError(
+                f"step_m = {self.step_m:g} makes {self.count:.4g} samples of it; at most "
+                f"{MOST_ON_AXIS}: take a larger step_m"
+            )
+        return self
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
+
     def values_m(self) -> np.ndarray:
         """Samples from start to stop, both included when the step divides the range."""
-        count = int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
-        return np.round(
-            self.start_m + self.step_m * np.arange(count), 12
-        )  # −0.098, not −0.09799999999999999
+        # −0.098, not −0.09799999999999999
+        return np.round(self.start_m + self.step_m * np.arange(self.count), 12)
+
+
+class GridConfig(Config):
+    """Parameters with axes x and y, of pixels, or x, y and z, of voxels."""
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        axes = {name: axis for name in "xyz" if isinstance(axis := getattr(self, name, None), Axis)}
+        count = math.prod(axis.count for axis in axes.values())
+        most = MOST_VOXELS if "z" in axes else MOST_PIXELS
+        if count > most:
+            raise ValueError(
+                f"axes {', '.join(axes)} make {count} points; at most {most}: take larger steps"
+            )
+        return self
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from handbench.radar.data.grid import Axis, PixelGrid
-from handbench.support.config import Config
+from handbench.radar.data.grid import Axis, GridConfig, PixelGrid
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 SETTLING = 5  # corrections of z_e within which it settles, where it settles at all
@@ -29,7 +28,7 @@ OddPixels = Annotated[int, AfterValidator(_odd)]
 Tone = Annotated[float, Field(gt=0)]
 
 
-class PixelsConfig(Config):
+class PixelsConfig(GridConfig):
     """The pixels of a depth map: all that another sensor's is asked for."""
 
     x: Axis = PAPER_LATERAL
@@ -64,7 +63,7 @@ class FskConfig(PixelsConfig):
     )
 
 
-class AgreementConfig(Config):
+class AgreementConfig(GridConfig):
     """Parameters of depths at which tones agree: which are kept, and how they are averaged."""
 
     x: Axis = PAPER_LATERAL

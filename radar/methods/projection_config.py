@@ -7,14 +7,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
-from handbench.support.config import Config
 
 FEWEST = 3  # tones that can be aligned and still tell how well they are
 
 
-class _VolumeConfig(Config):
+class _VolumeConfig(GridConfig):
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
     z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
@@ -42,7 +41,7 @@ class BroadbandConfig(_VolumeConfig):
     start_hz: float = Field(default=72e9, gt=0)
     stop_hz: float = Field(default=82e9, gt=0)
     count: int = Field(
-        default=128, ge=2, description="stepped tones from start to stop, both included"
+        default=128, ge=2, le=100_000, description="stepped tones from start to stop, both included"
     )
 
     def tones_hz(self) -> np.ndarray:
