@@ -145,7 +145,7 @@ class Capture:
         )
 
 
-class Drawn:
+class Plottable:
     """A thing with a figure, which notebooks show."""
 
     def plot(self, file: File | None = None) -> Figure:
@@ -174,7 +174,7 @@ class Drawn:
         return png(self._figure())
 
 
-class Depth(Drawn):
+class Depth(Plottable):
     """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap`
     holds (`.map`).
 
@@ -210,10 +210,12 @@ class Depth(Drawn):
         self.map.save(file)
 
     def _figure(self) -> Figure:
-        from handbench.bench.results import Surface
+        from handbench.bench.results import SurfaceMap
         from handbench.reports.figures.layers import depth_layers, layers_figure
 
-        return layers_figure(depth_layers(Surface(self.x_m, self.y_m, self.z_m), {}), self.method)
+        return layers_figure(
+            depth_layers(SurfaceMap(self.x_m, self.y_m, self.z_m), {}), self.method
+        )
 
     def points_m(self) -> np.ndarray:
         """The pixels on target as points [n, 3] in the radar's frame."""
@@ -299,7 +301,7 @@ class Depth(Drawn):
         return Score(found.errors, found.figures, self.method)
 
 
-class Score(Drawn):
+class Score(Plottable):
     """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of
     each pixel.
 

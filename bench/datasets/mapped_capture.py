@@ -17,7 +17,7 @@ from handbench.radar.data.recording import Recording, joined
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_file
-from handbench.support.hdf5 import of_its_own, opened, read
+from handbench.support.hdf5 import local_item, open_hdf5, read
 from handbench.support.matlab import read_matlab
 
 MAPPING = "mapping.toml"
@@ -33,7 +33,7 @@ ORDER = ("frame", "sweep", "frequency", "tx", "rx", "pair", "position")  # of a 
 Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is stored
 
 
-class Gains(Config):
+class GainsMapping(Config):
     """Place and form of complex numbers in the file, here of the gains that samples are divided by.
     axes: as the program that wrote them counts them; reversed: the file's order is the opposite, as
     MATLAB's is, whose arrays are stored by column."""
@@ -55,7 +55,7 @@ class Gains(Config):
         return {str(axis) for axis in self.axes} - {"frame", "sweep", "frequency", RE_IM}
 
     @model_validator(mode="after")
-    def _told_once(self) -> "Gains":
+    def _told_once(self) -> "GainsMapping":
         pair = self.real is not None and self.imag is not None
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
             raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
@@ -70,7 +70,7 @@ class Gains(Config):
         return self
 
 
-class Samples(Gains):
+class SamplesMapping(GainsMapping):
     """Place and form of the echoes. sign: of j2πf·path/v in the exponent of an echo, and of its
     gain; sweeps: what those of a frame become."""
 
@@ -78,7 +78,7 @@ class Samples(Gains):
     sweeps: Literal["mean", "frames"] | None = None
 
     @model_validator(mode="after")
-    def _all_axes(self) -> "Samples":
+    def _all_axes(self) -> "SamplesMapping":
         if "frequency" not in self.axes:
             raise ValueError('axes name "frequency"')
         if (self.sweeps is not None) != ("sweep" in self.axes):
@@ -88,14 +88,14 @@ class Samples(Gains):
         return self
 
 
-class Frequencies(Config):
+class FrequenciesMapping(Config):
     """Place of the tones [f] in the file."""
 
     dataset: InFile
     unit: Literal["Hz", "kHz", "MHz", "GHz"]
 
 
-class Positions(Config):
+class PositionsMapping(Config):
     """Place of the antennas' positions [n, 3] (x, y, z) in the file. reversed: as in `Gains`; x:
     its direction, seen from the array looking at the target (ours points to the left)."""
 
@@ -105,7 +105,7 @@ class Positions(Config):
     x: Literal["left", "right"]
 
 
-class Pairs(Config):
+class PairsMapping(Config):
     """Place of the pairs [n, 2] (transmitter, receiver) in the file. reversed: as in `Gains`;
     first: what the first antenna is counted as, 1 in MATLAB."""
 
@@ -114,16 +114,16 @@ class Pairs(Config):
     first: Literal[0, 1]
 
 
-class Array(Config):
+class ArrayMapping(Config):
     """One array: its echoes, where its antennas are, which pairs of them were measured, and their
     gains."""
 
-    samples: Samples
-    tx: Positions | None = None
-    rx: Positions | None = None
-    position: Positions | None = None
-    pairs: Pairs | None = None
-    gains: Gains | None = None
+    samples: SamplesMapping
+    tx: PositionsMapping | None = None
+    rx: PositionsMapping | None = None
+    position: PositionsMapping | None = None
+    pairs: PairsMapping | None = None
+    gains: GainsMapping | None = None
 
     @property
     def datasets(self) -> list[str]:
@@ -135,7 +135,7 @@ class Array(Config):
         ]
 
     @model_validator(mode="after")
-    def _tables_of_the_axes(self) -> "Array":
+    def _tables_of_the_axes(self) -> "ArrayMapping":
         needed = TABLES[CHANNELS.index(self.samples.channels)]
         for name in ("tx", "rx", "position", "pairs"):
             if (getattr(self, name) is not None) != (name in needed):
@@ -151,17 +151,17 @@ class Array(Config):
         return self
 
 
-class Mapping(Array):
+class Mapping(ArrayMapping):
     """The content of `mapping.toml`; capture: as in a `capture.toml`; array: further ones, which
     hear themselves."""
 
     version: Literal[1]
     file: InFile
     capture: CaptureFile
-    frequencies: Frequencies
+    frequencies: FrequenciesMapping
     wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
     licence: str = ""
-    array: tuple[Array, ...] = ()
+    array: tuple[ArrayMapping, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -214,9 +214,11 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
     import h5py
 
     matlab = not h5py.is_hdf5(path)
-    source: AbstractContextManager[Any] = nullcontext(read_matlab(path)) if matlab else opened(path)
+    source: AbstractContextManager[Any] = (
+        nullcontext(read_matlab(path)) if matlab else open_hdf5(path)
+    )
     with source as file:
-        found = file.get if matlab else partial(of_its_own, file)
+        found = file.get if matlab else partial(local_item, file)
         if lacking := [name for name in sorted(wanted) if found(name) is None]:
             names: dict[str, int] = dict.fromkeys(file, 0) if matlab else {}
             if not matlab:
@@ -229,7 +231,7 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
         yield file.__getitem__ if matlab else partial(read, file, path=path)
 
 
-def _recording(of: Read, told: Mapping, array: Array) -> Recording:
+def _recording(of: Read, told: Mapping, array: ArrayMapping) -> Recording:
     """One of the arrays that the mapping tells of."""
     frequencies_hz = _real(of, told.frequencies.dataset)
     if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
@@ -270,7 +272,7 @@ def _recording(of: Read, told: Mapping, array: Array) -> Recording:
     )
 
 
-def _table(of: Read, told: Positions | Pairs, columns: int, what: str) -> np.ndarray:
+def _table(of: Read, told: PositionsMapping | PairsMapping, columns: int, what: str) -> np.ndarray:
     """Real numbers [n, columns]."""
     stored = _real(of, told.dataset)
     if stored.ndim != 2 or stored.shape[0 if told.reversed else 1] != columns:
@@ -281,7 +283,7 @@ def _table(of: Read, told: Positions | Pairs, columns: int, what: str) -> np.nda
     return stored.T if told.reversed else stored
 
 
-def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
+def _complex(of: Read, told: GainsMapping, counts: dict[str, int]) -> np.ndarray:
     """Complex numbers whose axes are in ORDER, as far as they are there."""
     axes: tuple[str, ...] = told.axes[::-1] if told.reversed else told.axes
     parts = {name: of(name) for name in told.datasets}

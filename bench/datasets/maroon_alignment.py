@@ -29,7 +29,7 @@ from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
@@ -373,7 +373,7 @@ def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 def _counts(file: Path) -> np.ndarray:
     """A grey picture of 16 bits [height, width]."""
-    with opened_picture(file) as image:
+    with open_picture(file) as image:
         if image.mode != "I;16":
             raise HandbenchError(
                 f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits"

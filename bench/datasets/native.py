@@ -28,7 +28,7 @@ ARRAY = "array.json"  # calibration of the antennas
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
-DOUBTS = "doubts.json"  # of a run's stage that inspects it
+INSPECTION = "doubts.json"  # of a run's stage that inspects it
 FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 
 

@@ -12,17 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.bench.evaluation.alike import Alike
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
+from handbench.bench.evaluation.treatments import TreatedDepths
 
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
 TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
-ALIKE = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment alone
+EQUAL_METRICS = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment alone
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
 
 
-class Treated(NamedTuple):
+class TreatedFigures(NamedTuple):
     """A method's figures of one capture under one treatment, and the mean absolute error at
     SHARES_PERCENT, mm [n], NaN where the method does not reach."""
 
@@ -33,10 +33,12 @@ class Treated(NamedTuple):
 def on_common_pixels(metric: str) -> str:
     """The words with which a metric's title goes on under equal treatment; none for one that needs
     no common pixels."""
-    return "" if metric in ALIKE else " on common pixels"
+    return "" if metric in EQUAL_METRICS else " on common pixels"
 
 
-def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Treated]:
+def treated_figures(
+    maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
+) -> dict[str, TreatedFigures]:
     """Each method's figures against one reference [ny, nx], of the maps of all methods on its
     grid."""
     common = np.isfinite(reference_z_m)
@@ -55,11 +57,11 @@ def treat(maps: Mapping[str, Alike], reference_z_m: np.ndarray) -> dict[str, Tre
         figures["common_percent"] = 100 * float(common.sum() / surface) if surface else None
         figures["aurc_mm"] = float(risks_mm[method][:reached].mean()) if reached else None
         figures["aurc_to_percent"] = 100 * float(reached / surface) if surface else None
-        found[method] = Treated(figures, _at_shares(risks_mm[method], int(surface)))
+        found[method] = TreatedFigures(figures, _at_shares(risks_mm[method], int(surface)))
     return found
 
 
-def risk_mm(alike: Alike, reference_z_m: np.ndarray) -> np.ndarray:
+def risk_mm(alike: TreatedDepths, reference_z_m: np.ndarray) -> np.ndarray:
     """Mean absolute error of the 1, 2, … n strongest pixels on the surface, mm [n]; equal
     amplitudes stay in the order of the map."""
     seen = np.isfinite(alike.open_z_m) & np.isfinite(reference_z_m)

@@ -44,11 +44,11 @@ def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, o
         for nominal in NOMINAL_PERCENT:
             yield facts | {
                 "nominal_percent": nominal,
-                "observed_percent": covered(error_mm / spread_mm, nominal),
+                "observed_percent": coverage_percent(error_mm / spread_mm, nominal),
             }
 
 
-def covered(deviations: np.ndarray, nominal_percent: float) -> float:
+def coverage_percent(deviations: np.ndarray, nominal_percent: float) -> float:
     """Percentage of errors over their σ [n] that the normal interval of nominal_percent about 0
     holds; NaN of none."""
     reach = NormalDist().inv_cdf(0.5 + nominal_percent / 200)

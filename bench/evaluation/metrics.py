@@ -47,7 +47,7 @@ PAPER = {
 }  # and its figures
 
 
-def _told(m: ErrorMap) -> ErrorMap:
+def _measured_pixels(m: ErrorMap) -> ErrorMap:
     """The map's pixels that add anything to the sums, in one row."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
@@ -121,7 +121,7 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
     A figure that has nothing to stand on is None.
     """
     totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
-    for m in map(_told, maps):
+    for m in map(_measured_pixels, maps):
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
         observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
     absolute_m = np.concatenate(observed)
@@ -159,7 +159,7 @@ def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
 
 
-def averaged(captures: pd.DataFrame) -> Values:
+def mean_figures(captures: pd.DataFrame) -> Values:
     """The figures of `of_captures`, formed for each capture and then averaged over those that have
     them, as the paper's table is; the pooled ones and the number of pixels of all captures
     together. The floor, where `captures` has it as `floor_mm`, is known if it is for each capture

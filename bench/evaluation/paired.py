@@ -16,7 +16,7 @@ from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform
 from handbench.support.errors import HandbenchError
 
 
-class Tested(NamedTuple):
+class Difference(NamedTuple):
     """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to
     test."""
 
@@ -26,60 +26,60 @@ class Tested(NamedTuple):
     p: float = np.nan
 
 
-def paired(a: np.ndarray, b: np.ndarray) -> Tested:
+def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
     """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's
     own on that capture does not (Student's paired t). NaN in either leaves a capture out."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
-        return Tested(np.nan)
+        return Difference(np.nan)
     difference, spread, n = float(gained.mean()), deviation(gained), len(gained)
     if (interval := mean_interval(gained)) is None:
-        return Tested(difference)
+        return Difference(difference)
     size = np.abs(np.stack([a, b])[:, known]).max()
     if spread <= 1e-12 * size:  # roundings
-        return Tested(
+        return Difference(
             difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0
         )
-    return Tested(
+    return Difference(
         difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1))
     )
 
 
-def unpaired(a: np.ndarray, b: np.ndarray) -> Tested:
+def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
     """Of two independent samples of captures (Welch 1947)."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
-        return Tested(np.nan)
+        return Difference(np.nan)
     difference = float(b.mean() - a.mean())
     if min(len(a), len(b)) < FEWEST:
-        return Tested(difference)
+        return Difference(difference)
     parts = [deviation(values) ** 2 / len(values) for values in (a, b)]
     if not sum(parts):
-        return Tested(difference, difference, difference, float(difference == 0))
+        return Difference(difference, difference, difference, float(difference == 0))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
     error = np.sqrt(sum(parts))
     reach = float(stats.t.ppf(TAILS[1], freedom) * error)
     p = float(2 * stats.t.sf(abs(difference) / error, freedom))
-    return Tested(difference, difference - reach, difference + reach, p)
+    return Difference(difference, difference - reach, difference + reach, p)
 
 
-def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
+def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Difference:
     """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all
     repeats were independent: cautious where both image the same echoes. The interval is that of the
     ratio, times A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
-        return Tested(np.nan)
+        return Difference(np.nan)
     (a, freedom_a), (b, freedom_b) = deviation_a, deviation_b
     if a == b:
-        return Tested(0.0, 0.0, 0.0, 1.0)
+        return Difference(0.0, 0.0, 0.0, 1.0)
     if not a or not b:
-        return Tested(b - a)
+        return Difference(b - a)
     ratio, f = b / a, stats.f(freedom_b, freedom_a)
     p = 2 * min(f.cdf(ratio**2), f.sf(ratio**2))
     low, high = (a * (ratio / f.ppf(tail) ** 0.5 - 1) for tail in TAILS[::-1])
-    return Tested(b - a, float(low), float(high), float(min(p, 1)))
+    return Difference(b - a, float(low), float(high), float(min(p, 1)))
 
 
 def compare(
@@ -106,7 +106,7 @@ def compare(
     known = [method for method, values in figures.items() if np.isfinite(values).any()]
     pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]
     smaller_first = pairs if METRICS[metric].better == "lower" else [pair[::-1] for pair in pairs]
-    tests = [paired(figures[small], figures[large]) for small, large in smaller_first]
+    tests = [paired_test(figures[small], figures[large]) for small, large in smaller_first]
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
         metric=metric,
         unit=METRICS[metric].unit,
@@ -117,7 +117,7 @@ def compare(
     )
     for name in ("difference", "low", "high"):
         lines[name] = [getattr(tested, name) for tested in tests]
-    lines["p_corrected"] = corrected([t.p for t in tests])
+    lines["p_corrected"] = holm_corrected([t.p for t in tests])
     lines["effect"] = [_effect(figures[better], figures[worse]) for better, worse in pairs]
     lines["n_captures"] = [int(np.isfinite(figures[b] - figures[w]).sum()) for b, w in pairs]
     names = {method: (titles or {}).get(method, method) for method in figures}
@@ -182,7 +182,7 @@ def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
     return abs(float(gained.mean())) / spread if spread else None
 
 
-def corrected(p: Sequence[float]) -> list[float]:
+def holm_corrected(p: Sequence[float]) -> list[float]:
     """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1,
     never falling, at most 1; those that are not known stay so, and count for none."""
     given = np.asarray(p, float)

@@ -11,7 +11,7 @@ from handbench.bench.evaluation.intervals import (
     median_interval,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, precision
+from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, mean_figures, precision
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
 from handbench.bench.evaluation.tables import TABLE, frame
 
@@ -28,7 +28,7 @@ def accuracy_rows(
     """The protocol's metrics of a method against one reference, from `of_captures` of its maps,
     with their `floor_mm` where it is known; floor: its interval."""
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
-    values = {"floor_mm": None} | averaged(captures)
+    values = {"floor_mm": None} | mean_figures(captures)
     known = {key: value for key, value in values.items() if key in protocol.metrics}
     return _rows(method, reference, known, intervals | {"floor_mm": floor})
 

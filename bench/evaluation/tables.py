@@ -83,7 +83,7 @@ class Schema:
         return [column.name for column in self.columns]
 
 
-def declared(module: str) -> dict[str, Schema]:
+def declared_tables(module: str) -> dict[str, Schema]:
     """The tables of the TOML file beside a module's own file."""
     known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
     return {
@@ -97,7 +97,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
     return Column(name, kind, meaning, **facts)
 
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from handbench.bench.evaluation.equal_treatment import ALIKE
+from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
@@ -24,7 +24,7 @@ HEADLINES = (
     "floor_mm",
     "max_mm",
     *SHARES,
-    *ALIKE,
+    *EQUAL_METRICS,
     "precision_mm",
     "seconds",
 )  # read at a glance

@@ -23,13 +23,13 @@ import pandas as pd
 from handbench.bench.evaluation.intervals import TOO_FEW, figure_interval, note, precision_interval
 from handbench.bench.evaluation.metrics import METRICS, deviation, precision
 from handbench.bench.evaluation.paired import (
-    Tested,
+    Difference,
     amount_text,
     amounts_text,
-    corrected,
     f_test,
-    paired,
-    unpaired,
+    holm_corrected,
+    paired_test,
+    welch_test,
 )
 from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
 from handbench.bench.evaluation.tables import (
@@ -58,7 +58,7 @@ NONE = (None, None)
 
 
 @dataclass(frozen=True)
-class Side:
+class ComparedResult:
     """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's
     rate of float32 matrix products."""
 
@@ -73,8 +73,8 @@ class Compared:
     """Two results side by side. basis: what the differences stand on, in sentences; differences,
     times, changes: as `bench.evaluation.tables` declares them."""
 
-    a: Side
-    b: Side
+    a: ComparedResult
+    b: ComparedResult
     basis: tuple[str, ...]
     differences: pd.DataFrame
     times: pd.DataFrame
@@ -90,7 +90,7 @@ def write_compared(folder: Path, compared: Compared) -> None:
 
 
 @dataclass(frozen=True)
-class Basis:
+class CommonCaptures:
     """The captures of A and of B that a reference's differences stand on."""
 
     reference: str
@@ -104,7 +104,7 @@ def compare_results(a: Result, b: Result) -> Compared:
     """Every method that both have, by the protocol's compared metrics, the precision and the time.
     Results of different protocols or definitions, or without a method and a reference in common,
     are a HandbenchError."""
-    require_alike(a, b)
+    require_comparable(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
     bases = [basis for reference in REFERENCES if (basis := _basis(a, b, reference))]
@@ -129,7 +129,7 @@ def compare_results(a: Result, b: Result) -> Compared:
     return Compared(_side(a), _side(b), said, _corrected(lines), times, changes(a, b))
 
 
-def require_alike(a: Result, b: Result) -> None:
+def require_comparable(a: Result, b: Result) -> None:
     """HandbenchError where two results were scored by different protocols or definitions."""
     ours, theirs = (
         f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
@@ -152,7 +152,7 @@ def require_alike(a: Result, b: Result) -> None:
         )
 
 
-def _basis(a: Result, b: Result, reference: str) -> Basis | None:
+def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
     """The captures that both have, if any; else all of each. None where one has no such
     reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
@@ -165,14 +165,14 @@ def _basis(a: Result, b: Result, reference: str) -> Basis | None:
             "as two independent "
             f"samples; A: {note(len(ours))}; B: {note(len(theirs))}"
         )
-        return Basis(reference, ours, theirs, False, text)
+        return CommonCaptures(reference, ours, theirs, False, text)
     left = len(ours) + len(theirs) - 2 * len(shared)
     without = f", without the {left} that only one has" if left else ""
     text = (
         f"against {reference}: the same captures ({', '.join(shared)}{without}), pair by "
         f"pair; {note(len(shared))}"
     )
-    return Basis(reference, shared, shared, True, text)
+    return CommonCaptures(reference, shared, shared, True, text)
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
@@ -191,7 +191,7 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
 
 
 def _accuracy(
-    method: MethodFacts, basis: Basis, a: pd.DataFrame, b: pd.DataFrame
+    method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
 ) -> list[dict[str, Any]]:
     """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a
     metric."""
@@ -199,7 +199,7 @@ def _accuracy(
     for metric in map(str, a):
         samples, test = (
             [a[metric].to_numpy(), b[metric].to_numpy()],
-            paired if basis.paired else unpaired,
+            paired_test if basis.paired else welch_test,
         )
         values = [a[metric].mean(), b[metric].mean()]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
@@ -239,7 +239,7 @@ def _line(
     samples: Sequence[Any],
     values: Sequence[float | int | None],
     intervals: Sequence[Any],
-    tested: Tested,
+    tested: Difference,
 ) -> dict[str, Any]:
     """A line with the figures of A and of B, their ends, how many captures each stands on, and the
     test between them; against no reference, and not paired."""
@@ -259,7 +259,7 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and
     a sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
-    lines["p_corrected"] = corrected(lines.p.astype(float).tolist())
+    lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
     fell = (lines.difference < 0) == lines.metric.map(
         lambda metric: METRICS[metric].better == "lower"
@@ -303,9 +303,9 @@ def _sentence(line: Any) -> str:
     return none + amounts + (" before the correction for all lines" if low > 0 else "") + hands
 
 
-def _side(result: Result) -> Side:
+def _side(result: Result) -> ComparedResult:
     captures = tuple(capture.name for capture in result.scored())
-    return Side(str(result.folder), result.about.name, captures, _gemm(result))
+    return ComparedResult(str(result.folder), result.about.name, captures, _gemm(result))
 
 
 def _gemm(result: Result) -> float | None:

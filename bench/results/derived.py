@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.alike import SMOOTHING
 from handbench.bench.evaluation.error_causes import (
     Averages,
     cause_lines,
@@ -34,6 +33,7 @@ from handbench.bench.evaluation.tables import (
     conform,
     frame,
 )
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path, read_errors
 from handbench.radar.data.depthmap import load_depthmap
@@ -43,7 +43,7 @@ from handbench.support.progress import track
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
-ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
+EQUAL_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
 COMPARED = (
     HEADLINE,
     "observed_percent",
@@ -67,7 +67,7 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     )
 
 
-def equally_treated(
+def equal_treatment_scores(
     scores: pd.DataFrame, captures: Sequence[CaptureFacts]
 ) -> tuple[str, dict[str, ByMethod]]:
     """The reference with the most surface that all captures have; and, against it, treatment →
@@ -88,7 +88,7 @@ def equally_treated(
 
 def equal(result: Result) -> pd.DataFrame:
     """The figures under equal treatment, averaged over the captures, as `EQUAL`."""
-    reference, treated = equally_treated(result.scores, result.scored())
+    reference, treated = equal_treatment_scores(result.scores, result.scored())
     rows = []
     for treatment, methods in treated.items():
         for method, figures in methods.items():
@@ -105,7 +105,7 @@ def comparisons(result: Result) -> pd.DataFrame:
     """Every pair of methods, as `COMPARISONS`: as they are, by the protocol's compared metrics
     against each reference; and under equal treatment."""
     titles = {method.name: method.title for method in result.about.methods}
-    reference, treated = equally_treated(result.scores, result.scored())
+    reference, treated = equal_treatment_scores(result.scores, result.scored())
     found = [frame(COMPARISONS)]
     metrics = compared_metrics(result.about.protocol)
     own = {name: by_method(result.scores, name) for name in REFERENCES}
@@ -113,7 +113,7 @@ def comparisons(result: Result) -> pd.DataFrame:
     wanted += [
         (reference, t, metric, methods)
         for t, methods in treated.items()
-        for metric in ALIKE_COMPARED
+        for metric in EQUAL_COMPARED
     ]
     for name, treatment, metric, methods in wanted:
         figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
@@ -123,16 +123,16 @@ def comparisons(result: Result) -> pd.DataFrame:
 
 def causes(result: Result) -> pd.DataFrame:
     """The errors by their causes, as `CAUSES`."""
-    return _explained(result)[0]
+    return _cause_tables(result)[0]
 
 
 def reliability(result: Result) -> pd.DataFrame:
     """Coverage and likelihood of the methods' own σ, as `RELIABILITY`."""
-    return _explained(result)[1]
+    return _cause_tables(result)[1]
 
 
 @lru_cache(maxsize=1)  # both tables are read one after the other
-def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
     """CAUSES and RELIABILITY of every capture's maps."""
     causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
     for capture in track(result.scored(), "causes of errors"):

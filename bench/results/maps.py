@@ -10,14 +10,14 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 
 PHOTO_PX = 600
 ORIENTATION = 0x0112  # EXIF's tag
 
 
 @dataclass(frozen=True)
-class Surface:
+class SurfaceMap:
     """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none.
     sigma_m [ny, nx]: a reference's standard deviation along z, by mesh and registration together
     (None: not told; NaN: unknown)."""
@@ -52,15 +52,15 @@ def _path(folder: Path, suffix: str, *names: str) -> Path:
 
 def write_errors(folder: Path, capture: str, method: str, reference: str, errors: ErrorMap) -> None:
     """Write one map of signed errors."""
-    write_npz(errors_path(folder, capture, method, reference), **_told(errors))
+    write_npz(errors_path(folder, capture, method, reference), **_arrays(errors))
 
 
-def write_surface(folder: Path, capture: str, reference: str, surface: Surface) -> None:
+def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMap) -> None:
     """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
-    write_npz(depth_path(folder, capture, reference), **_told(surface))
+    write_npz(depth_path(folder, capture, reference), **_arrays(surface))
 
 
-def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
+def _arrays(maps: SurfaceMap | ErrorMap) -> dict[str, np.ndarray]:
     return {name: values for name, values in asdict(maps).items() if values is not None}
 
 
@@ -77,7 +77,7 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     """Write a small JPEG of the photograph `source`, upright and without its metadata."""
     from PIL import Image, ImageOps
 
-    with opened_picture(Path(source)) as image:
+    with open_picture(Path(source)) as image:
         told, small = (
             image.getexif().get(ORIENTATION),
             Image.fromarray(np.asarray(image.convert("RGB"))),

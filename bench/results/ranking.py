@@ -13,7 +13,7 @@ from handbench.bench.evaluation.intervals import mean_interval
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.tables import RANKING, ByMethod, by_method, conform
 from handbench.bench.results.about import HEADLINE, REFERENCES
-from handbench.bench.results.compare_results import require_alike
+from handbench.bench.results.compare_results import require_comparable
 from handbench.bench.results.result_folder import Result, shown
 from handbench.support.errors import HandbenchError
 
@@ -21,13 +21,13 @@ BY = "complete_2mm_percent"
 OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps averaged
 
 
-def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
+def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
     """`RANKING`, the best method first, and a sentence on the captures. A method's rank is one more
     than the number of methods that are shown to be better on the same captures (95 %, Holm); 0: too
     few captures to test. HandbenchError where the results have no capture and reference in common,
     or other protocols."""
     for result in results[1:]:
-        require_alike(results[0], result)
+        require_comparable(results[0], result)
     reference, captures = _common(results)
     values: dict[str, np.ndarray] = {}
     lines = []

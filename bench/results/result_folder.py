@@ -14,7 +14,7 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import (
-    Surface,
+    SurfaceMap,
     depth_path,
     errors_path,
     photo_path,
@@ -123,9 +123,9 @@ class Result:
         """Signed errors of one depth map."""
         return read_errors(self.folder, capture, method, reference)
 
-    def surface(self, capture: str, source: str) -> Surface:
+    def surface(self, capture: str, source: str) -> SurfaceMap:
         """The depth map of a method, or of a reference ("truth", "photogrammetry")."""
-        return Surface(**read_map(depth_path(self.folder, capture, source), "z_m"))
+        return SurfaceMap(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
         """The methods whose frames were timed while other work took BUSY cores or more, on average,

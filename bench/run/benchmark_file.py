@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure
-from handbench.bench.run.sweep import Sweep, imaging_settings, known_configs
+from handbench.bench.run.sweep import TradeoffSweep, imaging_settings, known_configs
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, methods
@@ -194,7 +194,9 @@ class BenchFile(Config):
     )
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
-    tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
+    tradeoff: TradeoffSweep | None = Field(
+        default=None, description="what `handbench tradeoff` sweeps"
+    )
 
     @field_validator("calibration", mode="before")
     @classmethod
@@ -238,7 +240,7 @@ class BenchFile(Config):
         return max(frames, self.repeats) if repeated else frames
 
 
-def embedded() -> dict[str, Path]:
+def embedded_benchmarks() -> dict[str, Path]:
     """The embedded benchmarks by name: those of the files that say which methods to run."""
     return {
         path.stem: path
@@ -252,7 +254,7 @@ def find_benchmark(name: str) -> Path:
     path = Path(name)
     if path.suffix == ".toml" or path.is_file():
         return path
-    known = embedded()
+    known = embedded_benchmarks()
     if name not in known:
         raise HandbenchError(
             f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}"
@@ -266,7 +268,7 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
     bench = bench.model_copy(
-        update={"method": tuple(checked(entry, path) for entry in bench.method)}
+        update={"method": tuple(checked_entry(entry, path) for entry in bench.method)}
     )
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
@@ -277,7 +279,7 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
 
 
-def checked(entry: MethodEntry, path: Path) -> MethodEntry:
+def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
     """The entry of a benchmark file; HandbenchError where its method, configuration or maps are not
     there."""
     where = f"{path}: method '{entry.id}'"

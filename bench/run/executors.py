@@ -34,7 +34,7 @@ from handbench.radar.methods.registry import method_key
 from handbench.support import cost
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
-from handbench.support.store import Stage, code_hash
+from handbench.support.store import Stage, stage_code_hash
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client
@@ -59,7 +59,7 @@ _ALONE = (
 )  # a cost is measured of the whole process, which therefore does one job at a time
 
 
-class Here(Executor):
+class LocalExecutor(Executor):
     """This process: a job has ended when `submit` returns."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -72,7 +72,7 @@ class Here(Executor):
         return future
 
 
-class Processes(ThreadPoolExecutor):
+class ProcessExecutor(ThreadPoolExecutor):
     """Processes of this machine, each with its share of the cores. They start with their first job
     and end with the block, or with this process. A process that the system ends, for want of
     memory, costs its own job only, which is tried once more while the others wait."""
@@ -141,7 +141,7 @@ class Processes(ThreadPoolExecutor):
             self._idle.put(number)
 
 
-class Cluster(Executor):
+class DaskExecutor(Executor):
     """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the
     scheduler, which is safe, for a stage's folder appears complete or not at all."""
 
@@ -200,7 +200,7 @@ def _require_same(root: Path, stage: Stage) -> None:
             "workers"
         )
     plugged = method_key(stage.method) if stage.method else ()
-    if code_hash(stage.function, plugged) != stage.code:
+    if stage_code_hash(stage.function, plugged) != stage.code:
         raise HandbenchError(
             f"{stage.label}: this worker's handbench or libraries differ from the client's; "
             "install the same on both"
@@ -214,13 +214,13 @@ def assigned(
     Processes take two or more stages that have to be made and whose time is no result; imaging is
     done here, with nothing else at work."""
     numbers = list(range(len(stages)))
-    if not isinstance(executor, Processes):
+    if not isinstance(executor, ProcessExecutor):
         return [(executor, numbers)]
     long = [n for n in numbers if not stages[n].method and stages[n].name != HASH]
     long = [n for n in long if not stages[n].folder(root).exists()]
     if len(long) < 2:
-        return [(Here(), numbers)]
-    return [(executor, long), (Here(), [n for n in numbers if n not in long])]
+        return [(LocalExecutor(), numbers)]
+    return [(executor, long), (LocalExecutor(), [n for n in numbers if n not in long])]
 
 
 def room(bytes_: float = 0.0) -> int:
@@ -240,7 +240,7 @@ def executor(
     of the Dask scheduler at this address, tcp://host:port."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
-        with Processes(count) if count > 1 else Here() as found:
+        with ProcessExecutor(count) if count > 1 else LocalExecutor() as found:
             yield found
         return
     try:
@@ -262,7 +262,7 @@ def executor(
         ) from error
     try:
         with client:
-            yield Cluster(client)
+            yield DaskExecutor(client)
     except (CancelledError, OSError) as error:
         if (
             isinstance(error, OSError) and error.errno is not None

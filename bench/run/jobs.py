@@ -24,7 +24,7 @@ from handbench.bench.run import (
 )
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from handbench.bench.run.executors import HASH
-from handbench.bench.run.outcome import Capture, Outcome
+from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.bench.run.photogrammetry import photographs
 from handbench.bench.run.scoring import make as score
 from handbench.bench.scenes.build import named_files
@@ -42,7 +42,7 @@ from handbench.support.files import content_hash, inside
 from handbench.support.store import Stage
 
 # by name: its room checks benchmark files too, so it imports this one
-INSPECT = "handbench.bench.validation.doubts:make"
+INSPECT = "handbench.bench.validation.capture_warnings:make"
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
@@ -84,19 +84,19 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
     return scene, path
 
 
-def inspection(capture: Capture) -> Stage:
+def inspection(capture: RunCapture) -> Stage:
     """To look the capture over for mistakes before anything is believed of it."""
     given = {"capture": str(capture.folder)}
     return Stage("inspect", resolve_name(INSPECT), given, [capture.key], capture.name)
 
 
-def clouds(bench: BenchFile, capture: Capture, work: Path) -> Clouds:
+def clouds(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds:
     """To reconstruct the capture's photographs; a HandbenchError where it has none."""
     photos, options = photographs(capture.folder, bench.groundtruth.quality, bench.seed)
     return pipeline.stages(work, photos, options, [capture.key], capture=capture.name)
 
 
-def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage:
+def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> Stage:
     """To register the sensors by captures of one target, whose clouds are there."""
     given = {
         "captures": [str(target.folder) for target in targets],
@@ -106,7 +106,7 @@ def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage
     return Stage("calibrate", calibrate_stage.calibrate, given, inputs, targets[0].name)
 
 
-def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
+def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
     """To make the capture's photographs a mesh, if it has none and if a transform carries it into
     the radar frame."""
     data = open_capture(capture.folder)
@@ -118,7 +118,7 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
     )
 
 
-def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> list[Stage]:
+def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> list[Stage]:
     """To image the capture by one method: for the accuracy the benchmark's frames, for the
     precision, where the method has one, all repeats. Paths start from `base`."""
     if entry.foreign:
@@ -145,7 +145,7 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
     ]
 
 
-def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
+def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> Stage:
     """To take a foreign method's depth map of the capture, or to have its command make one."""
     grid = foreign.pixels(capture.about, bench.method)
     function = foreign.run if entry.command is not None else foreign.take
@@ -173,7 +173,7 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
 
 
 def references(
-    capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
+    capture: RunCapture, registration: Transform | None, made: Path | None, found: Outcome
 ) -> dict[str, tuple[Path, Transform]]:
     """Reference name → mesh file and the transform that carries it into the radar frame. made: the
     folder with the mesh of the capture's photographs."""
@@ -204,7 +204,7 @@ def references(
 
 def scoring(
     bench: BenchFile,
-    capture: Capture,
+    capture: RunCapture,
     maps: dict[str, Path],
     references: dict[str, tuple[Path, Transform]],
 ) -> Stage:

@@ -22,7 +22,7 @@ Line = tuple[Any, ...]  # of a table, in the order of its columns
 
 
 @dataclass
-class Capture:
+class RunCapture:
     """A capture of the run: its folder, the hash that stands for its content, its description, what
     it measures."""
 
@@ -45,7 +45,7 @@ class Outcome:
     name."""
 
     bench: BenchFile
-    captures: list[Capture]
+    captures: list[RunCapture]
     tasks: list[Line]
     failures: list[Failure] = field(default_factory=list)
     references: dict[str, dict[str, tuple[Path, Transform]]] = field(default_factory=dict)
@@ -65,17 +65,17 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Basis:
+class CommonSubset:
     """The captures and methods that a table stands on: every method on the same captures. repeated:
     those of the precision."""
 
-    captures: tuple[Capture, ...]
+    captures: tuple[RunCapture, ...]
     methods: tuple[MethodEntry, ...]
     text: str
-    repeated: tuple[Capture, ...]
+    repeated: tuple[RunCapture, ...]
 
     @property
-    def all_captures(self) -> tuple[Capture, ...]:
+    def all_captures(self) -> tuple[RunCapture, ...]:
         """Those of the accuracy, then those of the precision alone."""
         return (
             *self.captures,
@@ -84,7 +84,9 @@ class Basis:
 
 
 @contextmanager
-def failing(failures: list[Failure], capture: str, stage: str, method: str = "") -> Iterator[None]:
+def recorded_failure(
+    failures: list[Failure], capture: str, stage: str, method: str = ""
+) -> Iterator[None]:
     """An error that the user can mend is said and kept as a failure of the capture (for one method,
     if one is named), and does not end the run."""
     try:
@@ -94,7 +96,7 @@ def failing(failures: list[Failure], capture: str, stage: str, method: str = "")
         say(failures[-1].line)
 
 
-def basis(outcome: Outcome) -> Basis:
+def common_subset(outcome: Outcome) -> CommonSubset:
     """The captures of the accuracy that all methods have finished, every stage of them. A method
     that finished fewer than half as many as the best one is left out, for it would take the others'
     captures away; so is the weakest while no capture is common to all. Nothing left is a
@@ -117,7 +119,7 @@ def basis(outcome: Outcome) -> Basis:
     )
     if precise and (total := sum(source.measures == ("precision",) for source in sources)):
         text += f"; the precision alone: {_stands_on(repeated, steady, also, total)}"
-    return Basis(
+    return CommonSubset(
         tuple(capture for capture in outcome.captures if capture.name in common),
         tuple(entry for entry in outcome.bench.method if entry.id in kept),
         text,
@@ -126,7 +128,7 @@ def basis(outcome: Outcome) -> Basis:
 
 
 def _finished(
-    outcome: Outcome, captures: list[Capture], methods: Sequence[MethodEntry]
+    outcome: Outcome, captures: list[RunCapture], methods: Sequence[MethodEntry]
 ) -> dict[str, set[str]]:
     """Method → names of the captures of which it finished every stage."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}

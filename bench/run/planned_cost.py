@@ -22,7 +22,7 @@ from handbench.support.config import Config, load
 from handbench.support.cost import TERMS_PER_S
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
@@ -148,7 +148,7 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
     )
     if not pictures:
         return 0.0, 0, 0.0
-    with opened_picture(pictures[0]) as picture:
+    with open_picture(pictures[0]) as picture:
         return 0.0, len(pictures), 1e-6 * prod(picture.size) * len(pictures)
 
 

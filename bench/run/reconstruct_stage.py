@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
+from handbench.bench.evaluation.treatments import OPEN_DB, SMOOTHING, TreatedDepths
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
@@ -146,7 +146,7 @@ def settled(seconds: list[float]) -> bool:
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
 
 
-ALIKE = "alike.npz"
+TREATED = "treated.npz"
 FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
 THRESHOLD = "threshold_db"
 
@@ -180,14 +180,18 @@ def write_treated(
             arrays[f"{treatment}_{'open_' * opened}z_m"] = z_m.astype(np.float32)
             if opened:
                 arrays[f"{treatment}_open_db"] = depth.amplitude_db
-    write_npz(folder / ALIKE, **arrays)
+    write_npz(folder / TREATED, **arrays)
 
 
-def read_treated(folder: Path) -> dict[str, Alike] | None:
+def read_treated(folder: Path) -> dict[str, TreatedDepths] | None:
     """The maps by treatment; None where none were made."""
-    if not (folder / ALIKE).exists():
+    if not (folder / TREATED).exists():
         return None
     kept = read_npz(
-        folder / ALIKE, tuple(f"{t}_{field}" for t in SMOOTHING for field in Alike._fields)
+        folder / TREATED,
+        tuple(f"{t}_{field}" for t in SMOOTHING for field in TreatedDepths._fields),
     )
-    return {t: Alike(*(kept[f"{t}_{field}"] for field in Alike._fields)) for t in SMOOTHING}
+    return {
+        t: TreatedDepths(*(kept[f"{t}_{field}"] for field in TreatedDepths._fields))
+        for t in SMOOTHING
+    }

@@ -15,14 +15,14 @@ import tomlkit
 
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import DOUBTS, TRUE_TRANSFORM
+from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
 from handbench.bench.results import Failure
 from handbench.bench.run import executors, planned_cost, write_result
 from handbench.bench.run import jobs as plan
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.calibrate_stage import REGISTRATION
 from handbench.bench.run.executors import HASH
-from handbench.bench.run.outcome import Capture, Line, Outcome, failing
+from handbench.bench.run.outcome import Line, Outcome, RunCapture, recorded_failure
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING
 from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.simulate_stage import CAPTURE
@@ -31,7 +31,7 @@ from handbench.calibration.transforms import Transform, load_transform
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from handbench.support.folder import claimed
+from handbench.support.folder import locked
 from handbench.support.progress import say
 from handbench.support.store import Stage, Stamp, cached
 
@@ -61,7 +61,7 @@ def run(
             ahead.bytes_,
         )
     with (
-        claimed(folder) as work,
+        locked(folder) as work,
         executors.executor(scheduler, ahead.core_s, ahead.bytes_) as executor,
     ):
         _check_room(folder, config, overwrite)
@@ -88,7 +88,7 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
         )
 
 
-class Done(NamedTuple):
+class StageOutcome(NamedTuple):
     """The outcome of a stage. key: stands for what it made; failure: the error that the user can
     mend, if any; task: its line of `TASKS`, and machine: what made it, where a folder was made."""
 
@@ -106,7 +106,7 @@ class Run:
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
         self.found = Outcome(bench, [], [])
-        self.targets: list[Capture] = []
+        self.targets: list[RunCapture] = []
         self.registration: Transform | None = None
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
@@ -115,7 +115,7 @@ class Run:
         calibration's."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
-            with failing(self.found.failures, source.scene or source.path or "", "open"):
+            with recorded_failure(self.found.failures, source.scene or source.path or "", "open"):
                 frames = self.bench.frames_of(source)
                 stage = plan.opening(
                     self.bench, self.base, source, frames, photos="accuracy" in source.measures
@@ -142,10 +142,10 @@ class Run:
             )
             about = open_capture(folder).about
             if isinstance(origin, Source):
-                self.found.captures.append(Capture(folder, done.key, about, origin.measures))
+                self.found.captures.append(RunCapture(folder, done.key, about, origin.measures))
                 self.found.inputs[about.name] = done.key
             else:
-                self.targets.append(Capture(folder, done.key, about))
+                self.targets.append(RunCapture(folder, done.key, about))
 
     def inspect(self) -> None:
         """Look the captures over for mistakes; the doubts are said when they are found, and a fact
@@ -153,7 +153,7 @@ class Run:
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
         files = {
-            stage.capture: stage.folder(self.work) / DOUBTS
+            stage.capture: stage.folder(self.work) / INSPECTION
             for stage, done in ended
             if done.failure is None
         }
@@ -174,7 +174,7 @@ class Run:
             else []
         )
         for capture in self._accurate():
-            with failing(self.found.failures, capture.name, "photographs"):
+            with recorded_failure(self.found.failures, capture.name, "photographs"):
                 if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
                     clouds.append(meshed)
         for round_ in range(2):
@@ -189,11 +189,11 @@ class Run:
         """The stages that image every capture by every method."""
         stages: list[Stage] = []
         for capture, entry in product(self.found.captures, self.bench.method):
-            with failing(self.found.failures, capture.name, "reconstruct", entry.id):
+            with recorded_failure(self.found.failures, capture.name, "reconstruct", entry.id):
                 stages += plan.imaging(self.bench, self.base, capture, entry)
         return stages
 
-    def collect(self, stages: list[Stage], ended: list[Done]) -> None:
+    def collect(self, stages: list[Stage], ended: list[StageOutcome]) -> None:
         """Collect what the stages of `photographed` and `imaging` have left in their folders."""
         for stage, done in zip(stages, ended, strict=True):
             folder = stage.folder(self.work)
@@ -234,7 +234,7 @@ class Run:
         """Find what the captures' depth maps are compared with."""
         without = {failure.capture for failure in self.found.failures if not failure.method}
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
-            with failing(self.found.failures, name, "references"):
+            with recorded_failure(self.found.failures, name, "references"):
                 made = self.meshes.get(name)
                 self.found.references[name] = plan.references(
                     capture, self.registration, made, self.found
@@ -256,14 +256,14 @@ class Run:
             if done.failure is None:
                 self.found.scores[stage.capture] = stage.folder(self.work)
 
-    def _accurate(self) -> list[Capture]:
+    def _accurate(self) -> list[RunCapture]:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
-    def perform(self, stages: list[Stage]) -> list[Done]:
+    def perform(self, stages: list[Stage]) -> list[StageOutcome]:
         """Have stages carried out that do not depend on each other; their outcomes are returned and
         recorded in the order of the list. Executors have few jobs at a time, so that neither side
         holds the whole run."""
-        ended: dict[int, Done] = {}
+        ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
             finished: SimpleQueue[Future[Any]] = SimpleQueue()
@@ -287,7 +287,7 @@ class Run:
                 self.found.machines.setdefault(each.machine.get("host", ""), each.machine)
         return done
 
-    def _outcome(self, stage: Stage, future: Future[Any]) -> Done:
+    def _outcome(self, stage: Stage, future: Future[Any]) -> StageOutcome:
         """The outcome of a stage that has ended, which is said; the facts of the machine that made
         it are kept."""
         try:
@@ -297,19 +297,19 @@ class Run:
                 capture=stage.capture, method=stage.method, stage=stage.name, message=str(error)
             )
             say(failed.line)
-            return Done(failure=failed)
+            return StageOutcome(failure=failed)
         if stage.name == HASH:
-            return Done(made)
+            return StageOutcome(made)
         stamp, there = made
         say(f"{stage.label}: " + ("cached" if there else f"{stamp.seconds:.1f} s"))
-        return Done(
+        return StageOutcome(
             stage.key,
             task=_task(stage, stamp, there, stage.folder(self.work)),
             machine=stamp.machine,
         )
 
 
-def _require_calibration(*ended: Done) -> None:
+def _require_calibration(*ended: StageOutcome) -> None:
     """HandbenchError where a stage of the calibration failed: without it nothing has a
     reference."""
     for done in ended:

@@ -18,12 +18,12 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
-from handbench.bench.evaluation.alike import SMOOTHING
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import treat
+from handbench.bench.evaluation.equal_treatment import treated_figures
 from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
 from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
@@ -84,7 +84,7 @@ def make(
     curves: dict[str, np.ndarray] = {}
     for reference in references:
         for treatment in SMOOTHING:
-            found_alike = treat(
+            found_alike = treated_figures(
                 {m: of[treatment] for m, of in alike.items()}, on_grid[first][reference].z_m
             )
             for method, of in found_alike.items():

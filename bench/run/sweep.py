@@ -131,7 +131,7 @@ class RegistrationKnobs(Config):
     trials: int = Field(default=3, ge=1, le=MOST_RIGS)
 
 
-class Sweep(Config):
+class TradeoffSweep(Config):
     """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time
     for one tone of all antennas, which an acquisition takes for each; reference: the imaging
     setting that ratios are to (none: the first); exact_planes: planes of the volume that are summed
@@ -148,7 +148,7 @@ class Sweep(Config):
     registration: RegistrationKnobs = Field(default_factory=RegistrationKnobs)
 
 
-def completed(sweep: Sweep | None) -> Sweep:
+def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
     """The sweep with what it leaves out: without imaging entries those of the default one, and
     their reference."""
     if sweep is None:
@@ -161,12 +161,14 @@ def completed(sweep: Sweep | None) -> Sweep:
 
 
 @cache
-def default() -> Sweep:
+def default() -> TradeoffSweep:
     """The sweep of a benchmark that declares none."""
-    return load(Sweep, DEFAULT, "a sweep")
+    return load(TradeoffSweep, DEFAULT, "a sweep")
 
 
-def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
+def imaging_settings(
+    sweep: TradeoffSweep, known: dict[str, dict[str, Any]]
+) -> list[ImagingSetting]:
     """All settings of the imaging section, checked. known: method → what the benchmark's own entry
     of it changes, which holds unless the sweep says otherwise. A setting that the method does not
     take is a HandbenchError."""
@@ -218,7 +220,7 @@ def _of_entry(entry: ImagingEntry, known: dict[str, Any]) -> list[ImagingSetting
                 )
         chosen.configure(config, where)
         varied = {**fixed, **swept, **({"every_nth_antenna": every} if every > 1 else {})}
-        name = "-".join([entry.method, *("-".join(_told(*knob)) for knob in varied.items())])
+        name = "-".join([entry.method, *("-".join(_abbreviated(*knob)) for knob in varied.items())])
         title = ", ".join(
             [entry.title or TITLES.get(entry.method, entry.method), *map(_words, varied.items())]
         )
@@ -251,10 +253,10 @@ def _words(knob: tuple[str, Any]) -> str:
     key, value = knob
     if key == "every_nth_antenna":
         return f"1 of {value} antennas"
-    return " ".join(_told(key, value)).replace("_", " ")
+    return " ".join(_abbreviated(key, value)).replace("_", " ")
 
 
-def _told(keys: str, value: Any) -> tuple[str, str]:
+def _abbreviated(keys: str, value: Any) -> tuple[str, str]:
     """A knob and its value in short: z.step 2mm; of several that change together xyz.step."""
     names = [key.strip() for key in keys.split(",")]
     leaf = names[0].rpartition(".")[2]

@@ -24,7 +24,7 @@ GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 
 @dataclass(frozen=True)
-class Body:
+class PhotoBody:
     """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals
     [n, 3], reflectance; whether it is skin, which shines, and whether it carries the board's
     markers."""
@@ -37,7 +37,7 @@ class Body:
     board: bool = False
 
 
-def bodies(scene: Scene) -> list[Body]:
+def bodies(scene: Scene) -> list[PhotoBody]:
     """Target, plate and, if the scene has one, block."""
     photo_from_radar = scene.radar_from_photo.inverse()
     matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
@@ -85,10 +85,10 @@ def _target_texture(scene: Scene) -> Albedo:
     )
 
 
-def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> Body:
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> PhotoBody:
     surface = mesh(vertices_m, faces)
     surface.compute_vertex_normals()
-    return Body(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
+    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
 
 
 def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:

@@ -204,7 +204,7 @@ Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
 
 @cache
-def held(pose: Pose, number: int) -> Pose:
+def person_pose(pose: Pose, number: int) -> Pose:
     """The pose as a person, by number, holds it; the mean hand's is the pose itself."""
     if number == 0:
         return pose

@@ -39,7 +39,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class CoatedSphere:
     """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its
     own."""
 
@@ -52,7 +52,7 @@ class Sphere:
         return sphere_mesh(self.radius_m, AROUND_M / 2).translate(self.centre_m)
 
 
-Shape = Cylinder | Sphere
+Shape = Cylinder | CoatedSphere
 
 
 def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
@@ -72,7 +72,7 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
     **{
-        f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),)
+        f"sphere of {1e3 * r_m:.0f} mm": (CoatedSphere((0.0, 0.0, 0.29), r_m),)
         for r_m in (10e-3, 5e-3, 2e-3)
     },
 }

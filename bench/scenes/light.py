@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import Body
+from handbench.bench.scenes.bodies import PhotoBody
 from handbench.bench.scenes.textures import solid_noise
 from handbench.support.compiled import njit
 from handbench.support.errors import HandbenchError
@@ -61,7 +61,7 @@ class Light:
     open: np.ndarray
 
 
-def bake(rays: RaycastingScene, body: Body) -> Light:
+def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
     """Light at a body's vertices: the lamps with soft shadows and an occluded ambient light."""
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))

@@ -102,7 +102,7 @@ def person(number: int) -> Person:
 
 
 @dataclass(frozen=True)
-class Placement:
+class HandPlacement:
     """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y,
     z."""
 
@@ -111,7 +111,7 @@ class Placement:
     tilt_deg: tuple[float, float, float]
 
 
-def placement(number: int, seed: int) -> Placement:
+def placement(number: int, seed: int) -> HandPlacement:
     """The place where a person holds the hand in a scene of this seed; estimates of ours for one
     who is shown where."""
     drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
@@ -120,4 +120,4 @@ def placement(number: int, seed: int) -> Placement:
         *TILT_DEG,
     )
     distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
-    return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))
+    return HandPlacement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import Body, bodies, texture_seed
+from handbench.bench.scenes.bodies import PhotoBody, bodies, texture_seed
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
 from handbench.bench.scenes.light import LAMPS, Light, Projector, bake, mirrored, sunflower
@@ -153,7 +153,7 @@ class Studio:
 
     def _shade(
         self,
-        body: Body,
+        body: PhotoBody,
         light: Light,
         points_m: np.ndarray,
         eyes: np.ndarray,

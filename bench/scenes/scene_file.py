@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from handbench.bench.scenes.bones import held
+from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
@@ -72,7 +72,9 @@ class HandTarget(_Solid):
     @property
     def angles(self) -> Pose:
         """The joint angles, as the person holds the pose."""
-        return held(POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person)
+        return person_pose(
+            POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person
+        )
 
     @property
     def build(self) -> Person:

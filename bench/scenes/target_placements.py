@@ -35,7 +35,7 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
-    save_target(folder / MADE, made(described, rng))
+    save_target(folder / MADE, manufactured_target(described, rng))
     values = {
         "version": 1,
         "name": f"target-{number}",
@@ -71,7 +71,7 @@ def placements(number: int, count: int, folder: Path) -> list[Placement]:
     return found
 
 
-def made(target: Target, rng: np.random.Generator) -> Target:
+def manufactured_target(target: Target, rng: np.random.Generator) -> Target:
     """The target as a workshop makes it, drawn from the tolerances of its description."""
     return target.model_copy(
         update={
@@ -105,7 +105,7 @@ STEEPEST = 0.35  # cosine at which a camera sees too little of a surface
 CAMERAS = 8
 
 
-def seen_cloud(
+def optical_cloud(
     placed: Placement, seen: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see,

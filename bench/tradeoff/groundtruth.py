@@ -15,8 +15,15 @@ from handbench.bench.datasets.simulated import JPEG_QUALITY
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import Failure
-from handbench.bench.run.outcome import failing
-from handbench.bench.tradeoff.settings import Inputs, Measured, added, in_rounds, line, section
+from handbench.bench.run.outcome import recorded_failure
+from handbench.bench.tradeoff.settings import (
+    MeasuredSection,
+    TradeoffInputs,
+    added_memory,
+    in_rounds,
+    line,
+    section,
+)
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras, save_cameras
 from handbench.groundtruth.dense.kernels import compile_kernels, run_every_kernel
@@ -36,7 +43,7 @@ TITLE = "{views} views, {long_px} px, {quality}"
 Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny, nx]
 
 
-def measure_groundtruth(inputs: Inputs) -> Measured:
+def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
     """Reconstruct the first capture that has photographs and a known true surface by every setting.
     A setting that is refused has neither error nor time. Settings that differ in quality alone
     share the cameras' poses, whose time counts for each. Raises HandbenchError where there is no
@@ -76,7 +83,10 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
             folder, failures = Path(scratch) / "{views}-{long_px}".format(**choice), list[Failure]()
             if not folder.exists():
                 shrink(spread(photos, choice["views"]), choice["long_px"], folder)
-            with failing(failures, capture, "groundtruth", NAME.format(**choice)), added() as cost:
+            with (
+                recorded_failure(failures, capture, "groundtruth", NAME.format(**choice)),
+                added_memory() as cost,
+            ):
                 options = Options(
                     quality=choice["quality"], box_m=box_m, seed=inputs.bench.seed, dense="cpu"
                 )
@@ -101,7 +111,7 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
         }
         seconds = [figures.pop("seconds")] if figures else []
         lines.append(line(about, name, title, choice, seconds=seconds, **figures))
-    return Measured(about, lines)
+    return MeasuredSection(about, lines)
 
 
 def radar_side(

@@ -30,18 +30,18 @@ import pandas as pd
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.intervals import figure_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, averaged, pool
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, mean_figures, pool
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_file
 from handbench.bench.results import Claim, Section, Setting
 from handbench.bench.run.benchmark_file import MethodEntry
-from handbench.bench.run.outcome import Capture, Outcome, basis, failing
+from handbench.bench.run.outcome import Outcome, RunCapture, common_subset, recorded_failure
 from handbench.bench.run.sweep import ImagingSetting, imaging_settings, known_configs
 from handbench.bench.tradeoff.settings import (
-    Inputs,
-    Measured,
-    added,
+    MeasuredSection,
+    TradeoffInputs,
+    added_memory,
     in_rounds,
     line,
     section,
@@ -63,7 +63,7 @@ FSK, VOLUME = "3fsk", "broadband"
 TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
 
-def measure_imaging(inputs: Inputs) -> Measured:
+def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
     """Time and score all settings. What one of them cannot do is left out as in a run's table:
     captures are common to all settings that stay. Raises HandbenchError where nothing stays."""
     sweep, scored = inputs.sweep, protocol(inputs.bench.protocol)
@@ -85,7 +85,7 @@ def measure_imaging(inputs: Inputs) -> Measured:
                 key = capture.name, setting.name
                 if key in {(failure.capture, failure.method) for failure in failures}:
                     continue
-                with failing(failures, capture.name, "reconstruct", setting.name):
+                with recorded_failure(failures, capture.name, "reconstruct", setting.name):
                     depth, times = _frame(capture, setting)
                     if key not in figures:  # it has them in the first round
                         on_grid = reference(capture.name, tuple(depth.x_m), tuple(depth.y_m))
@@ -99,7 +99,7 @@ def measure_imaging(inputs: Inputs) -> Measured:
     bench = inputs.bench.model_copy(
         update={"method": tuple(MethodEntry(id=name) for name in settings)}
     )
-    on = basis(Outcome(bench, inputs.captures, [], failures))
+    on = common_subset(Outcome(bench, inputs.captures, [], failures))
     standing, names = (
         [settings[entry.id] for entry in on.methods],
         {capture.name for capture in on.captures},
@@ -111,12 +111,12 @@ def measure_imaging(inputs: Inputs) -> Measured:
     lines = [_line(about, s, pd.DataFrame(frames[s.name]), names, sweep.step_s) for s in standing]
     facts: dict[str, Any] = {"basis": on.text}
     facts |= {"left_out": [failure.line for failure in failures]} if failures else {}
-    return Measured(
+    return MeasuredSection(
         about, lines, facts, _claims(standing, lines, on.captures[0], inputs), tuple(standing)
     )
 
 
-def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
+def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
     """As the runner times a frame: imaged once for the plan, then again. The depth map; seconds and
     the imaging among them, when its plan was there; plan_s: what the frame before it took longer;
     memory_mb: by how much that one raised the resident memory at most; terms and tones that were
@@ -130,7 +130,7 @@ def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[st
         OSError, AttributeError
     ):  # glibc alone gives memory back that a frame would take without growing
         ctypes.CDLL(None).malloc_trim(0)
-    with added() as cost:
+    with added_memory() as cost:
         _, first_s = timed(task.image)
     with watch() as laps:
         result, seconds = timed(task.image)
@@ -158,7 +158,7 @@ def _line(
         float(part.seconds.median()),
         int(part.tones.max()),
     )
-    figures = averaged(captures[list(pool([]))].astype(float))
+    figures = mean_figures(captures[list(pool([]))].astype(float))
     imaging_s = min(float(part.imaging_s.median()), seconds)
     knobs = {
         "method": setting.method,
@@ -187,7 +187,10 @@ def _line(
 
 
 def _claims(
-    settings: Sequence[ImagingSetting], lines: Sequence[Setting], capture: Capture, inputs: Inputs
+    settings: Sequence[ImagingSetting],
+    lines: Sequence[Setting],
+    capture: RunCapture,
+    inputs: TradeoffInputs,
 ) -> tuple[Claim, ...]:
     """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact
     volume; none where the sweep lacks one of the two methods. Exact sums of one capture, in turns;

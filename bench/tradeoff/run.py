@@ -19,21 +19,27 @@ from handbench.bench.results import (
     write_tradeoff,
 )
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
-from handbench.bench.run.executors import Here
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.executors import LocalExecutor
+from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.planned_cost import of_sweep
 from handbench.bench.run.runner import Run
-from handbench.bench.run.sweep import Sweep, completed, imaging_settings, known_configs
+from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, imaging_settings, known_configs
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.imaging import measure_imaging
-from handbench.bench.tradeoff.settings import Inputs, Measured, front, rank, with_acquisition
+from handbench.bench.tradeoff.settings import (
+    MeasuredSection,
+    TradeoffInputs,
+    front,
+    rank,
+    with_acquisition,
+)
 from handbench.bench.tradeoff.simulated_sections import measure_registration, measure_simulation
 from handbench.radar.imaging.device import describe
 from handbench.support.config import parse
 from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
-from handbench.support.folder import claimed, drop
+from handbench.support.folder import drop, locked
 from handbench.support.progress import say
 from handbench.support.store import versions
 
@@ -62,9 +68,9 @@ def run(
     """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds
     the same trade-off of the same inputs and versions is read, not measured again, unless
     `overwrite` asks for it."""
-    sweep = completed(bench.tradeoff)
+    sweep = complete_sweep(bench.tradeoff)
     if sections is not None:
-        sweep = parse(Sweep, {**sweep.model_dump(), "sections": sections}, "--sections")
+        sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
     bench = bench.model_copy(update={"tradeoff": sweep})
     settings = imaging_settings(
         sweep, known_configs(bench.method)
@@ -74,9 +80,9 @@ def run(
         what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
         require_time(work_ahead.core_s, what, work_ahead.bytes_)
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    with claimed(folder) as work:
+    with locked(folder) as work:
         same = _check_room(folder, config, overwrite)
-        inputs = opened(bench, base, work)
+        inputs = open_inputs(bench, base, work)
         if same and not overwrite and (folder / "tradeoff.json").exists():
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
@@ -85,7 +91,7 @@ def run(
                     "measures anew"
                 )
                 return before
-        measured, facts = _measured(inputs)
+        measured, facts = _measure_sections(inputs)
         _write(folder, config, inputs, measured, facts)
     return load_tradeoff(folder)
 
@@ -105,7 +111,7 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     return same
 
 
-def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
+def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
     """Open or simulate the captures, as a run without methods does; photographs become meshes only
     where they have to score, which is where a capture has no true surface. Of scenes alone, which
     tell theirs, one is photographed, if ground truth is swept. Raises HandbenchError where nothing
@@ -120,10 +126,10 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
         )
     whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
     alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
-    job, reference = Run(alone, base, work, Here()), "truth"
+    job, reference = Run(alone, base, work, LocalExecutor()), "truth"
     job.open()
     if any(open_capture(capture.folder).truth is None for capture in job.found.captures):
-        job, reference = Run(whole, base, work, Here()), "photogrammetry"
+        job, reference = Run(whole, base, work, LocalExecutor()), "photogrammetry"
         job.open()
     job.inspect()
     if reference != "truth":
@@ -136,16 +142,16 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
     found.failures += [
         Failure(capture=name, stage="references", message=message) for name in without
     ]
-    inputs = Inputs(bench, base, work, found, reference, job.targets)
+    inputs = TradeoffInputs(bench, base, work, found, reference, job.targets)
     if not inputs.captures:
         raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
     return inputs
 
 
-def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
+def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], dict[str, Any]]:
     """The sections in order, ranked, and facts about them; one that fails is said and recorded,
     unless all do."""
-    found: list[Measured] = []
+    found: list[MeasuredSection] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
         try:
@@ -175,7 +181,11 @@ def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
 
 
 def _write(
-    folder: Path, config: str, inputs: Inputs, measured: list[Measured], facts: dict[str, Any]
+    folder: Path,
+    config: str,
+    inputs: TradeoffInputs,
+    measured: list[MeasuredSection],
+    facts: dict[str, Any],
 ) -> None:
     """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
     drop(folder, FILES)
@@ -202,12 +212,13 @@ def setting_path(folder: Path, name: str) -> Path:
     return folder / SETTINGS / f"{name}.toml"
 
 
-def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
+def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSection) -> None:
     """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of
     its own, the captures and the calibration's targets: the same files under another name (hard
     links), copies where the file system has none."""
     captures, targets = (
-        _linked(some, folder / SETTINGS, inputs) for some in (inputs.captures, inputs.targets)
+        _link_captures(some, folder / SETTINGS, inputs)
+        for some in (inputs.captures, inputs.targets)
     )
     for setting in imaging.runnable:
         entry = MethodEntry(
@@ -230,7 +241,9 @@ def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
         write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(alone))
 
 
-def _linked(captures: Iterable[Capture], into: Path, inputs: Inputs) -> tuple[Source, ...]:
+def _link_captures(
+    captures: Iterable[RunCapture], into: Path, inputs: TradeoffInputs
+) -> tuple[Source, ...]:
     """The captures' places in the folder: under its own path, which some data sets take names from,
     one that was recorded; under its name one that was simulated."""
     sources = []

@@ -27,8 +27,8 @@ from handbench.bench.evaluation.intervals import Interval
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results import HEADLINE, Claim, Section, Setting, Tradeoff
 from handbench.bench.run.benchmark_file import BenchFile
-from handbench.bench.run.outcome import Capture, Outcome
-from handbench.bench.run.sweep import ImagingSetting, SectionName, Sweep
+from handbench.bench.run.outcome import Outcome, RunCapture
+from handbench.bench.run.sweep import ImagingSetting, SectionName, TradeoffSweep
 from handbench.support.cost import Cost, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
@@ -39,7 +39,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Inputs:
+class TradeoffInputs:
     """The inputs of every section. bench: the benchmark, with its sweep, whose paths start from
     `base`; work: the folder of kept stages; found: captures, references and failures of a run
     without methods; reference: the name of what scores all; targets: the calibration's captures,
@@ -50,16 +50,16 @@ class Inputs:
     work: Path
     found: Outcome
     reference: str = "truth"
-    targets: list[Capture] = field(default_factory=list)
+    targets: list[RunCapture] = field(default_factory=list)
 
     @property
-    def sweep(self) -> Sweep:
+    def sweep(self) -> TradeoffSweep:
         """The benchmark's sweep."""
         assert self.bench.tradeoff is not None  # `run` has completed it
         return self.bench.tradeoff
 
     @property
-    def captures(self) -> list[Capture]:
+    def captures(self) -> list[RunCapture]:
         """The captures that have the reference."""
         return [
             c
@@ -69,7 +69,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredSection:
     """A section with the lines of its settings. Of the imaging section: facts of what was left out,
     and why; claims; the settings that can be run."""
 
@@ -120,7 +120,7 @@ def timed(work: Callable[[], Value]) -> tuple[Value, float]:
 
 
 @contextmanager
-def added() -> Iterator[Cost]:
+def added_memory() -> Iterator[Cost]:
     """Measure a block; of the memory what was added to the resident one."""
     before_mb = Process().memory_info().rss / 1e6
     with measured() as cost:

@@ -32,11 +32,11 @@ from handbench.bench.validation.checks import (
 from handbench.bench.validation.problems import (
     Found,
     Location,
+    ParsedFile,
     Problem,
-    Sheet,
     attempt,
     findings,
-    parsed,
+    parse_model,
     warnings_at,
 )
 from handbench.calibration.array.array_file import with_calibration
@@ -62,7 +62,7 @@ LOOKED_AT, FEWEST_SEEN = (
 
 
 @dataclass(frozen=True)
-class CaptureFacts:
+class CheckedCapture:
     """Facts of a capture that a benchmark must know: its description (None: not readable),
     frequencies [f], number of frames (None: as many as asked for), whether it can be scored,
     without and with a transform from elsewhere, and what it lacks to calibrate with."""
@@ -104,7 +104,7 @@ def is_of_photographs(folder: Path) -> bool:
     )
 
 
-def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureFacts]:
+def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
     """All problems of a capture, of any form; what is missing is one only where something needs it.
     scored: whether a reference is needed; None: its absence is a warning."""
     native = is_native(folder)
@@ -114,7 +114,7 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
         else (yield from attempt(folder, lambda: open_capture(folder)))
     )
     if capture is None:
-        return CaptureFacts()
+        return CheckedCapture()
     about = yield from (_described(folder) if native else attempt(folder, lambda: capture.about))
     echoes = yield from _echoes(folder / ECHOES if native else folder, capture)
     mesh = yield from attempt(folder, capture.mesh)
@@ -142,14 +142,16 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
         (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
     )
     carried = transform is not None or file != folder
-    return CaptureFacts(
+    return CheckedCapture(
         about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks
     )
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
     """A capture.toml, and the problems of the files, the lengths and the methods that it names."""
-    sheet, about = yield from parsed(CaptureFile, folder / DESCRIPTION, "a capture description")
+    sheet, about = yield from parse_model(
+        CaptureFile, folder / DESCRIPTION, "a capture description"
+    )
     if not isinstance(sheet.values, dict):
         return None
     contains = sheet.values.get("contains")
@@ -174,7 +176,7 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
 
 
 def method_problems(
-    sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location
+    sheet: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
     """An id that no method has, and what is wrong with its configuration."""
     chosen = yield from sheet.attempt(at_id, lambda: method(id))
@@ -203,7 +205,7 @@ def surface_problems(file: Path) -> Found[Surface | None]:
 
 
 def _target(file: Path) -> Iterator[Problem]:
-    found, target = yield from parsed(Target, file, "a calibration target description")
+    found, target = yield from parse_model(Target, file, "a calibration target description")
     for index, element in enumerate(target.element if target is not None else ()):
         for key, most_m in (("centre_m", FAR_M), ("sphere_radius_m", 1.0), ("ball_radius_m", 1.0)):
             far_m = float(np.abs(getattr(element, key)).max())
@@ -218,10 +220,10 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
     described, cameras = folder / "board.toml", folder / "cameras.json"
     board, known = None, None
     if described.exists():
-        _, board = yield from parsed(Board, described, "an ArUco board description")
+        _, board = yield from parse_model(Board, described, "an ArUco board description")
     posed = 0
     if cameras.exists():
-        _, read = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
+        _, read = yield from parse_model(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
         posed = (
             sum(camera.R is not None and camera.t is not None for camera in read.cameras)
             if read

@@ -368,7 +368,7 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
         "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
         "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
         "far_m": float(np.nanmax(np.abs(depth.z_m), initial=0.0)),
-        "flagged_percent": 100 * (flagged(depth) or 0.0),
+        "flagged_percent": 100 * (flagged_share(depth) or 0.0),
     }
     return warnings_of("depth map", facts)
 
@@ -411,7 +411,7 @@ def result_warnings(result: Result) -> Iterator[str]:
         yield from warnings_of("result", facts)
 
 
-def flagged(depth: DepthMap) -> float | None:
+def flagged_share(depth: DepthMap) -> float | None:
     """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or
     without pixels."""
     seen = np.isfinite(depth.z_m)

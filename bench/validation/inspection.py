@@ -22,7 +22,7 @@ from handbench.bench.validation.capture_problems import (
     surface_problems,
 )
 from handbench.bench.validation.checks import map_warnings, mesh_warnings, result_warnings
-from handbench.bench.validation.problems import Found, Problem, attempt, sheet, warnings_at
+from handbench.bench.validation.problems import Found, Problem, attempt, parse_lines, warnings_at
 from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import Target
 from handbench.calibration.transforms import load_transform
@@ -75,16 +75,16 @@ def inspect(
         return
     texts = {problem.text for problem in found}
     for folder in (yield from _captures(Path(name))):
-        doubts = yield from attempt(folder, partial(_doubts, folder))
+        doubts = yield from attempt(folder, partial(_image_warnings, folder))
         yield from (
             problem for problem in warnings_at(folder, doubts or ()) if problem.text not in texts
         )
 
 
-def _doubts(folder: Path) -> list[str]:
-    from handbench.bench.validation.doubts import of_capture  # which images
+def _image_warnings(folder: Path) -> list[str]:
+    from handbench.bench.validation.capture_warnings import warnings_of_capture  # which images
 
-    return list(of_capture(open_capture(folder)))
+    return list(warnings_of_capture(open_capture(folder)))
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
@@ -93,7 +93,10 @@ def _captures(path: Path) -> Found[Sequence[Path]]:
     if path.is_dir():
         return () if is_of_photographs(path) or _is_result(path) else captures(path)
     file = find_benchmark(str(path))
-    if file.suffix != ".toml" or "method" not in (yield from sheet(file, "a benchmark")).values:
+    if (
+        file.suffix != ".toml"
+        or "method" not in (yield from parse_lines(file, "a benchmark")).values
+    ):
         return ()
     loaded = yield from attempt(file, lambda: load_benchmark(str(path)))
     if loaded is None:
@@ -176,9 +179,9 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
     surface = None if mesh is None else (yield from attempt(mesh, partial(read_surface, mesh)))
     carried = yield from attempt(transform or path, partial(load_any_transform, transform))
     if surface is not None and carried is not None:
-        from handbench.bench.validation.mistakes import misplaced
+        from handbench.bench.validation.mistakes import misplacement_warnings
 
-        yield from warnings_at(path, misplaced(depth, surface.moved(carried)))
+        yield from warnings_at(path, misplacement_warnings(depth, surface.moved(carried)))
 
 
 def _read_json(path: Path) -> Any:
@@ -194,7 +197,7 @@ def _read_json(path: Path) -> Any:
 
 def _description(path: Path) -> Iterator[Problem]:
     """A scene, a target, a board or a benchmark."""
-    found = yield from sheet(path, "a benchmark or a scene")
+    found = yield from parse_lines(path, "a benchmark or a scene")
     if found.values is None:
         return
     kind = next((kind for key, kind in DESCRIPTIONS.items() if key in found.values), None)

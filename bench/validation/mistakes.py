@@ -49,7 +49,7 @@ ROUGH_MM, FALLEN = (
 )  # median error of what may be improved, and how many times smaller it then is
 
 
-def conjugated(capture: RadarCapture) -> list[str]:
+def conjugation_warnings(capture: RadarCapture) -> list[str]:
     """The sentence that a capture's echoes are conjugated, with its cure, if its first frame
     focuses better so; none of arrays that may stand around what they see."""
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
@@ -67,7 +67,7 @@ def sharpness_db(capture: RadarCapture) -> float:
         image_volume,
     )  # compiled, which a map beside a surface does without
 
-    few = _few(capture)
+    few = _reduced(capture)
     volume = image_volume(
         few.samples[0], few.frequencies_hz, few.aperture, _box(few), None
     )  # a plan takes longer
@@ -75,7 +75,7 @@ def sharpness_db(capture: RadarCapture) -> float:
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 
 
-def _few(capture: RadarCapture) -> RadarCapture:
+def _reduced(capture: RadarCapture) -> RadarCapture:
     """The first frame as in vacuum, with few tones, in rising order, and few antennas, all of which
     were measured."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
@@ -121,7 +121,7 @@ def _box(capture: RadarCapture) -> VoxelGrid:
 
 
 @dataclass(frozen=True)
-class Fit:
+class SurfaceFit:
     """A depth map on a surface: the share of its strongest pixels that lie within NEAR_M of it, and
     the median of |Δz| of those that have any surface before them."""
 
@@ -138,7 +138,7 @@ class Fit:
         """False if nothing undone could explain it much better."""
         return not self.covers or self.median_mm > ROUGH_MM
 
-    def explains(self, as_is: "Fit") -> bool:
+    def explains(self, as_is: "SurfaceFit") -> bool:
         """True if this, with a mistake undone, is so much better that the mistake is likely."""
         nearer = self.share > as_is.share and FALLEN * self.median_mm < as_is.median_mm > ROUGH_MM
         return self.share >= CERTAIN and (nearer or self.share >= GAINED * as_is.share)
@@ -164,14 +164,14 @@ UNDONE = {
 }
 
 
-def misplaced(depth: DepthMap, surface: Surface) -> list[str]:
+def misplacement_warnings(depth: DepthMap, surface: Surface) -> list[str]:
     """The mistake, if any, without which a depth map lies much better on a surface (radar frame),
     with both errors."""
     as_is = fit(depth, surface)
     return best(depth, surface, as_is)[1] if as_is.improvable else []
 
 
-def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str]]:
+def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, list[str]]:
     """The share of pixels on the surface without the mistake that explains most, and the sentence
     about it; share 0 and none where none does."""
     fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
@@ -189,17 +189,17 @@ def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str
     return found.share, [text]
 
 
-def fit(depth: DepthMap, surface: Surface) -> Fit:
+def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
     """The fit of a depth map to a surface."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:
         z_m = depth_on_grid(surface.mesh, depth.x_m, depth.y_m).ravel()[strongest]
     except HandbenchError:  # larger than anything before a radar
-        return Fit(0.0, np.inf)
+        return SurfaceFit(0.0, np.inf)
     off_m = np.abs(depth.z_m.ravel()[strongest] - z_m)
     met = off_m[np.isfinite(off_m)]
-    return Fit(
+    return SurfaceFit(
         float((met < NEAR_M).sum() / max(len(off_m), 1)),
         float(1e3 * np.median(met)) if len(met) else np.inf,
     )

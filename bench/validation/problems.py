@@ -155,7 +155,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ParsedFile:
     """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its
     keys."""
 
@@ -222,18 +222,20 @@ def findings(
             yield problem(check.advice.format(**facts), not (check.fails and needed))
 
 
-def sheet(file: Path, what: str) -> Found[Sheet]:
+def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
     """A TOML or JSON file, and why it cannot be parsed."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
-    return Sheet(
+    return ParsedFile(
         file, values, {} if values is None else lines_of(file.read_text(encoding="utf-8"), toml)
     )
 
 
-def parsed(model: type[Model], file: Path, what: str) -> Found[tuple[Sheet, Model | None]]:
+def parse_model(
+    model: type[Model], file: Path, what: str
+) -> Found[tuple[ParsedFile, Model | None]]:
     """A file with all that it should not hold; its content is None where there is such."""
-    found = yield from sheet(file, what)
+    found = yield from parse_lines(file, what)
     return found, None if found.values is None else (
         yield from found.complaints(model, found.values)
     )

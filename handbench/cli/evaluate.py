@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.evaluation.scoring_protocols import protocol
     from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.validation.checks import figure_warnings, map_warnings
-    from handbench.bench.validation.mistakes import misplaced
+    from handbench.bench.validation.mistakes import misplacement_warnings
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.depthmap import load_depthmap
     from handbench.radar.data.grid import PixelGrid
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
     scores = score(depth, reference, protocol(options.protocol), recorded)
     errors, values = scores.errors, scores.figures
-    doubts = misplaced(depth, surface.moved(transform))  # which tell a cure
+    doubts = misplacement_warnings(depth, surface.moved(transform))  # which tell a cure
     doubts += [*map_warnings(depth), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:

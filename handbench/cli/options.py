@@ -37,7 +37,7 @@ TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
 
 
 @cache
-def declared(file: Path) -> dict[str, dict[str, Any]]:
+def declared_commands(file: Path) -> dict[str, dict[str, Any]]:
     """Each command's entry in commands.toml."""
     return tomllib.loads(file.read_text("utf-8"))
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
-from handbench.bench.validation.checks import echo_warnings, flagged
-from handbench.bench.validation.doubts import of_image
+from handbench.bench.validation.capture_warnings import warnings_of_image
+from handbench.bench.validation.checks import echo_warnings, flagged_share
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import FLAGGED
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> None:
     result, task, certificate = _imaged(task, options)
     depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings
     depth.save(options.out)
-    for doubt in of_image(depth, echoes):
+    for doubt in warnings_of_image(depth, echoes):
         say(f"{options.out}: {doubt}")
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> None:
     bound = (
         f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     )
-    share = flagged(depth)
+    share = flagged_share(depth)
     doubted = (
         "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from handbench.bench.results import ErrorMap, Surface, load, load_tradeoff
+from handbench.bench.results import ErrorMap, SurfaceMap, load, load_tradeoff
 from handbench.cli.options import free
 from handbench.radar.data.capture import evenly
 from handbench.support.config import parse, read_toml
@@ -188,7 +188,7 @@ def _maps(path: Path) -> Figure:
         )
     volume, z_m = found.get("volume"), found["z_m"]
     layers = (
-        depth_layers(Surface(*axes, z_m), found)
+        depth_layers(SurfaceMap(*axes, z_m), found)
         if volume is None
         else volume_layers(volume, *axes, z_m)
     )
@@ -198,7 +198,7 @@ def _maps(path: Path) -> Figure:
 def _mesh(path: Path) -> Figure:
     from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
-    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded
+    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded_colours
 
     layers: list[Layer] = []
     told: list[Layer] = []
@@ -210,7 +210,7 @@ def _mesh(path: Path) -> Figure:
         whole = reference_on_grid(
             replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m
         )
-        picture = shaded(Surface(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
+        picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
         layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
         if np.isfinite(seen.mesh_sigma_m).any() and not told:  # as seen from the array
             sigmas: dict[str, Any] = {
@@ -236,7 +236,7 @@ def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
 def _frames(path: Path) -> Figure:
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.groundtruth.cameras.cameras import load_cameras
-    from handbench.reports.figures.surroundings import frames_figure
+    from handbench.reports.figures.recordings import frames_figure
 
     if "cameras" not in read_json(path, "a transform, or cameras"):
         t = load_any_transform(path)
@@ -260,7 +260,7 @@ def _frames(path: Path) -> Figure:
 def _recording(path: Path) -> Figure:
     from handbench.bench.datasets.dataset import open_capture
     from handbench.radar.data.echoes_file import load_capture
-    from handbench.reports.figures.surroundings import SHARES, echoes_figure
+    from handbench.reports.figures.recordings import SHARES, echoes_figure
 
     capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
     f_hz, legs = capture.frequencies_hz, capture.aperture.legs
@@ -289,16 +289,18 @@ def _recording(path: Path) -> Figure:
     return echoes_figure(title, f_hz, levels_db, places_m, profile)
 
 
-def _surface(path: Path) -> tuple[str, Surface]:
+def _surface(path: Path) -> tuple[str, SurfaceMap]:
     """The height field that turns on a page, with its title."""
     from handbench.bench.datasets.dataset import open_capture
-    from handbench.bench.validation.doubts import surface_of
+    from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
 
     found = _arrays(path) if path.suffix == ".npz" else {}
     if {"z_m", "volume"} & found.keys() == {"z_m"}:
-        return str(found.get("method", "depth")), Surface(found["x_m"], found["y_m"], found["z_m"])
+        return str(found.get("method", "depth")), SurfaceMap(
+            found["x_m"], found["y_m"], found["z_m"]
+        )
     mesh = read_surface(path) if path.suffix.lower() in MESHES else None
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:
@@ -306,4 +308,4 @@ def _surface(path: Path) -> tuple[str, Surface]:
             f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one"
         )
     x_m, y_m = _pixels(mesh.vertices_m)
-    return "surface", Surface(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)
+    return "surface", SurfaceMap(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)

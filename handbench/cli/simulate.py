@@ -5,7 +5,7 @@ import argparse
 from pathlib import Path
 
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.run.benchmark_file import embedded
+from handbench.bench.run.benchmark_file import embedded_benchmarks
 from handbench.bench.run.capture_set import BENCH, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
 def _is_benchmark(path: Path) -> bool:
     """True for the name of an embedded benchmark and for a file that lists methods."""
     if not path.is_file():
-        return str(path) in embedded()
+        return str(path) in embedded_benchmarks()
     return "method" in read_toml(path, "a scene or a benchmark")
 
 

@@ -23,7 +23,7 @@ GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage
 GEMM_S = 0.5
 # points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
 TERMS_PER_S = 1e10
-TOLD_S, MOST_HOURS = 10.0, 24.0
+ANNOUNCED_S, MOST_HOURS = 10.0, 24.0
 
 
 @dataclass
@@ -174,7 +174,7 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
         )
     if bytes_ is not None:
         say(f"predicted: about {told} and {bytes_ / 1e9:.1f} GB ({what})")
-    elif seconds > TOLD_S:
+    elif seconds > ANNOUNCED_S:
         say(f"{what}: about {told}")
 
 

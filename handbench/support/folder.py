@@ -22,18 +22,18 @@ PART_BYTES = 2**22
 ADVICE = "free the space or choose another -o"
 
 
-def own(path: Path) -> os.stat_result | None:
+def require_owned(path: Path) -> os.stat_result | None:
     """The state of a path, which is not followed: a file or a folder of this user (root: anyone's),
     or None. What else stands there is a HandbenchError."""
     try:
         found = os.lstat(path)
     except FileNotFoundError:
         return None
-    _require_own(found, path)
+    _refuse_foreign(found, path)
     return found
 
 
-def _require_own(found: os.stat_result, path: Path) -> None:
+def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     if stat.S_ISLNK(found.st_mode):
         what = "a link"
     elif not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
@@ -47,15 +47,15 @@ def _require_own(found: os.stat_result, path: Path) -> None:
     )
 
 
-def is_own_folder(path: Path) -> bool:
+def is_owned_folder(path: Path) -> bool:
     """True where a folder of this user stands at a path, which is not followed; see `own`."""
-    found = own(path)
+    found = require_owned(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
-def read_own(path: str | Path) -> Iterator[bytes]:
+def read_owned(path: str | Path) -> Iterator[bytes]:
     """A file's content in parts of PART_BYTES; see `own`. FileNotFoundError where there is none."""
-    handle = _opened(path, os.O_RDONLY)
+    handle = _open_owned(path, os.O_RDONLY)
     try:
         while part := os.read(handle, PART_BYTES):
             yield part
@@ -63,16 +63,16 @@ def read_own(path: str | Path) -> Iterator[bytes]:
         os.close(handle)
 
 
-def _opened(path: str | Path, flags: int) -> int:
+def _open_owned(path: str | Path, flags: int) -> int:
     """The handle of a file of this user, which is neither followed nor waited for; HandbenchError
     for anything else."""
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
-        own(Path(path))  # says what stands there, where that is the reason
+        require_owned(Path(path))  # says what stands there, where that is the reason
         raise
     try:
-        _require_own(os.fstat(handle), Path(path))
+        _refuse_foreign(os.fstat(handle), Path(path))
     except HandbenchError:
         os.close(handle)
         raise
@@ -93,14 +93,14 @@ def drop(folder: Path, names: Sequence[str]) -> None:
 
 
 def _remove(path: Path) -> None:
-    if is_own_folder(path):
+    if is_owned_folder(path):
         shutil.rmtree(path)  # by handles: it follows no link below either
-    elif own(path) is not None:
+    elif require_owned(path) is not None:
         path.unlink(missing_ok=True)
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[Path]:
+def locked(folder: Path) -> Iterator[Path]:
     """Hold a result folder for this run alone and yield its `work` folder, cleared of what killed
     runs left.
 
@@ -120,11 +120,11 @@ def claimed(folder: Path) -> Iterator[Path]:
     work = folder / WORK
     with writable(folder, ADVICE):
         if folder.is_dir():
-            _require_own(folder.stat(), folder)
+            _refuse_foreign(folder.stat(), folder)
         for path in there:
-            own(path)
+            require_owned(path)
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _opened(
+        handle = _open_owned(
             folder / MARKER, os.O_WRONLY | os.O_CREAT
         )  # first: it says whose a folder without work is
     try:
@@ -140,7 +140,7 @@ def claimed(folder: Path) -> Iterator[Path]:
             if path.name.startswith(".") and "-" in path.name:
                 _remove(path)
             else:
-                own(path)
+                require_owned(path)
         yield work
     finally:
         os.close(handle)

@@ -28,7 +28,7 @@ CHUNKS = 2**17  # of one data set
 
 
 @contextmanager
-def opened(path: Path) -> "Iterator[h5py.File]":
+def open_hdf5(path: Path) -> "Iterator[h5py.File]":
     """The file, open to be read. Raises ValueError where the library would run in circles."""
     import h5py
 
@@ -78,7 +78,7 @@ def attribute(file: "h5py.File", name: str) -> Any:
     )
 
 
-def of_its_own(file: "h5py.File", name: str) -> Any:
+def local_item(file: "h5py.File", name: str) -> Any:
     """The thing of that name that lies in this very file; None where no hard links lead to one."""
     import h5py
 
@@ -98,7 +98,7 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     HandbenchError where it is more than memory holds."""
     import h5py
 
-    if (found := of_its_own(file, name)) is None:
+    if (found := local_item(file, name)) is None:
         raise ValueError(f"has no '{name[:200]}' of its own")
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")

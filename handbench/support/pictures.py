@@ -31,7 +31,7 @@ MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 
 @contextmanager
-def opened_picture(path: Path) -> Iterator[Image.Image]:
+def open_picture(path: Path) -> Iterator[Image.Image]:
     """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the
     block, or whose header promises what would take long or much memory."""
     content = io.BytesIO(

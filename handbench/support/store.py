@@ -1,7 +1,7 @@
 """Work that is kept: stages, each in a folder named by the hash of everything that it depends on.
 
 A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages
-that made them), and of all code that it runs, down to the libraries' versions (`support.closure`).
+that made them), and of all code that it runs, down to the libraries' versions (`support.code_hash`).
 Nobody lists that code, so a changed input, option, source file or library never meets a stale
 result.
 
@@ -21,11 +21,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from handbench.support import closure
+from handbench.support import code_hash
 from handbench.support.cost import Cost, calibrated_machine, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.support.folder import is_own_folder, own, read_own
+from handbench.support.folder import is_owned_folder, read_owned, require_owned
 from handbench.support.progress import say
 
 MANIFEST, STAMP = (
@@ -66,7 +66,7 @@ class Stage:
     key: str = field(init=False)
 
     def __post_init__(self, inputs: list[Any], plugged: tuple[str, ...]) -> None:
-        code = code_hash(self.function, plugged)
+        code = stage_code_hash(self.function, plugged)
         object.__setattr__(self, "code", code)
         object.__setattr__(
             self, "key", content_hash(self.name, self.capture, self.method, *inputs, code)
@@ -89,19 +89,19 @@ class Stamp(Cost):
     machine: dict[str, Any] = field(default_factory=dict)
 
 
-def code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
+def stage_code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
     """Hash of the code that a function runs, the import closure of its module, as it was when this
     process first asked; plugged: what stands for code that no import leads to."""
-    return content_hash(closure.key_of(function.__module__), plugged)
+    return content_hash(code_hash.key_of(function.__module__), plugged)
 
 
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
     """Have a stage's folder made in the store at `root`, unless it is there, whole; returns what
     the work cost when it was done, and whether it had been. A folder whose files have changed since
     is reported, deleted and made again."""
-    own(root)
+    require_owned(root)
     folder = stage.folder(root)
-    if is_own_folder(folder):
+    if is_owned_folder(folder):
         if (wrong := changed(folder)) is None:
             return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
         say(f"{folder}: {wrong}; it is made again")
@@ -119,7 +119,7 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
 def changed(folder: Path) -> str | None:
     """The files of a cached folder that are no longer as they were made, in words, or None."""
     try:
-        written = json.loads(b"".join(read_own(folder / MANIFEST)))
+        written = json.loads(b"".join(read_owned(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
         return f"its {MANIFEST} is missing or broken"
@@ -142,7 +142,7 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
             continue
         with suppress(HandbenchError):  # what is no file of ours is none of those that were made
             size, crc = 0, 0
-            for part in read_own(file):
+            for part in read_owned(file):
                 size, crc = size + len(part), zlib.crc32(part, crc)
             found[os.path.relpath(file, folder)] = size, crc
     return found

@@ -16,7 +16,7 @@ from handbench.reports.figures.style import (
     Picture,
     draw,
     log_axis,
-    looks,
+    method_styles,
     methods,
     name_all,
     side_by_side,
@@ -44,7 +44,7 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
-        yield error_distributions(result, counts or counted(result, result.scored()))
+        yield error_distributions(result, counts or error_counts(result, result.scored()))
     if len(result.curves):
         yield risk_coverage(result)
     if len(result.repeats):
@@ -57,7 +57,7 @@ def accuracy_against_time(result: Result) -> Picture:
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
     figure, axes = side_by_side(len(references))
-    look = looks(m.name for m in methods(result))
+    look = method_styles(m.name for m in methods(result))
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
         for method in methods(result):
@@ -159,7 +159,7 @@ def risk_coverage(result: Result) -> Picture:
     )
 
 
-def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
+def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
     """The observed pixels of some captures with an absolute error up to each of EDGES_MM, and all
     of them."""
     counts = {
@@ -178,7 +178,7 @@ def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
     return counts
 
 
-def added(parts: Iterable[Counts]) -> Counts:
+def total_counts(parts: Iterable[Counts]) -> Counts:
     """The counts of several groups of captures together."""
     return reduce(lambda a, b: {key: a[key] + b[key] for key in a}, parts)
 
@@ -189,7 +189,7 @@ def repeats(result: Result) -> Picture:
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
     axis = figure.subplots()
-    look = looks(m.name for m in methods(result))
+    look = method_styles(m.name for m in methods(result))
     for column, method in enumerate(repeated):
         colour, marker = look[method.name]
         mine = result.repeats[result.repeats.method == method.name].dropna(subset="z_m")
@@ -223,7 +223,7 @@ def repeats(result: Result) -> Picture:
     )
 
 
-def explained(result: Result) -> Iterator[Picture]:
+def cause_charts(result: Result) -> Iterator[Picture]:
     """The pictures that the result has the data for."""
     for reference in DRAWN:
         causes = result.causes[result.causes.reference == reference]

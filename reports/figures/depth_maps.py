@@ -18,7 +18,14 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from handbench.bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
+from handbench.bench.results import (
+    HEADLINE,
+    CaptureFacts,
+    ErrorMap,
+    MethodFacts,
+    Result,
+    SurfaceMap,
+)
 from handbench.reports.figures.layers import (
     Box,
     Layer,
@@ -108,10 +115,10 @@ def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
     """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below
     these their errors, which hold the surface of all."""
     maps = [errors for *_, errors in shown]
-    truth = Surface(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
+    truth = SurfaceMap(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
     depths = [
-        depth_layer(title, Surface(errors.x_m, errors.y_m, z_m), norm)
+        depth_layer(title, SurfaceMap(errors.x_m, errors.y_m, z_m), norm)
         for title, z_m, errors in shown
     ]
     below = [None, *(error_layer(errors, "") for errors in maps)]

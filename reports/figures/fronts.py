@@ -19,13 +19,13 @@ from handbench.reports.figures.style import (
     INK,
     Picture,
     log_axis,
-    look,
-    looks,
+    method_styles,
     narrow,
+    nth_style,
     whiskers,
 )
 from handbench.reports.tables.blocks import figure as figure_text
-from handbench.reports.tables.blocks import known, number, three_digits
+from handbench.reports.tables.blocks import is_known, number, three_digits
 
 LINE_IN = 0.165  # of a legend
 PARTS = {  # of a frame's time: name, colour, hatch
@@ -40,13 +40,13 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
     """Each section's front and, where the parts of its time are known, how they add up."""
     for about in found.facts.sections:
         settings = found.section(about.name)
-        if any(plotted(setting) for setting in settings):
+        if any(is_plottable(setting) for setting in settings):
             yield front(about, settings)
         if any(parts(setting) for setting in settings):
             yield time_split(about, settings)
 
 
-def plotted(setting: Setting) -> bool:
+def is_plottable(setting: Setting) -> bool:
     """True where it has a place on logarithmic axes."""
     return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
@@ -54,10 +54,10 @@ def plotted(setting: Setting) -> bool:
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Error over seconds: the front as a line of numbered points, the other settings faint, the
     reference in a square; colours and markers are the methods', where settings have one."""
-    shown = [s for s in settings if plotted(s)]
+    shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    styles = looks(filter(None, (s.method for s in shown))) | {
-        "": look(0)
+    styles = method_styles(filter(None, (s.method for s in shown))) | {
+        "": nth_style(0)
     }  # some settings have no method
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
@@ -122,7 +122,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         picture.draw_without_rendering()
         _number(axis, best, shown, line)
     told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
-    more = any(known(s.seen_percent) for s in shown)
+    more = any(is_known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
     notes = ""
     if line != best:
@@ -153,9 +153,11 @@ def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Se
     """The front's numbers, which give way to the other settings, to the intervals and to the
     line."""
     ends = [
-        [(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)
+        [(s.seconds_low, s.error), (s.seconds_high, s.error)]
+        for s in shown
+        if is_known(s.seconds_low)
     ]
-    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
+    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if is_known(s.low)]
     crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
     others = np.array([(s.seconds, s.error) for s in shown if s not in best]).reshape(-1, 2)
     number_points(axis, np.array([(s.seconds, s.error) for s in best]), others, crossed)

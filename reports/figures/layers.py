@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
-from handbench.bench.results import ErrorMap, Surface
+from handbench.bench.results import ErrorMap, SurfaceMap
 from handbench.reports.figures.style import STYLE
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
@@ -137,7 +137,7 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
     return centres[0] - half, centres[-1] + half
 
 
-def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
+def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
     """The box around every pixel that any surface has."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
@@ -151,7 +151,7 @@ def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
     )
 
 
-def depth_scale(surface: Surface) -> Normalize:
+def depth_scale(surface: SurfaceMap) -> Normalize:
     """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
@@ -165,13 +165,13 @@ def error_scale() -> SymLogNorm:
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
-def depth_layer(title: str, surface: Surface, norm: Normalize) -> Layer:
+def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
     """Depths on a scale."""
     x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
-def depth_layers(surface: Surface, others: dict[str, np.ndarray]) -> list[Layer]:
+def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
     """A depth map's panel, and those of what else is KNOWN [ny, nx]."""
     depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
@@ -193,7 +193,7 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
         error_scale(),
         "z − z_ref in mm",
         outline=np.isfinite(errors.reference_z_m),
-        box=box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)]),
+        box=box_of([SurfaceMap(errors.x_m, errors.y_m, errors.reference_z_m)]),
         ticks=ERROR_TICKS_MM,
     )
 
@@ -217,7 +217,7 @@ def volume_layers(
     return [*layers, Layer("from the left", z, y, side.T, axes=("z in mm", "y in mm"), **DECIBELS)]
 
 
-def shade(surface: Surface) -> np.ndarray:
+def shade(surface: SurfaceMap) -> np.ndarray:
     """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow
     to the left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
@@ -228,7 +228,7 @@ def shade(surface: Surface) -> np.ndarray:
     return np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
 
 
-def shaded(surface: Surface, seen: np.ndarray) -> np.ndarray:
+def shaded_colours(surface: SurfaceMap, seen: np.ndarray) -> np.ndarray:
     """Colours [ny, nx, 3] of a height field; greyish where it was not `seen`, but invented."""
     colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
     return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)

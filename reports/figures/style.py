@@ -17,7 +17,7 @@ from matplotlib.typing import MarkerType, RcKeyType
 from numpy.typing import ArrayLike
 
 from handbench.bench.results import MethodFacts, Result
-from handbench.reports.tables.blocks import known
+from handbench.reports.tables.blocks import is_known
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path
 
@@ -102,13 +102,13 @@ def methods(result: Result) -> list[MethodFacts]:
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
-def looks(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
+def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
     """Method → colour and marker: those of its place in ORDER, of others in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
-    return {name: look(i) for i, name in enumerate(places)}
+    return {name: nth_style(i) for i, name in enumerate(places)}
 
 
-def look(i: int) -> tuple[str, MarkerType]:
+def nth_style(i: int) -> tuple[str, MarkerType]:
     """The i-th colour and marker; no two of the first hundred are the same pair."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
@@ -118,7 +118,7 @@ def draw(
 ) -> None:
     """Add a method's line to an axis with a grid, under its title, in its colour and with its
     marker."""
-    colour, marker = looks(m.name for m in methods(result))[method.name]
+    colour, marker = method_styles(m.name for m in methods(result))[method.name]
     axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
     axis.grid(alpha=0.25, linewidth=0.4)
 
@@ -159,7 +159,11 @@ def time_text(result: Result, method: MethodFacts) -> str:
 
 def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
     """An interval as matplotlib's error bars take it; None where an end is not known."""
-    return [[max(value - low, 0)], [max(high - value, 0)]] if known(low) and known(high) else None
+    return (
+        [[max(value - low, 0)], [max(high - value, 0)]]
+        if is_known(low) and is_known(high)
+        else None
+    )
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:

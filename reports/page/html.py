@@ -87,7 +87,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "pages",
         len(parts),
     )
-    counts = charts.added([charts.counted(result, groups[0]), *further])
+    counts = charts.total_counts([charts.error_counts(result, groups[0]), *further])
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(
         out / "index.html",
@@ -119,7 +119,7 @@ def further_page(
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
     write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
-    return charts.counted(result, groups[part])
+    return charts.error_counts(result, groups[part])
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:

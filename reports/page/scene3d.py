@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image
 
-from handbench.bench.results import CaptureFacts, Result, Surface
+from handbench.bench.results import CaptureFacts, Result, SurfaceMap
 from handbench.reports.figures import layers
 from handbench.reports.figures.depth_maps import mean_text
 from handbench.reports.figures.style import methods
@@ -28,7 +28,7 @@ STILL_PX = 3  # pixels of the still picture for one of the map, each way
 Errors = dict[
     str, tuple[np.ndarray, str]
 ]  # by reference: signed errors [ny, nx] in metres, and a note
-Part = tuple[str, str, Surface, Errors]  # name, title, surface, and its errors
+Part = tuple[str, str, SurfaceMap, Errors]  # name, title, surface, and its errors
 
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
@@ -47,12 +47,12 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     return _scene(capture.name, references, parts)
 
 
-def page(name: str, title: str, surface: Surface) -> str:
+def page(name: str, title: str, surface: SurfaceMap) -> str:
     """A page with one surface, to turn; HandbenchError where nothing was observed."""
     scene = _scene(name, [], [(title, title, surface, {})])
     if scene is None:
         raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
-    picture = layers.shaded(surface, np.isfinite(surface.z_m))[::-1, ::-1]
+    picture = layers.shaded_colours(surface, np.isfinite(surface.z_m))[::-1, ::-1]
     still = image(
         Image.fromarray(np.round(255 * picture).astype(np.uint8)),
         f"{title}, seen from the array.",
@@ -109,7 +109,7 @@ def scales() -> dict[str, Any]:
 
 
 def _surface(
-    name: str, title: str, surface: Surface, errors: Errors, low_mm: float, step_mm: float
+    name: str, title: str, surface: SurfaceMap, errors: Errors, low_mm: float, step_mm: float
 ) -> dict[str, Any]:
     """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
     inside = _box(surface.z_m)
@@ -169,7 +169,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)
     z_m, x_m, y_m = surface.z_m[inside], surface.x_m[inside[1]], surface.y_m[inside[0]]
-    shade = layers.shade(Surface(x_m, y_m, z_m))
+    shade = layers.shade(SurfaceMap(x_m, y_m, z_m))
     picture, there = np.array(layers.SKIN) * shade, np.isfinite(z_m)
     if reference and method:
         errors = result.errors(capture.name, method, reference)

@@ -9,7 +9,7 @@ from typing import Any
 from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.reports.figures.charts import CAUSES, bin_label, explained
+from handbench.reports.figures.charts import CAUSES, bin_label, cause_charts
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering
 from handbench.reports.tables.blocks import (
@@ -20,7 +20,7 @@ from handbench.reports.tables.blocks import (
     figure,
     number,
     p_text,
-    printed,
+    paper_block,
     three_digits,
 )
 from handbench.reports.tables.result_tables import stages
@@ -246,7 +246,7 @@ def command(result: Result) -> str:
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
     """Each reference's table in two: the lines that the paper prints or that stand for the result,
     and the others."""
-    return [(printed(block), printed(block, rest=True)) for block in blocks(result)]
+    return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
@@ -254,7 +254,7 @@ def causes(result: Result, folder: Path) -> dict[str, Any] | None:
     reliability.csv; None where the result tells neither causes nor reliability."""
     grids = [*by_cause(result), *reliability(result)]
     return (
-        {"pictures": rendering.images(lambda: explained(result), folder), "grids": grids}
+        {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
         if grids
         else None
     )

@@ -62,7 +62,7 @@ def blocks(result: Result) -> list[Block]:
     return [*found[:1], *_equal_block(result), *found[1:]]
 
 
-def printed(block: Block, rest: bool = False) -> Block:
+def paper_block(block: Block, rest: bool = False) -> Block:
     """The block with the lines that the paper prints or that stand for the result alone, or with
     the rest."""
     metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
@@ -146,14 +146,14 @@ def ratio(rows: pd.DataFrame) -> pd.Series:
     return rows.value / rows.paper.where(rows.paper != 0)
 
 
-def known(figure: float | None) -> TypeGuard[float]:
+def is_known(figure: float | None) -> TypeGuard[float]:
     """True where a figure is not missing: neither None nor NaN."""
     return figure is not None and figure == figure
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
     """A figure with its interval in brackets."""
-    if not known(value):
+    if not is_known(value):
         return NONE
     places = decimals(value, low, high, unit)
     return " ".join(filter(None, (number(value, places), interval(low, high, places))))
@@ -166,12 +166,16 @@ def paper(value: float | None, unit: str) -> str:
 
 def interval(low: float | None, high: float | None, places: int) -> str:
     """[low, high]; empty where an end is not known."""
-    return f"[{number(low, places)}, {number(high, places)}]" if known(low) and known(high) else ""
+    return (
+        f"[{number(low, places)}, {number(high, places)}]"
+        if is_known(low) and is_known(high)
+        else ""
+    )
 
 
 def number(value: float | None, places: int) -> str:
     """A number with so many decimals and a true minus sign; a dash for one that is missing."""
-    return f"{value:.{places}f}".replace("-", "−") if known(value) else NONE
+    return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
@@ -181,14 +185,14 @@ def decimals(value: float, low: float | None, high: float | None, unit: str) -> 
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
-    if known(low) and known(high) and high > low:
+    if is_known(low) and is_known(high) and high > low:
         places = min(places, _digits((high - low) / 2, 2))
     return max(places, 1) if unit == "mm" and value else places
 
 
 def three_digits(value: float | None) -> int:
     """Decimals that show three significant digits, six at most."""
-    return _digits(value, 3) if value and known(value) else 0
+    return _digits(value, 3) if value and is_known(value) else 0
 
 
 def _digits(value: float, digits: int) -> int:
@@ -197,7 +201,7 @@ def _digits(value: float, digits: int) -> int:
 
 def p_text(p: float | None) -> str:
     """A p-value with two digits; what is smaller than 0.001 is said to be."""
-    if not known(p):
+    if not is_known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 

@@ -104,7 +104,7 @@ def tex(compared: Compared) -> str:
                 line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B"
             )
             difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
-            names = latex.escaped(line.title), latex.titled(line.metric_title, line.unit)
+            names = latex.escaped(line.title), latex.title_with_unit(line.metric_title, line.unit)
             body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
         stands = (
             text

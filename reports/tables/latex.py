@@ -20,9 +20,9 @@ from handbench.reports.tables.blocks import (
     blocks,
     caption,
     decimals,
-    known,
+    is_known,
     p_text,
-    printed,
+    paper_block,
 )
 from handbench.reports.tables.blocks import three_digits as digits
 
@@ -99,7 +99,7 @@ def column(result: Result) -> str:
     tables of at most ABREAST methods that fit one column of IEEEtran; empty without a figure."""
     found = blocks(result)[:1]
     return "\n".join(
-        _narrow(result.about.name, printed(block), part)
+        _narrow(result.about.name, paper_block(block), part)
         for block in found
         for part in _parts(block, ABREAST)
     )
@@ -154,7 +154,9 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
     stars = line.best[part] or (False,) * len(cells)
-    title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
+    title = (
+        title_with_unit(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
+    )
     known = any(interval for _, interval in cells)
     title = rf"\parbox[t]{{{wide}}}{{\raggedright {title}\strut}}" if title else ""
     if known and title:  # hangs down beside the intervals, where it takes two lines
@@ -215,7 +217,7 @@ def comparisons(result: Result) -> str:
             "deviation of the "
             "paired differences (effect)."
         )
-        head = ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect")
+        head = ("Ahead", "Behind", title_with_unit("Difference", facts.unit), "p", "Effect")
         texts.append(float_table(text, "llrrr", head, body))
     return "\n".join(texts)
 
@@ -234,12 +236,14 @@ def tradeoff(found: Tradeoff) -> str:
             "95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
-        seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
+        seen = (
+            [title_with_unit("Seen", "%")] if any(is_known(s.seen_percent) for s in front) else []
+        )
         head = [
             "Setting",
-            titled(section.metric, section.unit),
+            title_with_unit(section.metric, section.unit),
             *seen,
-            titled("Time", "s"),
+            title_with_unit("Time", "s"),
             "Ratio",
         ]
         body = []
@@ -283,7 +287,7 @@ def float_table(
 """
 
 
-def titled(title: str, unit: str) -> str:
+def title_with_unit(title: str, unit: str) -> str:
     """A title with its unit, as error / mm; what is counted names itself."""
     return escaped(title) + (
         "" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}"
@@ -297,22 +301,24 @@ def row(cells: Iterable[str]) -> str:
 
 def num(value: float | None, places: int) -> str:
     r"""\num{…} with so many decimals; a dash for one that is missing."""
-    return rf"\num{{{value:.{places}f}}}" if known(value) else "--"
+    return rf"\num{{{value:.{places}f}}}" if is_known(value) else "--"
 
 
 def num_figure(
     value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
 ) -> str:
     """A figure, bold or not, with its interval in brackets; a dash for None."""
-    if not known(value):
+    if not is_known(value):
         return "--"
     places = decimals(value, low, high, unit)
     ends = (
-        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
+        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}"
+        if is_known(low) and is_known(high)
+        else ""
     )
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 
 def p_value(p: float | None) -> str:
     """A p-value; what is smaller than 0.001 is said to be."""
-    return rf"\num{{{p_text(p)}}}" if known(p) else "--"
+    return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"

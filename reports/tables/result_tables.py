@@ -21,7 +21,7 @@ from handbench.reports.tables.blocks import (
     blocks,
     caption,
     figure,
-    known,
+    is_known,
     number,
     p_text,
     ratio,
@@ -74,7 +74,7 @@ def _joined(told: list[tuple[str, str]]) -> str:
 def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
     places = 1 if line.difference >= 1 else 2
     amount, how = f"{number(line.difference, places)} mm", TREATMENTS[line.treatment]
-    if not known(line.p_corrected):
+    if not is_known(line.p_corrected):
         return f"{titles[line.better]} ahead by", f"{amount} {how}"
     if line.p_corrected < 1 - LEVEL:
         ends = f"[{number(line.low, places)}, {number(line.high, places)}]"
@@ -168,7 +168,7 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
         )
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
-        seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
+        seen = ["seen (%)"] if any(is_known(s.seen_percent) for s in settings) else []
         lines = []
         for s in settings:
             title = bold(escaped(s.title)) if s.on_front else escaped(s.title)

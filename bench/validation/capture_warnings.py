@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
+from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.validation import mistakes
 from handbench.bench.validation.checks import array_warnings, map_warnings
@@ -44,15 +44,15 @@ def make(folder: Path, capture: str) -> None:
     looked into is told by the stages that need it."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
-            doubts = list(of_capture(open_capture(capture)))
+            doubts = list(warnings_of_capture(open_capture(capture)))
         except HandbenchError:
             doubts = []
     for doubt in doubts:
         say(f"{capture}: {doubt}")
-    write_json(folder / DOUBTS, {"doubts": doubts})
+    write_json(folder / INSPECTION, {"doubts": doubts})
 
 
-def of_capture(recorded: NativeCapture) -> Iterator[str]:
+def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface,
     its frames."""
     capture = recorded.echoes(1)
@@ -61,11 +61,11 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if plain:
         return  # all that follows would be about these
     compile_kernels()
-    surface, imaged = surface_of(recorded), _imaged(recorded, capture)
+    surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
         return  # what lies on its surface needs no further look
-    wrong = mistakes.conjugated(capture)
+    wrong = mistakes.conjugation_warnings(capture)
     yield from wrong
     if wrong or imaged is None:
         return
@@ -74,7 +74,7 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if surface is None or as_is is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
-    near, _ = _imaged(recorded, capture, start_m) or imaged
+    near, _ = _depth_map(recorded, capture, start_m) or imaged
     found = mistakes.fit(near, surface)
     if found.covers and found.explains(as_is):
         begun = (
@@ -84,12 +84,12 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
         return
     further, _ = (
-        _imaged(recorded, capture, FURTHER_M) or imaged
+        _depth_map(recorded, capture, FURTHER_M) or imaged
     )  # for where the surface lies may be the mistake
-    yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
+    yield from _likely_mistake(recorded, capture, surface, (depth, near, further), start_m)
 
 
-def _explained(
+def _likely_mistake(
     recorded: NativeCapture,
     capture: RadarCapture,
     surface: Surface,
@@ -105,8 +105,8 @@ def _explained(
         (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
     )
     found: dict[str, float] = {}
-    for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
-        image = _imaged(recorded, undone, scale * start_m)
+    for name, cure, undone, scale in _corrections(capture, every=share < EXPLAINED):
+        image = _depth_map(recorded, undone, scale * start_m)
         fitted = (
             mistakes.fit(image[0], mistakes.moved(surface, scale * np.eye(3))) if image else as_is
         )
@@ -122,7 +122,9 @@ def _explained(
     return [f"{text}; or {moved[0]}"] if EXPLAINED * found[text] < share else [text]
 
 
-def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:
+def _corrections(
+    capture: RadarCapture, every: bool
+) -> Iterator[tuple[str, str, RadarCapture, float]]:
     """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the
     capture without it, and by how much larger all that it shows then is: a phase cannot tell half
     the path from half the scene. every: those in the tones and the phases too."""
@@ -160,13 +162,13 @@ def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, Rada
         )
 
 
-def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
+def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
     """Doubts about a depth map and, where there are some, about the echoes that it was imaged
     from."""
     about = list(map_warnings(depth))
     yield from about
     try:
-        yield from mistakes.conjugated(capture) if about else ()
+        yield from mistakes.conjugation_warnings(capture) if about else ()
     except HandbenchError:  # a doubt that cannot be looked into takes no result away
         return
 
@@ -182,7 +184,7 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
     return read_surface(mesh).moved(transform)
 
 
-def _imaged(
+def _depth_map(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
     """The depth map of the first of PROBES that the capture's tones serve, and its configuration;

@@ -9,7 +9,7 @@ SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every ave
 OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 
-class Alike(NamedTuple):
+class TreatedDepths(NamedTuple):
     """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own
     threshold, open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are
     ordered."""

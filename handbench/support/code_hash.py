@@ -62,7 +62,7 @@ class Sources:
     def key(self, module: str) -> str:
         """Hash of all code that a module runs: handbench's content, the other libraries' versions
         and Python's."""
-        ours, others = self.closure(module)
+        ours, others = self.imports_of(module)
         versions = [installed(name) for name in others]
         return content_hash(
             [[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2]
