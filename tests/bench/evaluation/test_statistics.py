@@ -20,7 +20,7 @@ from handbench.bench.evaluation.intervals import (
     note,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import averaged, of_captures, pool
+from handbench.bench.evaluation.metrics import mean_figures, of_captures, pool
 from tests.strategies import examples
 
 AXIS_M = 2.5e-3 * np.arange(12)
@@ -102,7 +102,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
     peak_mm = np.ones((12, 12))
     peak_mm[0, 0] = 10
     captures = of_captures([seen(4.0, quarter), seen(peak_mm), seen(1.0, False)])
-    found = averaged(captures)
+    found = mean_figures(captures)
     one_mm = (143 + 10) / 144
     assert found["mae_mm"] == pytest.approx((4 + one_mm) / 2)
     assert found["max_mm"] == pytest.approx((4 + 10) / 2)
@@ -119,7 +119,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
 
 def test_no_figure_from_nothing():
     for maps in ([], [seen(1.0, False)] * 6):
-        found = averaged(of_captures(maps))
+        found = mean_figures(of_captures(maps))
         assert (
             found["mae_mm"] is None and found["pooled_max_mm"] is None and found["n_observed"] == 0
         )

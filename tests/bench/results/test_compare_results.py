@@ -43,7 +43,7 @@ def result(
     for name, errors in zip(names, errors_mm, strict=True):
         results.write_errors(folder, name, "3fsk", "truth", seen(errors, REFERENCE_M + shift_m))
         results.write_surface(
-            folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m)
+            folder, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, REFERENCE_M + shift_m)
         )
     rng = np.random.default_rng(len(names))
     repeats = frame(
@@ -302,7 +302,7 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES:
         results.write_surface(
-            tmp_path / side, name, "truth", results.Surface(AXIS_M, AXIS_M, fewer_m)
+            tmp_path / side, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, fewer_m)
         )
     assert all(_same(found["a"], found["b"], name, "truth") == alike for name in NAMES)
 

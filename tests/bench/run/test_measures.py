@@ -16,9 +16,9 @@ from handbench.bench.evaluation.metrics import precision
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.run.sweep import Sweep
+from handbench.bench.run.sweep import TradeoffSweep
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
-from handbench.bench.tradeoff.run import opened
+from handbench.bench.tradeoff.run import open_inputs
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
@@ -45,7 +45,9 @@ def printed(small_bench, monkeypatch) -> Path:
     """The small benchmark with two printed balls: of two tones, which narrowband cannot image, and
     with cameras. Nothing is doubted: two tones fit no surface well, and are looked at for long
     (test_inspect)."""
-    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    monkeypatch.setattr(
+        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
+    )
     scene = (
         (small_bench.parent / "ball.toml")
         .read_text()
@@ -219,9 +221,9 @@ def test_validate_asks_of_a_capture_what_it_measures(printed):
 
 def test_a_trade_off_sweeps_the_captures_of_the_accuracy(printed, tmp_path):
     bench, base = load_benchmark(str(with_prints(printed)))
-    bench = bench.model_copy(update={"tradeoff": Sweep(sections=("imaging",))})
+    bench = bench.model_copy(update={"tradeoff": TradeoffSweep(sections=("imaging",))})
     (tmp_path / "work").mkdir()
-    assert [c.name for c in opened(bench, base, tmp_path / "work").captures] == ["ball"]
+    assert [c.name for c in open_inputs(bench, base, tmp_path / "work").captures] == ["ball"]
 
 
 def test_the_noise_is_fitted_to_the_captures_of_the_precision(printed, monkeypatch):
