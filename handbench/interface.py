@@ -321,8 +321,10 @@ class Score(Plottable):
         return iter(self.values)
 
     def __repr__(self) -> str:
-        told = (f"{name} {value:.4g}" for name, value in self.values.items() if value is not None)
-        return f"<handbench.Score {', '.join(told)}>"
+        figures = (
+            f"{name} {value:.4g}" for name, value in self.values.items() if value is not None
+        )
+        return f"<handbench.Score {', '.join(figures)}>"
 
     def _figure(self) -> Figure:
         from handbench.reports.figures.layers import error_layer, layers_figure

@@ -1,5 +1,5 @@
-"""Tests whose unit is the capture: of two methods on the same captures, and of one method on
-different ones."""
+"""Tests with the capture as unit: of two methods on the same captures, and of one method on
+different captures."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -17,8 +17,8 @@ from handbench.support.errors import HandbenchError
 
 
 class Difference(NamedTuple):
-    """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to
-    test."""
+    """B − A with its 95 % interval and the uncorrected p-value of no difference. NaN: unknown, or
+    too few captures for a test."""
 
     difference: float
     low: float = np.nan
@@ -27,8 +27,8 @@ class Difference(NamedTuple):
 
 
 def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's
-    own on that capture does not (Student's paired t). NaN in either leaves a capture out."""
+    """Student's paired t-test of figures a, b [n] of the same captures, which cancels the captures'
+    own differences. Captures with NaN in either are left out."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
@@ -47,7 +47,7 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Of two independent samples of captures (Welch 1947)."""
+    """Welch's t-test (1947) of two independent samples of captures."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
         return Difference(np.nan)
@@ -65,9 +65,9 @@ def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Difference:
-    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all
-    repeats were independent: cautious where both image the same echoes. The interval is that of the
-    ratio, times A's precision."""
+    """F test of two precisions, mm, from each hand's strongest depths [n_repeats] in metres. It
+    treats all repeats as independent, which is cautious if both methods image the same echoes. The
+    interval is that of the ratio, times A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Difference(np.nan)
@@ -89,10 +89,10 @@ def compare(
     titles: Mapping[str, str] | None = None,
     treatment: str = "",
 ) -> pd.DataFrame:
-    """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its
-    captures [n], the same ones in the same order; treatment: of `TREATMENTS`, or "", each method as
-    it is. Methods without a figure are left out. Raises HandbenchError for different captures and
-    for metrics that have no direction."""
+    """Compare every pair of methods by one metric; returns the table COMPARISONS. figures: method →
+    metric of its captures [n], the same captures in the same order; treatment: one of `TREATMENTS`,
+    or "" for each method as it is. Methods without a figure are left out. Raises HandbenchError for
+    different captures and for metrics without a direction."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
@@ -144,7 +144,7 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
-    """A difference ≥ 0 with its interval in words, to the digits that are worth telling."""
+    """A difference ≥ 0 with its interval in words, rounded to its significant digits."""
     places = _places(difference)
     return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace(
         "-", "−"
@@ -164,8 +164,8 @@ def _places(difference: float) -> int:
 def _ordered(
     pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str
 ) -> tuple[str, str]:
-    """The better method first, on the captures that both have; the earlier one where they are
-    equal."""
+    """The pair with the better method first, by the captures that both have; equal ones keep their
+    order."""
     first, second = pair
     gained = (
         np.nanmean(figures[second] - figures[first])
@@ -183,8 +183,8 @@ def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
 
 
 def holm_corrected(p: Sequence[float]) -> list[float]:
-    """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1,
-    never falling, at most 1; those that are not known stay so, and count for none."""
+    """p-values corrected for the number of tests (Holm 1979): the k-th smallest of m times m − k +
+    1, never falling, at most 1. Unknown values stay unknown and do not count as tests."""
     given = np.asarray(p, float)
     found, known = given.copy(), np.flatnonzero(np.isfinite(given))
     order = known[np.argsort(given[known], kind="stable")]

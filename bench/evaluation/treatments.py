@@ -1,4 +1,5 @@
-"""The treatments that make methods equal, and the maps that a method has under one of them."""
+"""The equal treatments: every method with the same thresholds and filters; and the depth maps that
+they give."""
 
 from typing import NamedTuple
 
@@ -10,9 +11,9 @@ OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 
 class TreatedDepths(NamedTuple):
-    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above its own
-    threshold, open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitude by which these are
-    ordered."""
+    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above the method's
+    own threshold and open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitudes that order the
+    pixels of open_z_m."""
 
     z_m: np.ndarray
     open_z_m: np.ndarray

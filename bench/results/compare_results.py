@@ -1,15 +1,15 @@
-"""Two results side by side: B's figures less A's, by how much, and how sure that is.
+"""Comparison of two results: B's figures minus A's, with confidence.
 
-Where both have the same captures, each method's figures are compared capture by capture: what both
-suffer from cancels. Where they differ, A and B are two independent samples (Welch). Either way a
-capture counts as one value. Precisions are compared by the F test of their variances. Holm's
-correction spans all lines. Times are set beside each other and not tested, for the repeats of one
-run do not know how two runs differ.
+If both have the same captures, each method's figures are compared capture by capture, so that
+errors of the capture cancel. Otherwise A and B are two independent samples (Welch). Each capture
+counts as one value. Precisions are compared by the F test of their variances. Holm's correction
+spans all lines. Times are listed and not tested, since repeats within a run do not show the
+difference between two runs.
 
 `handbench compare` writes
 
-compare.json  both sides, the basis, every difference, times and what differs in provenance
-compare.csv   one line a method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
+compare.json  both sides, the captures compared, every difference, times and provenance compare.csv
+one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
 """
 
 from collections.abc import Sequence
@@ -59,8 +59,8 @@ NONE = (None, None)
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's
-    rate of float32 matrix products."""
+    """One of the two results. captures: its scored captures; gemm_gflops: its machine's rate of
+    float32 matrix products."""
 
     folder: str
     name: str
@@ -70,8 +70,8 @@ class ComparedResult:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Two results side by side. basis: what the differences stand on, in sentences; differences,
-    times, changes: as `bench.evaluation.tables` declares them."""
+    """The comparison of two results. basis: sentences on the captures compared; differences, times,
+    changes: tables of `bench.evaluation.tables`."""
 
     a: ComparedResult
     b: ComparedResult
@@ -91,7 +91,7 @@ def write_compared(folder: Path, compared: Compared) -> None:
 
 @dataclass(frozen=True)
 class CommonCaptures:
-    """The captures of A and of B that a reference's differences stand on."""
+    """The captures of A and of B that are compared against one reference."""
 
     reference: str
     a: tuple[str, ...]
@@ -101,9 +101,9 @@ class CommonCaptures:
 
 
 def compare_results(a: Result, b: Result) -> Compared:
-    """Every method that both have, by the protocol's compared metrics, the precision and the time.
-    Results of different protocols or definitions, or without a method and a reference in common,
-    are a HandbenchError."""
+    """Compare every method that both results have, by the protocol's compared metrics, the
+    precision and the time. Raises HandbenchError for results of different protocols or definitions,
+    or without a method and a reference in common."""
     require_comparable(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
@@ -125,12 +125,12 @@ def compare_results(a: Result, b: Result) -> Compared:
             lines += _accuracy(method, basis, *samples)
         lines += _precision(a, b, method)
     times = frame(TIMES, [_time(a, b, method) for method in methods])
-    said = tuple(basis.sentence for basis in bases)
-    return Compared(_side(a), _side(b), said, _corrected(lines), times, changes(a, b))
+    sentences = tuple(basis.sentence for basis in bases)
+    return Compared(_side(a), _side(b), sentences, _corrected(lines), times, changes(a, b))
 
 
 def require_comparable(a: Result, b: Result) -> None:
-    """HandbenchError where two results were scored by different protocols or definitions."""
+    """Raise a HandbenchError if two results were scored by different protocols or definitions."""
     ours, theirs = (
         f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
     )
@@ -153,8 +153,8 @@ def require_comparable(a: Result, b: Result) -> None:
 
 
 def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
-    """The captures that both have, if any; else all of each. None where one has no such
-    reference."""
+    """The captures that both results have; without any, all captures of each. None if a result has
+    no capture with this reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
     if not ours or not theirs:
         return None
@@ -176,7 +176,8 @@ def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
-    """True where both show one hand in one place: the same input, or references that coincide."""
+    """True if a capture shows the same hand in the same place in both results: the same input, or
+    references that coincide."""
     if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
@@ -193,7 +194,7 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
 def _accuracy(
     method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
 ) -> list[dict[str, Any]]:
-    """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a
+    """One line per metric, with an uncorrected p. a, b: the captures' figures, one column per
     metric."""
     lines = []
     for metric in map(str, a):
@@ -213,14 +214,14 @@ def _accuracy(
 
 def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
     """Standard deviation of the captures' differences, or of each side's figures; none with fewer
-    than LEAST."""
+    than LEAST captures."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
-    """The line of the precision; none where one of them has none."""
+    """The line of the precision; none if a result has no precision."""
     repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
     hands = [
         [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
@@ -241,8 +242,8 @@ def _line(
     intervals: Sequence[Any],
     tested: Difference,
 ) -> dict[str, Any]:
-    """A line with the figures of A and of B, their ends, how many captures each stands on, and the
-    test between them; against no reference, and not paired."""
+    """A line with the figures of A and B, their intervals, their numbers of captures, and the test
+    between them. By default it has no reference and is not paired."""
     facts = METRICS[metric]
     line: dict[str, Any] = {
         "method": method.name,
@@ -256,8 +257,8 @@ def _line(
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and
-    a sentence."""
+    """The table DIFFERENCES: the lines with p corrected over all tests, the better side, and a
+    sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
@@ -279,7 +280,7 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
-    """Captures that show this difference; NaN: not known, or too many."""
+    """Number of captures that would show this difference; NaN: unknown, or too many."""
     return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
@@ -323,9 +324,9 @@ def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
         sentence = f"{method.title}: no times to set beside each other"
         return method.name, method.title, *figures, None, sentence
     ratio = rows[1].value / rows[0].value
-    said = ", ".join(
+    sentences = ", ".join(
         f"{row.value:.3g} s" + (f" at {rate:.0f} GFLOP/s" if (rate := _gemm(result)) else "")
         for row, result in zip(rows, (a, b), strict=True)
     )
-    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({said})"
+    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({sentences})"
     return method.name, method.title, *figures, ratio, sentence

@@ -1,5 +1,5 @@
-"""Maps and photographs of a result folder: depths, signed errors, small pictures, and where each
-lies."""
+"""Maps and photographs of a result folder: depths, signed errors, small pictures, and their
+paths."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,9 +18,9 @@ ORIENTATION = 0x0112  # EXIF's tag
 
 @dataclass(frozen=True)
 class SurfaceMap:
-    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none.
+    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN without a surface.
     sigma_m [ny, nx]: a reference's standard deviation along z, by mesh and registration together
-    (None: not told; NaN: unknown)."""
+    (None: not given; NaN: unknown)."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -78,12 +78,12 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     from PIL import Image, ImageOps
 
     with open_picture(Path(source)) as image:
-        told, small = (
+        orientation, small = (
             image.getexif().get(ORIENTATION),
             Image.fromarray(np.asarray(image.convert("RGB"))),
         )
-    if told in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
-        small.getexif()[ORIENTATION] = int(told)
+    if orientation in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
+        small.getexif()[ORIENTATION] = int(orientation)
         small = ImageOps.exif_transpose(small)
     small.thumbnail((PHOTO_PX, PHOTO_PX))
     with atomic_path(photo_path(folder, capture)) as temporary:
@@ -91,8 +91,8 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m [nx], y_m
-    [ny]; anything else is a HandbenchError."""
+    """Read the arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m
+    [nx] and y_m [ny]. Raises HandbenchError for any other content."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():

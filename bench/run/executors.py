@@ -1,8 +1,8 @@
-"""Executors carry out the jobs of a run: this process, several processes of this machine, or a Dask
-cluster's workers.
+"""Executors for the jobs of a run: this process, several processes of this machine, or the workers
+of a Dask cluster.
 
-A job is a function of the store's folder and a stage. An error that the user can mend is a
-HandbenchError of the job's future; any other exception keeps its traceback and ends the run.
+A job is a function of the store's folder and a stage. A HandbenchError, which the user can mend,
+becomes the future's exception; any other exception keeps its traceback and ends the run.
 """
 
 from __future__ import annotations
@@ -60,10 +60,11 @@ _ALONE = (
 
 
 class LocalExecutor(Executor):
-    """This process: a job has ended when `submit` returns."""
+    """Runs jobs in this process; each has ended when `submit` returns."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function; its HandbenchError is the future's, any other exception is raised."""
+        """Call the function. A HandbenchError becomes the future's exception, any other is
+        raised."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*args, **kwargs))
@@ -73,9 +74,9 @@ class LocalExecutor(Executor):
 
 
 class ProcessExecutor(ThreadPoolExecutor):
-    """Processes of this machine, each with its share of the cores. They start with their first job
-    and end with the block, or with this process. A process that the system ends, for want of
-    memory, costs its own job only, which is tried once more while the others wait."""
+    """Runs jobs in processes of this machine, each with its share of the cores. They start with
+    their first job and end with the block, or with this process. If the system kills a process for
+    want of memory, only its job is affected; it is tried once more while the others wait."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
@@ -97,7 +98,7 @@ class ProcessExecutor(ThreadPoolExecutor):
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, and what they are at; nothing writes any more once this returns."""
+        """End the processes and their jobs; nothing is written after this returns."""
         self._ended = True
         super().shutdown(wait=False, cancel_futures=True)
         for pool in self._pools:
@@ -112,7 +113,7 @@ class ProcessExecutor(ThreadPoolExecutor):
         )
 
     def _call(self, job: Callable[[], Any]) -> Any:
-        """In a thread: have a process that is idle do the job."""
+        """Have an idle process do the job; runs in a thread."""
         try:
             return self._tried(self._idle.get(), job)
         except BrokenProcessPool:
@@ -142,8 +143,8 @@ class ProcessExecutor(ThreadPoolExecutor):
 
 
 class DaskExecutor(Executor):
-    """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the
-    scheduler, which is safe, for a stage's folder appears complete or not at all."""
+    """Runs jobs on the workers of a Dask scheduler. If a worker is lost, the scheduler gives its
+    job to another one, which is safe because a stage's folder appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
         # whose futures tell that the scheduler has gone; those of get_executor() then never end
@@ -158,7 +159,7 @@ class DaskExecutor(Executor):
 
 
 def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
-    """Give a future the outcome of one on the cluster."""
+    """Copy the outcome of a future of the cluster to a future."""
     from distributed import KilledWorker
 
     try:
@@ -175,8 +176,8 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
 def elsewhere(
     machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage
 ) -> Any:
-    """Do a job in another process, or on another machine. machine: its facts, where they were
-    measured before."""
+    """Do a job in another process, or on another machine. machine: facts of this machine, if
+    measured already."""
     cost.CALIBRATED |= machine
     try:
         with _ALONE:
@@ -192,7 +193,7 @@ def elsewhere(
 
 
 def _require_same(root: Path, stage: Stage) -> None:
-    """HandbenchError where this machine does not see the store, or has other code than the
+    """Raise a HandbenchError if this machine does not see the store, or has other code than the
     client."""
     if not root.is_dir():
         raise HandbenchError(
@@ -210,9 +211,9 @@ def _require_same(root: Path, stage: Stage) -> None:
 def assigned(
     executor: Executor, root: Path, stages: Sequence[Stage]
 ) -> list[tuple[Executor, list[int]]]:
-    """Executors with the numbers of the stages that each carries out, one executor after the other.
-    Processes take two or more stages that have to be made and whose time is no result; imaging is
-    done here, with nothing else at work."""
+    """Distribute stages: executors, each with the numbers of its stages, to be used one after the
+    other. Processes get stages if two or more have to be made whose time is not a result; imaging
+    runs in this process, with nothing else at work."""
     numbers = list(range(len(stages)))
     if not isinstance(executor, ProcessExecutor):
         return [(executor, numbers)]
@@ -224,8 +225,8 @@ def assigned(
 
 
 def room(bytes_: float = 0.0) -> int:
-    """Processes that the cores and the memory that is free have room for; bytes_: what a stage
-    takes, if more than most do. One where this process may not start others."""
+    """Number of processes for which there are cores and free memory. bytes_: memory of one stage,
+    if more than usual. 1 if this process may not start others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
@@ -236,8 +237,9 @@ def room(bytes_: float = 0.0) -> int:
 def executor(
     scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0
 ) -> Iterator[Executor]:
-    """This process, with others where so much processor time, core_s, is worth them; or the cluster
-    of the Dask scheduler at this address, tcp://host:port."""
+    """Yield the executor: a Dask cluster, if `scheduler` is an address, tcp://host:port; else
+    processes of this machine, if core_s, the expected processor time, is worth them; else this
+    process."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
         with ProcessExecutor(count) if count > 1 else LocalExecutor() as found:

@@ -1,7 +1,7 @@
 """The main job: every capture × method of a benchmark, from photographs and echoes to the table.
 
-Results do not depend on the executor: the table is made of the stages' folders. A stage that fails
-is reported and recorded, and the run goes on without it.
+Results do not depend on the executor: the table is made from the stages' folders. A stage that
+fails is reported and recorded, and the run goes on without it.
 """
 
 from concurrent.futures import Executor, Future
@@ -44,13 +44,9 @@ def run(
     scheduler: str | None = None,
     command: str | None = None,
 ) -> results.Result:
-    """Run a benchmark whose paths start from `base` into a result folder; stages done before are
-    taken from there.
-
-    scheduler: address of a Dask scheduler whose workers find both folders under the same paths;
-    None: run here.
-    command: what repeats the run, for the report.
-    """
+    """Run a benchmark into a result folder; its paths start from `base`. Stages that the folder has
+    already are reused. scheduler: address of a Dask scheduler whose workers find both folders under
+    the same paths; None: run here. command: the command that repeats the run, for the report."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
@@ -79,7 +75,7 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> None:
-    """Refuse to mix with another benchmark's results."""
+    """Refuse a folder with the results of another benchmark."""
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
@@ -89,8 +85,9 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
 
 
 class StageOutcome(NamedTuple):
-    """The outcome of a stage. key: stands for what it made; failure: the error that the user can
-    mend, if any; task: its line of `TASKS`, and machine: what made it, where a folder was made."""
+    """The outcome of a stage. key: hash of the stage's inputs and code; failure: an error that the
+    user can mend, if any; task: its line of `TASKS`, and machine: the machine that made it, if a
+    folder was made."""
 
     key: str = ""
     failure: Failure | None = None
@@ -99,9 +96,9 @@ class StageOutcome(NamedTuple):
 
 
 class Run:
-    """A benchmark at work: its steps, in the order of `run`; paths start from `base`, the stages'
-    folders lie under `work`. found: what the steps have found; targets: the calibration's
-    captures."""
+    """A running benchmark; its methods are the steps, in the order of `run`. Paths start from
+    `base`; the stages' folders are in `work`. found: what the steps found; targets: the
+    calibration's captures."""
 
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
@@ -111,8 +108,8 @@ class Run:
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
     def open(self) -> None:
-        """Open or simulate the captures: those of the benchmark that can be, and all of the
-        calibration's."""
+        """Open or simulate the captures: those of the benchmark, where failures are recorded, and
+        all of the calibration's."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with recorded_failure(self.found.failures, source.scene or source.path or "", "open"):
@@ -148,7 +145,7 @@ class Run:
                 self.targets.append(RunCapture(folder, done.key, about))
 
     def inspect(self) -> None:
-        """Look the captures over for mistakes; the doubts are said when they are found, and a fact
+        """Check the captures for mistakes. Warnings are printed when found and recorded as a fact
         of the result."""
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
@@ -158,12 +155,12 @@ class Run:
             if done.failure is None
         }
         doubts = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
-        if told := {name: texts for name, texts in doubts.items() if texts}:
-            self.found.facts["doubts"] = told
+        if warnings := {name: texts for name, texts in doubts.items() if texts}:
+            self.found.facts["doubts"] = warnings
 
     def photographed(self) -> list[Stage]:
-        """The rounds of the photographs, sparse and dense; returned are the stages that then
-        register the sensors, without whose captures nothing goes on, and make the meshes."""
+        """Run the photographs' rounds, sparse and dense. Returns the stages that then register the
+        sensors, which must not fail, and make the meshes."""
         clouds, targets = (
             [plan.clouds(self.bench, target, self.work) for target in self.targets],
             len(self.targets),
@@ -194,7 +191,7 @@ class Run:
         return stages
 
     def collect(self, stages: list[Stage], ended: list[StageOutcome]) -> None:
-        """Collect what the stages of `photographed` and `imaging` have left in their folders."""
+        """Collect the results of the stages of `photographed` and `imaging` from their folders."""
         for stage, done in zip(stages, ended, strict=True):
             folder = stage.folder(self.work)
             if stage.name == "calibrate":
@@ -218,8 +215,8 @@ class Run:
             self.found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
     def _register(self, transform: Transform) -> None:
-        """Take radar_from_photo from the benchmark's target captures; how far it is from the true
-        one is a fact."""
+        """Take radar_from_photo from the benchmark's target captures; its distance from the true
+        one, if known, is recorded as a fact."""
         self.registration = transform
         self.found.inputs |= {f"calibration {target.name}": target.key for target in self.targets}
         self.found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
@@ -231,7 +228,7 @@ class Run:
             )
 
     def find_references(self) -> None:
-        """Find what the captures' depth maps are compared with."""
+        """Find the references of the captures' depth maps."""
         without = {failure.capture for failure in self.found.failures if not failure.method}
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
             with recorded_failure(self.found.failures, name, "references"):
@@ -241,7 +238,7 @@ class Run:
                 )
 
     def score(self) -> None:
-        """Compare the depth maps of the captures that have references with these."""
+        """Compare the depth maps of all captures with their references."""
         stages = []
         for capture in (c for c in self.found.captures if c.name in self.found.references):
             imaged = (
@@ -260,9 +257,9 @@ class Run:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
     def perform(self, stages: list[Stage]) -> list[StageOutcome]:
-        """Have stages carried out that do not depend on each other; their outcomes are returned and
-        recorded in the order of the list. Executors have few jobs at a time, so that neither side
-        holds the whole run."""
+        """Carry out stages that do not depend on each other; their outcomes are returned and
+        recorded in the order of the list. Executors get a few jobs at a time, so that no side holds
+        the entire run."""
         ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
@@ -288,8 +285,7 @@ class Run:
         return done
 
     def _outcome(self, stage: Stage, future: Future[Any]) -> StageOutcome:
-        """The outcome of a stage that has ended, which is said; the facts of the machine that made
-        it are kept."""
+        """Print and return the outcome of a stage that has ended; facts of its machine are kept."""
         try:
             made = future.result()
         except HandbenchError as error:
@@ -310,7 +306,7 @@ class Run:
 
 
 def _require_calibration(*ended: StageOutcome) -> None:
-    """HandbenchError where a stage of the calibration failed: without it nothing has a
+    """Raise a HandbenchError if a stage of the calibration failed: without it nothing has a
     reference."""
     for done in ended:
         if done.failure is not None:

@@ -1,5 +1,4 @@
-"""The result folder of a run: the scores of its captures put together, the table that they make,
-all maps."""
+"""The result folder of a run: the captures' scores, the table made of them, and all maps."""
 
 import shutil
 from itertools import product
@@ -58,8 +57,8 @@ PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score everything, then write the result folder; earlier results give way only when the new
-    ones stand, and result.json, which says that the folder is complete, comes last."""
+    """Score everything, then write the result folder. Earlier results are replaced only when the
+    new ones are complete; result.json, which marks the folder as complete, is written last."""
     on = common_subset(outcome)
     if outcome.failures:
         say(f"the table stands on {on.text}")
@@ -100,9 +99,9 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
-    """`SCORES` of the captures and methods that the table stands on: those of each capture's stage;
-    of the precision each repeat's depth and each capture's median deviation of a pixel; the time of
-    each image."""
+    """`SCORES` of the captures and methods of the table: the scores of each capture's stage; for
+    the precision, each repeat's depth and each capture's median deviation of a pixel; and the time
+    of each image."""
     methods, repeated = (
         [entry.id for entry in on.methods],
         [capture.name for capture in on.repeated],
@@ -170,7 +169,7 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
 def _over_frames(
     values: dict[Any, pd.DataFrame], method: str, reference: str
 ) -> list[dict[str, Any]]:
-    """Each capture's `over_frames`; values: lines of `SCORES` by method and metric."""
+    """Each capture's `over_frames`. values: lines of `SCORES` by method and metric."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
@@ -182,8 +181,8 @@ def _over_frames(
 def mean_curves(
     outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
 ) -> list[tuple[Any, ...]]:
-    """Lines of `CURVES`: the means of the captures' curves, as far as all of them reach; treated:
-    see `equal_treatment_scores`."""
+    """Lines of `CURVES`: means of the captures' curves, up to the share that all of them reach.
+    treated: see `equal_treatment_scores`."""
     lines: list[tuple[Any, ...]] = []
     for treatment, methods in treated.items():
         key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
@@ -200,7 +199,7 @@ def mean_curves(
 
 
 def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:
-    """The captures that the table stands on."""
+    """Facts of the captures in the table."""
     return tuple(
         CaptureFacts(
             name=capture.name,
@@ -220,7 +219,7 @@ def about(
     captures: tuple[CaptureFacts, ...],
     treated: dict[str, ByMethod],
 ) -> About:
-    """Content of result.json; treated: see `equal_treatment_scores`."""
+    """Content of result.json. treated: see `equal_treatment_scores`."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(
@@ -265,8 +264,8 @@ def about(
 
 
 def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Variance components of the figures compared under equal treatment; nothing where there are
-    too few captures."""
+    """Variance components of the figures compared under equal treatment; empty for too few
+    captures."""
     found = {
         f"{metric}, {treatment}": variance_facts(
             {method: of[metric].to_numpy() for method, of in methods.items()}
@@ -278,7 +277,7 @@ def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
 
 
 def _machines(outcome: Outcome) -> dict[str, Any]:
-    """This machine and, where others did some of the work, they too."""
+    """Facts of this machine and of all others that did some of the work."""
     here = calibrated_machine()
     others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

@@ -64,10 +64,15 @@ class SimulationVariant:
             "mirrors_per_wavelength": "{:g} mirrors per wavelength",
             "nodes_apart": "nodes {:g} times as far apart",
         }
-        said = [text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs]
+        sampling = [
+            text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs
+        ]
         effects = f"without {', '.join(self.without)}" if self.without else "all effects"
         return ", ".join(
-            [*said, effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm"]
+            [
+                *sampling,
+                effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm",
+            ]
         )
 
     @property
@@ -254,8 +259,8 @@ def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
 def measure_placement(placed: Placement) -> TargetMeasurement:
     """Simulate a placement's echoes and the cloud of its photographs, and measure the target in
     both."""
-    cloud, heard = optical_cloud(placed), echoes(placed.scene).capture
-    (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, heard, placed.described))
+    cloud, capture = optical_cloud(placed), echoes(placed.scene).capture
+    (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, capture, placed.described))
     return TargetMeasurement(placed, pairs, common_m2, seconds)
 
 

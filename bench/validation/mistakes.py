@@ -82,8 +82,8 @@ def _reduced(capture: RadarCapture) -> RadarCapture:
     tones, array = order[evenly(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
     if isinstance(array, AntennaArray):
-        heard = np.ones(array.channels, bool) if array.measured is None else array.measured
-        t, r = (np.flatnonzero(heard.any(axis=axis)) for axis in (1, 0))
+        measured = np.ones(array.channels, bool) if array.measured is None else array.measured
+        t, r = (np.flatnonzero(measured.any(axis=axis)) for axis in (1, 0))
         t, r = t[evenly(len(t), ANTENNAS)], r[evenly(len(r), ANTENNAS)]
         samples, places = (
             samples[:, :, t[:, None], r],

@@ -23,13 +23,13 @@ def run(options: argparse.Namespace) -> None:
     """Print everything that has a name: of one section, with a text in the name or the line about
     it, if asked for."""
     wanted = (options.filter or "").casefold()
-    told = False
+    printed = False
     for section in [options.section] if options.section else SECTIONS:
         found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
-        told = told or bool(found)
+        printed = printed or bool(found)
         if found:
             print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
-    if wanted and not told:
+    if wanted and not printed:
         raise HandbenchError(
             f"list: nothing has '{options.filter}' in its name or in the line about it"
         )

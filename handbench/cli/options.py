@@ -47,9 +47,9 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
     group: the heading that it stands under; either: of those that share a word, one at most; ends:
     the suffixes that a path may have."""
     groups: dict[str, argparse._ActionsContainer] = {}
-    for names, told in options.items():
+    for names, keywords in options.items():
         facts: dict[str, Any] = {
-            key: TYPES[value] if key == "type" else value for key, value in told.items()
+            key: TYPES[value] if key == "type" else value for key, value in keywords.items()
         }
         if ends := facts.pop("ends", None):
             facts["type"] = partial(_ending, ends)

@@ -201,7 +201,7 @@ def _mesh(path: Path) -> Figure:
     from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded_colours
 
     layers: list[Layer] = []
-    told: list[Layer] = []
+    sigma_layers: list[Layer] = []
     mesh = read_surface(path)
     for title, (axes, away, names) in TURNS.items():
         turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [1, 1, away])
@@ -212,18 +212,20 @@ def _mesh(path: Path) -> Figure:
         )
         picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
         layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
-        if np.isfinite(seen.mesh_sigma_m).any() and not told:  # as seen from the array
+        if np.isfinite(seen.mesh_sigma_m).any() and not sigma_layers:  # as seen from the array
             sigmas: dict[str, Any] = {
                 "values": 1e3 * seen.mesh_sigma_m,
                 "label": "σ along z in mm",
             } | SIGMAS
-            told = [replace(layers[0], title="its own uncertainty", **sigmas)]
+            sigma_layers = [replace(layers[0], title="its own uncertainty", **sigmas)]
     invented = (
         f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented"
         if not mesh.observed.all()
         else ""
     )
-    return layers_figure(layers + told, f"{path.name}: {len(mesh.faces)} triangles{invented}")
+    return layers_figure(
+        layers + sigma_layers, f"{path.name}: {len(mesh.faces)} triangles{invented}"
+    )
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:

@@ -46,8 +46,8 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
             p for p in problems if p["type"] == "missing" and p is not first
         ]  # all of them: they are added at once
         more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
-        told = "; ".join(complaint(model, problem) for problem in (first, *also))
-        raise HandbenchError(f"{where}: {told}{more}") from None
+        complaints = "; ".join(complaint(model, problem) for problem in (first, *also))
+        raise HandbenchError(f"{where}: {complaints}{more}") from None
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:

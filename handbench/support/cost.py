@@ -159,7 +159,7 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     """Say about how long work on all cores is going to take that takes core_s on one, where that is
     long or bytes_, the memory that it takes, is told; refuse more than HANDBENCH_HOURS (24)."""
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
-    told = (
+    duration = (
         f"{seconds:.0f} s"
         if seconds < 100
         else f"{seconds / 60:.0f} min"
@@ -168,14 +168,14 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less "
+            f"{what}: would take about {duration}, more than the limit of {hours:g} h; ask for less "
             "(fewer points, tones "
             "or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
         )
     if bytes_ is not None:
-        say(f"predicted: about {told} and {bytes_ / 1e9:.1f} GB ({what})")
+        say(f"predicted: about {duration} and {bytes_ / 1e9:.1f} GB ({what})")
     elif seconds > ANNOUNCED_S:
-        say(f"{what}: about {told}")
+        say(f"{what}: about {duration}")
 
 
 def setting(name: str, default: float, unit: str) -> float:

@@ -68,13 +68,13 @@ def attribute(file: "h5py.File", name: str) -> Any:
         h5t.INTEGER,
         h5t.FLOAT,
     )
-    told = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
+    value = file.attrs[name] if plain else None  # as h5py or MATLAB writes it
     return (
-        told.decode("utf-8")
-        if isinstance(told, bytes)
-        else told.item()
-        if isinstance(told, np.generic)
-        else told
+        value.decode("utf-8")
+        if isinstance(value, bytes)
+        else value.item()
+        if isinstance(value, np.generic)
+        else value
     )
 
 

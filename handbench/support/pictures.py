@@ -70,9 +70,9 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
     if pixels > min(
         LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + 2 * is_deep(image)), dense_px)
     ):
-        said = f"it has {image.width} × {image.height} pixels in {size} bytes"
+        dimensions = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
-            f"{said}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
+            f"{dimensions}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
             f"{dense_px // size} a byte"
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(content)) > MOST_SCANS:

@@ -138,7 +138,7 @@ def risk_coverage(result: Result) -> Picture:
     surface."""
     figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
-    for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
+    for axis, (treatment, words) in zip(axes, TREATMENTS.items(), strict=True):
         for method in methods(result):
             curve = result.curves[
                 (result.curves.method == method.name) & (result.curves.treatment == treatment)
@@ -146,7 +146,9 @@ def risk_coverage(result: Result) -> Picture:
             draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
         axis.set(
-            xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm", title=said
+            xlabel="share of the surface in %",
+            ylabel=f"{result.title(HEADLINE)} in mm",
+            title=words,
         )
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(

@@ -121,7 +121,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         # lays it out: only then is known where points and numbers lie
         picture.draw_without_rendering()
         _number(axis, best, shown, line)
-    told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
+    listed = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(is_known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
     notes = ""
@@ -144,7 +144,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         "points: one "
         f"is.{notes}",
         f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast "
-        f"to slow: {told}.",
+        f"to slow: {listed}.",
         picture,
     )
 
@@ -213,8 +213,8 @@ def parts(setting: Setting) -> list[float]:
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their
     end; and the plan, which many frames share."""
-    told = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
-    known, left_out = sorted(told[:BARS], key=lambda s: sum(parts(s))), len(told[BARS:])
+    with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
+    known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
     lines = sum(name.count("\n") + 1 for name in names)
     figure = Figure(figsize=(COLUMN_IN if narrow() else 9, 1.1 + 0.2 * lines), layout="constrained")

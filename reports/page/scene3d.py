@@ -39,11 +39,13 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     ]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
-        told: Errors = {
+        error_maps: Errors = {
             r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}")
             for r, error_m in errors.items()
         }
-        parts.append((method.name, method.title, result.surface(capture.name, method.name), told))
+        parts.append(
+            (method.name, method.title, result.surface(capture.name, method.name), error_maps)
+        )
     return _scene(capture.name, references, parts)
 
 

@@ -101,11 +101,11 @@ def stage_times(result: Result) -> Grid:
 def effects(result: Result) -> Grid | None:
     """Effects that the scenes called for: each effect's rows over the captures that tell them; None
     where none does."""
-    told: dict[str, list[dict[str, Any]]] = {}
+    by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
-        told.setdefault(str(row.get("effect", "")), []).append(row)
+        by_effect.setdefault(str(row.get("effect", "")), []).append(row)
     rows = []
-    for name, found in told.items():
+    for name, found in by_effect.items():
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
         on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
         rows.append(
@@ -186,13 +186,13 @@ def _mm(value: Any) -> str:
 def provenance(result: Result) -> list[tuple[str, Any]]:
     """Headings and facts of what the result stands on."""
     about = result.about
-    told = {
+    elsewhere = {
         "groundtruth_sigma_rms",
         "registration_residuals_mm",
         "registration_error_at_hand_mm",
         "command",
     }
-    facts = {name: fact for name, fact in about.facts.items() if name not in told}
+    facts = {name: fact for name, fact in about.facts.items() if name not in elsewhere}
     headings = ("Protocol", "Noise and ground truth", "Versions", "Machine")
     parts = zip(headings, (about.protocol, facts, about.versions, about.machine), strict=True)
     return [(heading, facts) for heading, facts in parts if facts]
@@ -210,15 +210,15 @@ def captures(result: Result) -> Grid:
         )
         for c in result.about.captures
     )
-    told = "Captures"
+    caption = "Captures"
     if len(rows) > len(result.scored()):
-        told += "; those of the precision alone are not scored and have no pictures"
+        caption += "; those of the precision alone are not scored and have no pictures"
     headings = ("capture", "pose", "measures", "scored against", "distance (m)")
-    return Grid(told, headings, rows, texts=4)
+    return Grid(caption, headings, rows, texts=4)
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Each method's resolved settings, told once for all captures that share them: title,
+    """Each method's resolved settings, entries once for all captures that share them: title,
     [(captures, settings)]."""
     found = []
     for method in result.about.methods:
@@ -228,18 +228,18 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
                 0
             ].append(capture)
         every = len(groups) == 1 and len(method.config) > 1
-        told = [
+        entries = [
             ("all captures" if every else ", ".join(names), config)
             for names, config in groups.values()
         ]
-        found.append((method.title, told))
+        found.append((method.title, entries))
     return found
 
 
 def command(result: Result) -> str:
-    """The commands that repeat the run, as told by the result; else in general."""
-    told = result.about.facts.get("command")
-    run = told if isinstance(told, str) else "handbench run BENCH.toml -o DIR"
+    """The commands that repeat the run, as recorded by the result; else in general."""
+    recorded = result.about.facts.get("command")
+    run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
 
 

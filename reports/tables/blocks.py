@@ -81,7 +81,7 @@ def _equal_block(result: Result) -> list[Block]:
     )
     lines: list[Line] = []
     for metric in dict.fromkeys(result.equal.metric):
-        for treatment, said in TREATMENTS.items():
+        for treatment, words in TREATMENTS.items():
             table = result.equal[
                 (result.equal.metric == metric) & (result.equal.treatment == treatment)
             ]
@@ -90,7 +90,9 @@ def _equal_block(result: Result) -> list[Block]:
                 unit = rows.unit.dropna().iloc[0]
                 title = f"{result.title(metric)}{on_common_pixels(metric)} ({unit})"
                 stars = outstanding(result, metric, reference, treatment)
-                lines += [replace(line, source=said) for line in _lines(metric, title, rows, stars)]
+                lines += [
+                    replace(line, source=words) for line in _lines(metric, title, rows, stars)
+                ]
     titles = tuple(method.title for method in result.about.methods)
     return [
         Block(reference, EQUAL_HEADING.format(against=AGAINST[reference]), titles, tuple(lines))
@@ -200,7 +202,7 @@ def _digits(value: float, digits: int) -> int:
 
 
 def p_text(p: float | None) -> str:
-    """A p-value with two digits; what is smaller than 0.001 is said to be."""
+    """A p-value with two digits; what is smaller than 0.001 is words to be."""
     if not is_known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
@@ -275,9 +277,11 @@ def floor_note(result: Result) -> str:
     """A sentence for the captions of pictures that show errors, with a blank before it: the floors
     that are known and not zero, the largest of the methods'. Empty without one."""
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
-    told = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
+    known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
     known = ", ".join(
-        f"{number(v, three_digits(v))} mm against {reference}" for reference, v in told if v > 0
+        f"{number(v, three_digits(v))} mm against {reference}"
+        for reference, v in known_floors
+        if v > 0
     )
     return (
         f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}."

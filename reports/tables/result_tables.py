@@ -51,23 +51,23 @@ def _claim(result: Result, first: str, second: str) -> str:
     if lines.empty:
         return ""
     titles = {method.name: method.title for method in result.about.methods}
-    told = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
-    common = [told[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in told]
-    over = [told[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in told]
+    amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
+    common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
+    over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]
     untested = lines.p_corrected.isna().all()
     few = (
         f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)"
         if untested
         else ""
     )
-    said = [_joined(told) or "not compared" for told in (common, over)]
+    summaries = [_joined(amounts) or "not compared" for amounts in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
-    return f"{between}, on the pixels that all see: {said[0]}; over completeness: {said[1]}{few}"
+    return f"{between}, on the pixels that all see: {summaries[0]}; over completeness: {summaries[1]}{few}"
 
 
-def _joined(told: list[tuple[str, str]]) -> str:
+def _joined(findings: list[tuple[str, str]]) -> str:
     """Findings (who, by how much) in words; who is ahead twice is named once."""
-    groups = groupby(told, key=lambda finding: finding[0])
+    groups = groupby(findings, key=lambda finding: finding[0])
     return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
 
 
@@ -131,7 +131,7 @@ def comparisons_markdown(result: Result) -> str:
     """Every tested difference: in words, with its p and size. Empty where nothing was compared."""
     if result.comparisons.empty:
         return ""
-    said = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
+    bullets = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
     lines = (
         (
             escaped(c.sentence),
@@ -143,7 +143,7 @@ def comparisons_markdown(result: Result) -> str:
         for c in each(result.comparisons)
     )
     return (
-        f"# {escaped(result.about.name)}: which method is better\n\n{said}\n"
+        f"# {escaped(result.about.name)}: which method is better\n\n{bullets}\n"
         "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); "
         "effect: the "
         "difference over the standard deviation of the paired differences.\n\n"
