@@ -65,9 +65,9 @@ def reconstruct(
 
 
 class Images(NamedTuple):
-    """Results of the frames. seconds: from echoes in memory to each depth map, the engine's plan
-    being made already; the time of the plan, if known; the largest relative error of frame 0's
-    images by their certificate, if the engine made them."""
+    """Results of the frames. seconds: from echoes in memory to each depth map, with the engine's
+    plan made already; plan_s: time of the plan, if known; image_error: largest relative error of
+    frame 0's images by their certificate, if the engine made them."""
 
     results: list[Reconstruction]
     seconds: list[float]

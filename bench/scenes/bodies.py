@@ -66,7 +66,8 @@ def bodies(scene: Scene) -> list[PhotoBody]:
 
 
 def texture_seed(scene: Scene) -> int:
-    """Textures take small numbers above their seed: keep those of neighbouring scenes apart."""
+    """Seed of a scene's textures. They add small numbers to it, so seeds of neighbouring scenes are
+    spaced."""
     return 1000 * (scene.file.seed + 1)
 
 

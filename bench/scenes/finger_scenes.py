@@ -1,5 +1,5 @@
 """Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic.
-Maxwell's equations have exact solutions for them, which the tests hold simulations against."""
+For these, Maxwell's equations have exact solutions; tests compare simulations with them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Cylinder:
     radius_m: float
 
     def mesh(self) -> TriangleMesh:
-        """Its mesh, the ends closed."""
+        """Mesh of the cylinder, with closed ends."""
         around = int(np.ceil(2 * np.pi * self.radius_m / AROUND_M))
         along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
         made = cylinder_mesh(self.radius_m, 2 * HALF_LENGTH_M, around, along)
@@ -40,15 +40,15 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class CoatedSphere:
-    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its
-    own."""
+    """A sphere in the radar frame. coat_m: thickness of its outer layer, which has its own
+    dielectric."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
     coat_m: float = 0.0
 
     def mesh(self) -> TriangleMesh:
-        """Its mesh."""
+        """Mesh of the sphere."""
         return sphere_mesh(self.radius_m, AROUND_M / 2).translate(self.centre_m)
 
 
@@ -60,7 +60,7 @@ def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
 
 
 def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """A finger whose axis is 34 mm before the palm's front."""
+    """A finger whose axis is 34 mm in front of the palm's front."""
     return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
 
 
@@ -87,7 +87,7 @@ NAMED = {  # "SCENE, MATERIAL": both
 
 
 def body(shapes: Sequence[Shape], material: str) -> Body:
-    """Cylinders, with closed ends, and spheres as one body of meshes."""
+    """Cylinders, with closed ends, and spheres as one body."""
     made = load_open3d().geometry.TriangleMesh()
     for shape in shapes:
         made += shape.mesh()

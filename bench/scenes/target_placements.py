@@ -1,5 +1,5 @@
-"""Placements of the calibration target, made as well as its description says; and the cloud of
-points that eight cameras would reconstruct of it, with errors like theirs."""
+"""Placements of the calibration target, manufactured within its tolerances; and the point cloud
+that eight cameras would reconstruct of it, with realistic errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ MADE = "made.toml"  # the target as it was really made, beside the scene
 
 @dataclass(frozen=True)
 class Placement:
-    """One placement. scene: as it stands; described: what the user believes the target to be."""
+    """One placement. scene: the true one; described: the target as its description says."""
 
     number: int
     scene: Scene
@@ -29,9 +29,9 @@ class Placement:
 
 
 def placement(number: int, folder: Path, **more: Any) -> Placement:
-    """Placement `number`: distance 0.26 to 0.32 m, 20 mm aside, turned by ±30° about each axis; the
-    board's frame and the antennas' polarisation drawn too, and the target's making within its
-    description's tolerances. more: further tables of the scene file."""
+    """Draw placement `number`: distance 0.26 to 0.32 m, 20 mm sideways, turned by ±30° about each
+    axis; the board's frame, the antennas' polarisation and the target's errors of manufacture are
+    drawn too. more: further tables of the scene file."""
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
-    """One rig and one target, which stands elsewhere in each of `count` captures."""
+    """One rig and one target, at different places in `count` captures."""
     first = placement(number, folder / str(number))
     found = [first]
     for other in range(number + 1, number + count):
@@ -72,7 +72,7 @@ def placements(number: int, count: int, folder: Path) -> list[Placement]:
 
 
 def manufactured_target(target: Target, rng: np.random.Generator) -> Target:
-    """The target as a workshop makes it, drawn from the tolerances of its description."""
+    """A target as manufactured, with errors drawn from the tolerances of its description."""
     return target.model_copy(
         update={
             "foam_permittivity": max(
@@ -108,9 +108,9 @@ CAMERAS = 8
 def optical_cloud(
     placed: Placement, seen: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see,
-    behind no other sphere, and the plate's. seen: indices of the elements that are not covered, all
-    by default."""
+    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that at least two cameras see,
+    not hidden by another sphere, and those of the plate. seen: indices of the elements that are not
+    covered; default: all."""
     scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
     rng = np.random.default_rng([placed.number, 8])
@@ -153,8 +153,8 @@ def _sees(
     centres_m: np.ndarray,
     radii_m: np.ndarray,
 ) -> np.ndarray:
-    """True where a camera sees each point [n] of a sphere: not too steeply, and past all
-    spheres."""
+    """True where a camera sees a point [n] of a sphere: not too obliquely, and not hidden by a
+    sphere."""
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

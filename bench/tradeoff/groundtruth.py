@@ -1,5 +1,5 @@
-"""Photographs × their size × quality of the depth maps: how near the measured surface comes to the
-true one."""
+"""The ground-truth section: number of photographs × their size × quality of the depth maps, and the
+distance of the measured surface to the true one."""
 
 import tempfile
 from collections.abc import Iterator
@@ -44,10 +44,9 @@ Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny,
 
 
 def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
-    """Reconstruct the first capture that has photographs and a known true surface by every setting.
-    A setting that is refused has neither error nor time. Settings that differ in quality alone
-    share the cameras' poses, whose time counts for each. Raises HandbenchError where there is no
-    such capture."""
+    """Reconstruct the first capture with photographs and a true surface by every setting. A refused
+    setting has no error and no time. Settings that differ only in quality share the cameras' poses,
+    whose time counts for each. Raises HandbenchError if there is no such capture."""
     for recorded in (open_capture(each.folder) for each in inputs.captures):
         pictures, surface, transform = (
             recorded.photos,
@@ -117,8 +116,8 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
 def radar_side(
     surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
 ) -> Grid:
-    """The places of the true surface that rays along +z meet first, in the radar frame, one per
-    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop
+    """First intersections of rays along +z with the true surface, in the radar frame, one for each
+    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx]. NaN outside the surface and outside the crop
     box [2, 3] of the photo frame."""
     low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
@@ -133,14 +132,14 @@ def radar_side(
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """`count` of the photographs, evenly through their order, which on a rig goes round the
+    """`count` of the photographs, evenly spaced in their order, which on a rig goes around the
     target."""
     return tuple(photos[i * len(photos) // count] for i in range(count))
 
 
 def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
-    """Write the photographs, their longer side `long_px` pixels at most, with what lies beside
-    them: their cameras, whose intrinsics shrink alike, and the board."""
+    """Write the photographs, reduced to a longer side of at most `long_px` pixels, with the other
+    files of their folder: the cameras, with intrinsics scaled by the same factor, and the board."""
     from PIL import Image
 
     folder.mkdir(parents=True)
@@ -169,8 +168,8 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:
-    """Distances of a reconstruction's observed points (radar frame) to the true surface, in place
-    of errors along z."""
+    """Distances of a reconstruction's observed points (radar frame) to the true surface, as an
+    error map in place of errors along z."""
     x_m, y_m, z_m = side
     found_m = reference_on_grid(surface, x_m, y_m).z_m
     points_m = np.stack([*np.meshgrid(x_m, y_m), found_m], axis=-1)

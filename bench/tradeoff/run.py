@@ -1,4 +1,4 @@
-"""The sweep: sections one after the other, and the folder that they fill."""
+"""The sweep: its sections one after the other, and the trade-off folder."""
 
 import os
 import shutil
@@ -65,9 +65,9 @@ def run(
     sections: tuple[str, ...] | None = None,
     overwrite: bool = False,
 ) -> Tradeoff:
-    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds
-    the same trade-off of the same inputs and versions is read, not measured again, unless
-    `overwrite` asks for it."""
+    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder with the
+    same trade-off of the same inputs and versions is read, not measured again, unless
+    `overwrite`."""
     sweep = complete_sweep(bench.tradeoff)
     if sections is not None:
         sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
@@ -97,8 +97,8 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """True where the folder's configuration is this one; another's trade-off and a run's results
-    are not mixed with."""
+    """True if the folder has this configuration. Refuses the trade-off of another configuration,
+    and a run's results."""
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"
@@ -112,10 +112,10 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
 
 
 def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
-    """Open or simulate the captures, as a run without methods does; photographs become meshes only
-    where they have to score, which is where a capture has no true surface. Of scenes alone, which
-    tell theirs, one is photographed, if ground truth is swept. Raises HandbenchError where nothing
-    is left to score."""
+    """Open or simulate the captures, as a run without methods does. Photographs become meshes only
+    if they are needed for scoring, which is if a capture has no true surface. If all captures are
+    scenes, which have one, only the first is photographed, and only if ground truth is swept.
+    Raises HandbenchError if no capture can be scored."""
     assert bench.tradeoff is not None
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
@@ -149,8 +149,8 @@ def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
 
 
 def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], dict[str, Any]]:
-    """The sections in order, ranked, and facts about them; one that fails is said and recorded,
-    unless all do."""
+    """Measure and rank the sections in order; returns them with facts about them. A section that
+    fails is reported and recorded; if all fail, a HandbenchError is raised."""
     found: list[MeasuredSection] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
@@ -187,7 +187,8 @@ def _write(
     measured: list[MeasuredSection],
     facts: dict[str, Any],
 ) -> None:
-    """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
+    """Write the folder. Earlier figures are removed only when the new ones are complete;
+    tradeoff.json is written last."""
     drop(folder, FILES)
     write_config(folder, config)
     for one in measured:
@@ -208,14 +209,14 @@ def _write(
 
 
 def setting_path(folder: Path, name: str) -> Path:
-    """The place of a setting in a trade-off folder."""
+    """The path of a setting's file in a trade-off folder."""
     return folder / SETTINGS / f"{name}.toml"
 
 
 def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSection) -> None:
-    """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of
-    its own, the captures and the calibration's targets: the same files under another name (hard
-    links), copies where the file system has none."""
+    """Write settings/NAME.toml. A benchmark reads only its own folder, so the captures and the
+    calibration's targets are put there too, as hard links, or as copies if the file system has
+    none."""
     captures, targets = (
         _link_captures(some, folder / SETTINGS, inputs)
         for some in (inputs.captures, inputs.targets)
@@ -244,8 +245,8 @@ def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSecti
 def _link_captures(
     captures: Iterable[RunCapture], into: Path, inputs: TradeoffInputs
 ) -> tuple[Source, ...]:
-    """The captures' places in the folder: under its own path, which some data sets take names from,
-    one that was recorded; under its name one that was simulated."""
+    """Link the captures into a folder. A recorded capture keeps its path, from which some data sets
+    take names; a simulated one gets its name."""
     sources = []
     for capture in captures:
         folder = capture.folder.resolve()

@@ -1,6 +1,6 @@
-"""The sections that simulate scenes of their own. Simulation: sampling × which effects are on, held
-to the finest sampling with all effects. Registration: how many captures of the calibration target
-are combined, and the transform's error where hands are."""
+"""The sections that simulate their own scenes. Simulation: sampling × effects that are on, compared
+with the finest sampling and all effects. Registration: number of captures of the calibration target
+that are combined, and the transform's error where hands are."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -47,8 +47,8 @@ NEAR_M = 0.03  # depths are compared as far along the cylinders, where their end
 
 @dataclass(frozen=True)
 class SimulationVariant:
-    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance,
-    as auto chooses."""
+    """One way to simulate: the samplings, and the effects, either by those left out or by "auto"
+    with a tolerance."""
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
@@ -58,7 +58,7 @@ class SimulationVariant:
 
     @property
     def words(self) -> str:
-        """The sampling, where it is not the ordinary one, and the effects."""
+        """The sampling, if it is not the default, and the effects."""
         words = {
             "facets_per_wavelength": "{:g} facets per wavelength",
             "mirrors_per_wavelength": "{:g} mirrors per wavelength",
@@ -82,7 +82,7 @@ class SimulationVariant:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """Its values that are not the ordinary ones."""
+        """Values that are not the defaults."""
         return {
             key: value
             for key, value in asdict(self).items()
@@ -90,7 +90,7 @@ class SimulationVariant:
         }
 
     def simulate(self, target: Body) -> RadarCapture:
-        """The echoes of one frame."""
+        """Simulate the echoes of one frame."""
         scene = EchoScene(
             qar50(),
             TONES_HZ,
@@ -103,7 +103,7 @@ class SimulationVariant:
         return simulate_scene(scene, self.choices(scene)).capture
 
     def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
-        """The rows of the effects."""
+        """Rows of the effects."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
         left = [
@@ -117,8 +117,8 @@ class SimulationVariant:
 
 
 def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
-    """Simulate the scenes every way, in turns; the reference, the finest of all samplings with all
-    effects, once."""
+    """Simulate the scenes by every variant, in turns; the reference, with the finest sampling and
+    all effects, once."""
     knobs = inputs.sweep.simulation
     bodies = [
         body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)
@@ -152,7 +152,7 @@ def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
-    """Each once."""
+    """All variants of the knobs, without duplicates."""
     facets, mirrors, nodes = (
         knobs.facets_per_wavelength,
         knobs.mirrors_per_wavelength,
@@ -172,14 +172,15 @@ def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
 
 
 def depths_m(capture: RadarCapture) -> np.ndarray:
-    """Depths of the 3-FSK map where the cylinders' ends do not count."""
+    """Depths of the 3-FSK map in the middle of the cylinders, away from their ends."""
     chosen = method(METHOD)
     depth = chosen.run(capture, chosen.configure({}, "simulation"), 0).depth
     return depth.z_m[np.abs(depth.y_m) < NEAR_M]
 
 
 def map_difference(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
-    """Mean |Δz| in mm of the pixels that both maps have, and these over those that either has."""
+    """Mean |Δz| in mm over the pixels that both maps have, and the number of these divided by the
+    number of pixels that either map has."""
     here, there = np.isfinite(ours_m), np.isfinite(reference_m)
     both, either = here & there, here | there
     off_mm = 1e3 * np.abs(ours_m - reference_m)[both]
@@ -195,8 +196,8 @@ VOLUME_M = np.array(
 
 @dataclass(frozen=True)
 class TargetMeasurement:
-    """The measurement of a rig's capture of the target
-    (`calibration.registration.register.measure`), and in how many seconds."""
+    """The measurement of a target in one capture (`calibration.registration.register.measure`),
+    with its seconds."""
 
     placed: Placement
     pairs: Pairs
@@ -205,8 +206,8 @@ class TargetMeasurement:
 
 
 def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
-    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as
-    each setting says; every capture takes part in one combination of each number at most."""
+    """Capture the target `max(captures)` times with each of `trials` rigs, and combine as many
+    captures as each setting has. For each number, a capture is part of at most one combination."""
     knobs = inputs.sweep.registration
     compile_kernels()
     failures: list[Failure] = []
@@ -257,15 +258,15 @@ def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def measure_placement(placed: Placement) -> TargetMeasurement:
-    """Simulate a placement's echoes and the cloud of its photographs, and measure the target in
-    both."""
+    """Simulate the echoes and the photographs' point cloud of a placement, and measure the target
+    in both."""
     cloud, capture = optical_cloud(placed), echoes(placed.scene).capture
     (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, capture, placed.described))
     return TargetMeasurement(placed, pairs, common_m2, seconds)
 
 
 def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
-    """Several captures of one rig as one transform."""
+    """Combine several captures of one rig into one transform."""
     common_m2 = np.mean([one.common_m2 for one in group], axis=0)
     sigma_m = group[0].placed.described.ball_offset_sigma_m
     return register.combine(
@@ -274,13 +275,13 @@ def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
 
 
 def errors_m(found: Transform, true: Transform) -> np.ndarray:
-    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where
-    hands are."""
+    """Distances [n] between the images of the points of VOLUME_M, where hands are, under both
+    transforms."""
     return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
 
 
 def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
-    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None
+    """95 % interval of a root mean square from the mean squares [n], m², of independent rigs; None
     for too few."""
     found = mean_interval(1e6 * square_m2)
     return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)

@@ -70,8 +70,8 @@ def scene_problems(path: Path) -> Found[CheckedCapture]:
 
 
 def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
-    """A benchmark's own keys; every method with its configuration; every capture and scene, and
-    whether the methods can image it and something can score it."""
+    """Check a benchmark's keys; every method with its configuration; every capture and scene,
+    whether the methods can image it, and whether it can be scored."""
     yield from found.complaints(BenchFile, found.values)
     methods = yield from _methods(found)
     calibrated = "calibration" in found.values
@@ -113,8 +113,8 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
 
 
 def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
-    """The tables of a key, each with its place, also where there is but one. What is wrong by
-    itself is left out: the complaints about the file as a whole name it."""
+    """The tables of a key, each with its place; a single table counts as a list. Malformed tables
+    are left out, because the complaints about the entire file name them."""
     given = found.values.get(key, [])
     tables = {
         (key, index): table
@@ -138,7 +138,7 @@ def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[L
 
 
 def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
-    """The entries of handbench's own methods, of those that are well formed."""
+    """The well-formed entries of handbench's own methods."""
     own = []
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
@@ -153,7 +153,7 @@ def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
 def _source(
     found: ParsedFile, at: Location, source: Origin, scored: bool = True
 ) -> Found[CheckedCapture | None]:
-    """The scene or the capture that a benchmark names."""
+    """Check the scene or the capture that a benchmark names."""
     key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
     path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
     if path is None:
@@ -177,7 +177,7 @@ def _imaged(
     facts: CheckedCapture,
     methods: Sequence[MethodEntry],
 ) -> Iterator[Problem]:
-    """Problems of captures that lack the tones or the frames that a method takes."""
+    """Problems of captures that lack the tones or the frames that a method needs."""
     name = facts.about.name if facts.about else ""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if facts.frames is None else facts.frames
@@ -201,7 +201,7 @@ def _imaged(
 def _maps(
     found: ParsedFile, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
 ) -> Iterator[Problem]:
-    """Captures of which a folder of depth maps has none, and depth maps that a run would refuse."""
+    """Captures without a depth map in a folder of maps, and depth maps that a run would refuse."""
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.maps is None:
             continue

@@ -63,9 +63,9 @@ LOOKED_AT, FEWEST_SEEN = (
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """Facts of a capture that a benchmark must know: its description (None: not readable),
-    frequencies [f], number of frames (None: as many as asked for), whether it can be scored,
-    without and with a transform from elsewhere, and what it lacks to calibrate with."""
+    """Facts of a capture for the checks of its benchmark: its description (None: unreadable),
+    frequencies [f], number of frames (None: any), whether it can be scored, with and without a
+    transform from elsewhere, and what it lacks for a calibration."""
 
     about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
@@ -74,8 +74,8 @@ class CheckedCapture:
     lacks: tuple[str, ...] = ()
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
-        """The reason why a method, configured as its sensor and `asked` want it, cannot image the
-        capture's tones."""
+        """The reason why a method, configured by the capture's description and by `asked`, cannot
+        image the capture's tones; None if it can."""
         if self.about is None or self.frequencies_hz is None:
             return None
         try:
@@ -98,15 +98,15 @@ def is_native(folder: Path) -> bool:
 
 
 def is_of_photographs(folder: Path) -> bool:
-    """True if pictures lie in the folder itself, and no capture does."""
+    """True if the folder itself has pictures and is not a capture."""
     return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(
         folder
     )
 
 
 def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
-    """All problems of a capture, of any form; what is missing is one only where something needs it.
-    scored: whether a reference is needed; None: its absence is a warning."""
+    """All problems of a capture of any form. A missing file is a problem only if something needs
+    it. scored: whether a reference is needed; None: a missing one is a warning."""
     native = is_native(folder)
     capture = (
         NativeCapture(folder)
@@ -148,7 +148,7 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
-    """A capture.toml, and the problems of the files, the lengths and the methods that it names."""
+    """A capture.toml, and the problems of the files, lengths and methods that it names."""
     sheet, about = yield from parse_model(
         CaptureFile, folder / DESCRIPTION, "a capture description"
     )
@@ -178,7 +178,7 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
 def method_problems(
     sheet: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
-    """An id that no method has, and what is wrong with its configuration."""
+    """Problems of a method's id and of its configuration."""
     chosen = yield from sheet.attempt(at_id, lambda: method(id))
     return (
         None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
@@ -214,7 +214,7 @@ def _target(file: Path) -> Iterator[Problem]:
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
-    """All problems of a folder of photographs, its cameras.json and its board.toml; scaled: one of
+    """All problems of a folder of photographs, its cameras.json and its board.toml. scaled: one of
     these must give the scale."""
     photos = yield from attempt(folder, lambda: find_photos(folder))
     described, cameras = folder / "board.toml", folder / "cameras.json"
@@ -240,9 +240,9 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> list[str]:
-    """A warning about the board's unit: its corners lie out of reach, or the first photograph that
-    shows it, with a camera's focal length or the photograph's own, was taken from further or nearer
-    than cameras stand about a hand."""
+    """A warning about the board's unit: its corners are out of reach, or the first photograph that
+    shows it was taken from an implausible distance, by a camera's focal length or the photograph's
+    own."""
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px
 
     corners_m = {

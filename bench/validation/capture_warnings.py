@@ -1,5 +1,6 @@
-"""Doubts about data that every reader takes: sentences with what seems wrong and its cure. None is
-sure; all are cheap beside the hours that wrong data cost."""
+"""Warnings about a capture's or an image's data, which every reader accepts: sentences with the
+likely mistake and its remedy. None is certain; all cost little compared with the hours that wrong
+data cost."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -40,8 +41,9 @@ PROBES = (
 
 
 def make(folder: Path, capture: str) -> None:
-    """The stage of a run that inspects a capture: doubts → DOUBTS, each said once. What cannot be
-    looked into is told by the stages that need it."""
+    """The stage of a run that inspects a capture. Prints each warning once and writes all to
+    INSPECTION. Captures that cannot be read are skipped: the stages that need them report the
+    error."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
             doubts = list(warnings_of_capture(open_capture(capture)))
@@ -53,8 +55,8 @@ def make(folder: Path, capture: str) -> None:
 
 
 def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
-    """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface,
-    its frames."""
+    """Warnings about a capture: its arrays and tones, the focus of its echoes and, if it has a
+    surface, its frames."""
     capture = recorded.echoes(1)
     plain = list(array_warnings(capture))
     yield from plain
@@ -96,10 +98,10 @@ def _likely_mistake(
     depths: tuple[DepthMap, ...],
     start_m: float,
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface, which begins start_m away,
-    best; two where one in the order of the data explains it as well as one of frames, as exchanged
-    antennas of an array that is its own mirror image. Others than that of the antennas are looked
-    for only where no frame or unit explains the images."""
+    """The mistake without which an image fits its surface best, if any fits well. Two are returned
+    if one in the order of the data fits as well as one of frames, as for exchanged antennas of an
+    array that is its own mirror image. start_m: distance of the surface. Mistakes other than those
+    of the antennas are tried only if no frame or unit explains the images."""
     as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max(
         (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
@@ -125,9 +127,10 @@ def _likely_mistake(
 def _corrections(
     capture: RadarCapture, every: bool
 ) -> Iterator[tuple[str, str, RadarCapture, float]]:
-    """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the
-    capture without it, and by how much larger all that it shows then is: a phase cannot tell half
-    the path from half the scene. every: those in the tones and the phases too."""
+    """Corrections of mistakes in the order and the phases of a capture's data. Each has the
+    mistake's name, its remedy, the corrected capture, and the factor by which its scene is then
+    larger, because a phase does not distinguish half the path from half the scene. every: also
+    mistakes in tones and phases."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
@@ -163,8 +166,8 @@ def _corrections(
 
 
 def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Doubts about a depth map and, where there are some, about the echoes that it was imaged
-    from."""
+    """Warnings about a depth map and, if there are any, about the echoes from which it was
+    imaged."""
     about = list(map_warnings(depth))
     yield from about
     try:
@@ -174,8 +177,8 @@ def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:
-    """The capture's surface in the radar's frame: the true one, or the measured one where a
-    transform carries it."""
+    """The capture's surface in the radar's frame: the true one, or the measured one if a transform
+    carries it there."""
     if recorded.truth is not None:
         return read_surface(recorded.truth)
     mesh, transform = recorded.mesh(), recorded.transform()
@@ -187,8 +190,8 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
 def _depth_map(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
-    """The depth map of the first of PROBES that the capture's tones serve, and its configuration;
-    first_depth_m: where those that begin with a depth do (None: at their own)."""
+    """The depth map by the first method of PROBES that can use the capture's tones, and its
+    configuration. first_depth_m: first depth for methods that have one (None: their default)."""
     for name in PROBES:
         begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
         begun = begun and FIRST in method(name).config.model_fields

@@ -1,10 +1,10 @@
-"""Every check of a thing that can be read, in one list: its subject, its name, when it applies, its
+"""A list of all checks: the kind of thing that each applies to, its name, its condition, and its
 advice.
 
-The facts of a thing (an array, a depth map, a photograph of a board, …) are a dictionary of plain
-values; a check's `found` and its advice, a format string, take them by name. Files that cannot be
-read need no check: their readers say why. doubts.py and mistakes.py form the facts that take
-images; benchmark_problems.py checks that captures, methods and depth maps go together.
+The facts about a thing (an array, a depth map, a photograph of a board, …) are a dictionary of
+plain values; a check's `found` and its advice, a format string, take them by name. Unreadable files
+need no check: their readers report why. capture_warnings.py and mistakes.py compute facts that need
+images; benchmark_problems.py checks that captures, methods and depth maps fit together.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ Facts = Mapping[str, Any]
 
 
 class Check(NamedTuple):
-    """A check of one kind of thing: found(facts) is true where the advice applies; fails: a run
-    would fail, too."""
+    """A check of one kind of thing. found: called with the facts, true if the advice applies;
+    fails: a run would fail, too."""
 
     of: str
     name: str
@@ -290,14 +290,14 @@ CHECKS = (
 
 
 def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
-    """The advice of every check of this kind of thing that finds something in the facts."""
+    """The advice of all checks of this kind whose condition holds for the facts."""
     return (
         check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts)
     )
 
 
 def echo_warnings(capture: RadarCapture) -> Iterator[str]:
-    """Warnings about a capture by itself: its antennas, its tones, its pairs."""
+    """Warnings about a capture's echoes: its antennas, its tones, its pairs."""
     yield from array_warnings(capture)
     yield from pair_warnings(capture)
 
@@ -341,8 +341,7 @@ def surface_warnings(surface: Surface) -> Iterator[str]:
 
 
 def mesh_warnings(surface: Surface) -> Iterator[str]:
-    """Warnings about a surface by itself: inside out, if it is closed; full of holes, if it is
-    not."""
+    """Warnings about a surface: inside out, if it is closed; full of holes, if it is not."""
     edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
     facts = {
@@ -353,7 +352,7 @@ def mesh_warnings(surface: Surface) -> Iterator[str]:
 
 
 def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[str]:
-    """Warnings about radar_from_photo, and about where it carries the mesh."""
+    """Warnings about radar_from_photo, and about the place to which it carries the mesh."""
     facts = {
         "offset_m": float(np.abs(transform.matrix[:3, 3]).max()),
         "scale": transform.scale,
@@ -363,7 +362,7 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 
 def map_warnings(depth: DepthMap) -> Iterator[str]:
-    """Warnings about a depth map by itself."""
+    """Warnings about a depth map without a reference."""
     facts = {
         "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
         "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
@@ -374,7 +373,7 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
-    """Warnings about the figures of a map against a surface."""
+    """Warnings about a depth map's figures against a surface."""
     mean_mm, accuracy, z = (
         values["mae_mm"],
         values["relative_accuracy_percent"],
@@ -394,7 +393,8 @@ def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -
 
 
 def result_warnings(result: Result) -> Iterator[str]:
-    """Warnings that a run has recorded, what failed, and figures that no image has."""
+    """Warnings about a result: those that the run recorded, its failures, and figures that are
+    implausible for any image."""
     for capture, texts in result.about.facts.get("doubts", {}).items():
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
@@ -412,8 +412,8 @@ def result_warnings(result: Result) -> Iterator[str]:
 
 
 def flagged_share(depth: DepthMap) -> float | None:
-    """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or
-    without pixels."""
+    """Share of the pixels on target with a p_gross above FLAGGED; None without p_gross or without
+    pixels."""
     seen = np.isfinite(depth.z_m)
     return (
         None

@@ -1,4 +1,4 @@
-"""Everything that can be wrong with any file that handbench reads, found before hours are spent."""
+"""Inspection of any file that handbench reads, for all problems at once."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -41,12 +41,9 @@ DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "ch
 
 
 def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
-    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many
-    there are.
-
-    mesh, transform: the surface of a depth map, and what carries it into the radar frame. Raises
-    HandbenchError if there is a problem that is more than a warning.
-    """
+    """Print every problem of every input, FILE:LINE: problem; what to do, and their number at the
+    end. mesh, transform: the surface of a depth map, and what carries it into the radar frame.
+    Raises HandbenchError if there is a problem that is more than a warning."""
     problems = warnings = 0
     for name in inputs:
         found = dict.fromkeys(inspect(name, mesh, transform))
@@ -67,8 +64,7 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
 def inspect(
     name: str, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """Everything that is wrong with an input; where no run would fail, what its captures' images
-    show, as warnings."""
+    """All problems of an input; if no run would fail, also warnings from images of its captures."""
     found = list(problems_of(name, None, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
@@ -88,7 +84,7 @@ def _image_warnings(folder: Path) -> list[str]:
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
-    """The capture folders of an input: a folder of them, or a benchmark's, which is loaded as a run
+    """The capture folders of an input: a folder of them, or those of a benchmark, loaded as a run
     does."""
     if path.is_dir():
         return () if is_of_photographs(path) or _is_result(path) else captures(path)
@@ -161,7 +157,7 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
-    """A depth map by itself, and against a surface."""
+    """Check a depth map, also against a surface if one is given."""
     depth = yield from attempt(path, partial(load_depthmap, path))
     if depth is None:
         return
@@ -185,7 +181,7 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
 
 
 def _read_json(path: Path) -> Any:
-    """Cameras, an array's calibration, or a transform."""
+    """Read cameras, an array's calibration, or a transform."""
     content = read_json(path, "cameras, an array's calibration or a transform")
     keys = content.keys() if isinstance(content, dict) else set()
     if "cameras" in keys:
@@ -196,7 +192,7 @@ def _read_json(path: Path) -> Any:
 
 
 def _description(path: Path) -> Iterator[Problem]:
-    """A scene, a target, a board or a benchmark."""
+    """Check a scene, a target, a board or a benchmark."""
     found = yield from parse_lines(path, "a benchmark or a scene")
     if found.values is None:
         return
