@@ -26,17 +26,17 @@ File = str | Path
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
-    """Read what lies at a path.
+    """Read the file or folder at a path.
 
     Args:
-        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
-            a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
+        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder, a
+            depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
 
     Returns:
         Capture, Result, Depth, Surface or Transform.
 
     Raises:
-        HandbenchError: nothing that handbench reads lies there.
+        HandbenchError: the path is none of these.
     """
     path = Path(path)
     if path.suffix == ".npz":
@@ -146,7 +146,7 @@ class Capture:
 
 
 class Plottable:
-    """A thing with a figure, which notebooks show."""
+    """An object with a figure, which notebooks show."""
 
     def plot(self, file: File | None = None) -> Figure:
         """Draw it as seen from the array: x grows to the left.

@@ -98,8 +98,8 @@ def in_rounds(
     Args:
         settings: by name.
         rounds: how often.
-        measure: returns a setting's lines, one or several (of captures, for instance), or none if it is
-            refused.
+        measure: returns a setting's lines, one or several (of captures, for instance), or none if
+            it is refused.
         title: of the progress.
 
     Returns:

@@ -1,4 +1,4 @@
-"""`handbench evaluate`: how far a depth map is from a mesh."""
+"""`handbench evaluate`: the errors of a depth map against a mesh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Depth map × mesh → metrics on stdout: a table on a terminal, else JSON; doubts come first."""
+    """Depth map × mesh → metrics on stdout (a table on a terminal, else JSON), after any
+    warnings."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.floor import floor_interval
@@ -61,9 +62,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
-    """The figures as a person reads them. An interval speaks of captures, of which one map is one:
-    it has none but that of the ground-truth floor, where the surface and its registration know
-    their errors."""
+    """The figures as a table. Intervals are over captures, and one map is one capture, so only the
+    ground-truth floor has one, if the surface and its registration have a known uncertainty."""
     from rich.console import Console
     from rich.table import Table
 

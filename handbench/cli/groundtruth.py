@@ -57,7 +57,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """The options' values by the names of the configuration."""
+    """The options' values, by the names of the configuration."""
     from handbench.groundtruth.options import Options
 
     return {

@@ -20,8 +20,8 @@ SECTIONS = {  # as commands.toml names them → title
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print everything that has a name: of one section, with a text in the name or the line about
-    it, if asked for."""
+    """Print everything that has a name; optionally of one section, and with a text in the name or
+    in its line."""
     wanted = (options.filter or "").casefold()
     printed = False
     for section in [options.section] if options.section else SECTIONS:

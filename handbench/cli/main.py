@@ -1,5 +1,6 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
+"""The command line: handbench COMMAND. Heavy libraries are imported only after a command is
+chosen."""
 
 import argparse
 import errno
@@ -36,8 +37,8 @@ GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps
-    its traceback."""
+    """Run one command. A known error prints one line on stderr and gives exit code 2, an unknown
+    one keeps its traceback."""
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -87,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _drain() -> None:
-    """Give up what stdout cannot take, so that Python does not try again as it ends."""
+    """Discard output that stdout cannot take, so that Python does not write it again at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -95,7 +96,8 @@ def _drain() -> None:
 
 
 def _require_addresses() -> None:
-    """HandbenchError where `ulimit -v` leaves the libraries and their threads too little."""
+    """Raise a HandbenchError if `ulimit -v` leaves too little for the libraries and their
+    threads."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
@@ -105,7 +107,7 @@ def _require_addresses() -> None:
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """The device that the command images on, if it images."""
+    """The device on which the command images, if it images."""
     if "device" not in options:
         return nullcontext()
     from handbench.radar.imaging.device import use_device

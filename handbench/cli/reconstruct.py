@@ -1,4 +1,4 @@
-"""`handbench reconstruct`: one capture imaged by one method."""
+"""`handbench reconstruct`: image one capture by one method."""
 
 import argparse
 import tomllib
@@ -78,9 +78,9 @@ def run(options: argparse.Namespace) -> None:
 def _imaged(
     task: ImagingTask, options: argparse.Namespace
 ) -> tuple[Reconstruction, ImagingTask, Certificate]:
-    """The method's result with the settings that it took, and its images' certificate, which keeps
-    the tolerance where that is relative to the image: by a tolerance ten times finer, or by the
-    exact sum."""
+    """The method's result, its settings, and the certificate of its images. A tolerance relative to
+    the image is kept, if the certificate exceeds it, by imaging again with a tenth of it, or
+    exactly."""
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -107,7 +107,8 @@ def _check(
     most: float,
     options: argparse.Namespace,
 ) -> None:
-    """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
+    """Print how far the volume is from the exact sum; HandbenchError if it is further than
+    `most`."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(
         volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check

@@ -1,4 +1,4 @@
-"""`handbench report`: what there is to read of results."""
+"""`handbench report`: reports of results."""
 
 import argparse
 
@@ -6,7 +6,7 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Result folder → report; several → their methods in one ranking, with the report of each."""
+    """Result folder → report; several → a ranking of their methods, with the report of each."""
     from handbench.bench.results import load
     from handbench.bench.results.ranking import rank_methods
     from handbench.reports.page import html, leaderboard

@@ -47,7 +47,7 @@ TURNS = {
 
 
 def run(options: argparse.Namespace) -> None:
-    """File → picture, drawing or page that turns; the path of a picture or a page on stdout."""
+    """File → picture, drawing or interactive page; prints the path of a picture or a page."""
     path: Path = options.path
     if path.suffix == ".toml" or not path.exists():
         _drawing(options)
@@ -107,7 +107,8 @@ def _drawing(options: argparse.Namespace) -> None:
 
 
 def _described(path: Path) -> tuple[Target | Board, str]:
-    """The target or board to draw, and its title: a file's with the first digits of its SHA-256."""
+    """The target or board to draw, and its title; a file's title has the first digits of its
+    SHA-256."""
     from handbench.bench.scenes.stand import stand_board
     from handbench.calibration.spheres.description import Target, default_target
     from handbench.groundtruth.board.board import Board
@@ -150,8 +151,8 @@ def _folder(path: Path) -> Figure:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an .npz of ours, of a depth map, errors, a reference's depth or a volume, whose
-    shapes fit."""
+    """The arrays of a .npz file of handbench (a depth map, errors, a reference's depth or a
+    volume), with their shapes checked."""
     found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
     shape = found["y_m"].size, found["x_m"].size
     shapes: dict[str, tuple[int, ...]] = {
@@ -229,7 +230,7 @@ def _mesh(path: Path) -> Figure:
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
-    """Even pixel centres in x and y that hold a mesh."""
+    """Evenly spaced pixel centres in x and y that cover a mesh."""
     low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
     step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)
     return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
@@ -292,7 +293,7 @@ def _recording(path: Path) -> Figure:
 
 
 def _surface(path: Path) -> tuple[str, SurfaceMap]:
-    """The height field that turns on a page, with its title."""
+    """The height field of an interactive page, with its title."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid

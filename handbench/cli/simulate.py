@@ -1,4 +1,4 @@
-"""`handbench simulate`: a scene's capture and the table of its effects, or the captures of a
+"""`handbench simulate`: a scene's capture and its table of effects, or the captures of a
 benchmark."""
 
 import argparse
@@ -18,8 +18,8 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder; or what its echoes and photographs would show, and why; benchmark →
-    set of captures."""
+    """Scene → capture folder, or only the effects of its echoes and photographs, with reasons;
+    benchmark → set of captures."""
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
@@ -49,8 +49,8 @@ def _is_benchmark(path: Path) -> bool:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what
-    each took; pixels %: lost and gained."""
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, reason, and
+    seconds of each; pixels %: lost and gained."""
     from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []

@@ -1,6 +1,5 @@
-"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or
-gigabytes. Each is far above what handbench's own files and those of the known programs need
-(docs/files.md)."""
+"""Limits of input: an untrusted file is refused before it costs seconds or gigabytes. Each limit is
+far above the needs of handbench's own files and of those of the known programs (docs/files.md)."""
 
 import re
 from typing import Any
@@ -36,7 +35,7 @@ LONG_KEY = re.compile(
 
 
 def require_shallow(values: Any) -> Any:
-    """The tree of plain values; ValueError where it is deeper than DEEPEST."""
+    """Return the tree of plain values; ValueError if it is deeper than DEEPEST."""
     level = [values]
     for _ in range(DEEPEST + 1):
         inner = [

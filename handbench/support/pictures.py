@@ -1,4 +1,4 @@
-"""Picture files of strangers: what a header says is compared with the file before a pixel is
+"""Untrusted picture files: the header is compared with the file's size before a pixel is
 decoded."""
 
 import io
@@ -32,8 +32,8 @@ MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the
-    block, or whose header promises what would take long or much memory."""
+    """Yield a picture file, open and not decoded. HandbenchError for one that cannot be opened or
+    decoded, here or in the block, or whose header promises too long or too large a decoding."""
     content = io.BytesIO(
         read_bytes(path, "a photograph", PICTURE_BYTES)
     )  # a file takes memory for what it says it has
@@ -58,7 +58,8 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 
 def is_deep(image: Image.Image) -> bool:
-    """True for 16 bits a channel, as Pillow tells what it would shorten to 8 bits."""
+    """True for 16 bits per channel, by Pillow's modes for pictures that it would shorten to 8
+    bits."""
     return ";16" in str(getattr(image, "tile", ""))
 
 
@@ -85,7 +86,7 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 
 
 def _scans(content: bytes) -> int:
-    """Passes over a JPEG file's pixels, as its markers tell."""
+    """Number of passes over a JPEG file's pixels, from its markers."""
     count, at = 0, 2
     for _ in range(MOST_MARKERS):
         if not (found := MARKER.search(content, at)):

@@ -1,5 +1,5 @@
-"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that
-imports open3d."""
+"""Ray casting and nearest points with open3d's Embree and trees. Only this module imports
+open3d."""
 
 import ctypes
 import os
@@ -25,7 +25,7 @@ WINDOWS = "open3d.visualization"  # which imports a web server
 
 
 def _windows(name: str) -> ModuleType:
-    """Of open3d what `load_open3d` left out."""
+    """The part of open3d that `load_open3d` leaves out."""
     if f"open3d.{name}" != WINDOWS:
         raise AttributeError(f"module 'open3d' has no attribute '{name}'")
     import open3d.visualization
@@ -36,10 +36,9 @@ def _windows(name: str) -> ModuleType:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and
-    keeping numba away from the TBB that it brings (too old: numba would warn). Its windows and web
-    pages, which take as long to import as all that is used of it, are imported when somebody asks
-    for them."""
+    """Import open3d. Provides the libusb that its wheel needs and a bare machine lacks, and hides
+    its TBB from numba (it is too old: numba would warn). open3d's windows and web pages, which take
+    as long to import as all that is used of it, are imported only on first use."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -70,7 +69,7 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
 
 
 class Rays:
-    """Rays against the triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
+    """Ray casting against triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
     process."""
 
     cast = 0
@@ -94,8 +93,8 @@ class Rays:
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool
-        [n]."""
+        """bool [n]: whether each point [n, 3] on the surface is visible from its origin, [n, 3] or
+        [3]."""
         towards = origins_m - points_m
         start = points_m + towards * (
             OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None]
