@@ -29,8 +29,8 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
     """Read the file or folder at a path.
 
     Args:
-        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder, a
-            depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
+        path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
+            a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
 
     Returns:
         Capture, Result, Depth, Surface or Transform.

@@ -45,9 +45,9 @@ class Sources:
         self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 
-    def closure(self, module: str) -> tuple[list[str], list[str]]:
-        """The modules that `module` runs, itself among them, and the other libraries' names; both
-        in order. Raises ModuleNotFoundError where there is no such module."""
+    def imports_of(self, module: str) -> tuple[list[str], list[str]]:
+        """The modules that `module` runs, itself among them, and the names of other libraries, both
+        in order. Raises ModuleNotFoundError for an unknown module."""
         ours: set[str] = set()
         others: set[str] = set()
         waiting = {module, *self._passed(module)}

@@ -1,7 +1,6 @@
-"""Boards on paper at true scale, as cameras know them: single ArUco markers and ChArUco boards.
+"""Boards for printing at true scale: single ArUco markers and ChArUco boards.
 
-All that is black is one path: its rectangles meet without the hairlines that viewers leave between
-neighbours.
+Everything black is one path, so that viewers leave no hairlines between neighbouring rectangles.
 """
 
 from collections.abc import Iterator
@@ -31,13 +30,14 @@ QUIET = (
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """The board's sheets, its frame's x to the right; title: heads them. Raises HandbenchError for
-    an unknown paper, a marker that the dictionary lacks, and a board that is not flat."""
+    """The board's sheets, with its frame's x to the right. title: their heading. Raises
+    HandbenchError for an unknown paper, a marker that the dictionary lacks, and a board that is not
+    flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
 def board_drawing(board: "Board", title: str) -> Drawing:
-    """The board as a drawing: its quads (`black_quads_mm`) and a white border; errors as
+    """The board as a drawing: its quads (`black_quads_mm`) and a white border. Errors as in
     `board_sheets`."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
@@ -57,8 +57,8 @@ def board_drawing(board: "Board", title: str) -> Drawing:
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
     """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on
-    the print, whose origin is the board frame's. A frame whose z points into the print (y
-    downwards) is turned about its x axis."""
+    the print, with the board frame's origin. A frame whose z points into the print (y downwards) is
+    turned about its x axis."""
     upward = _upward(board)
     for marker in board.marker:
         corners_mm = MILLIMETRES * np.array(marker.corners_m)[:, :2] * (1, upward)
@@ -88,8 +88,8 @@ def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
 
 
 def _square(column: int, row: int, side: float) -> np.ndarray:
-    """Corners [4, 2] of a square in the middle of a chessboard's, in OpenCV's order; unit: the
-    chessboard's side."""
+    """Corners [4, 2] of a centred square in a square of a chessboard, in OpenCV's order. unit: side
+    of the chessboard's squares."""
     return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array(
         [(-1, 1), (1, 1), (1, -1), (-1, -1)]
     )
@@ -98,7 +98,7 @@ def _square(column: int, row: int, side: float) -> np.ndarray:
 def _modules(
     known: Any, dictionary: str, number: int, corners_mm: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """A marker's runs of black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order);
+    """Runs of a marker's black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order).
     known: OpenCV's dictionary of that name."""
     if number >= len(known.bytesList):
         raise HandbenchError(
@@ -119,7 +119,7 @@ def _modules(
 
 
 def _upward(board: "Board") -> int:
-    """1 where the frame's z points out of the print, −1 where it points into it; refuses what
+    """1 if the frame's z points out of the print, −1 if it points into it. Refuses boards that
     cannot be printed."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
@@ -148,12 +148,12 @@ def _upward(board: "Board") -> int:
 
 
 def _sides_m(board: "Board") -> list[float]:
-    """The single markers' sides, metres."""
+    """Sides of the single markers, metres."""
     return [float(np.linalg.norm(np.subtract(*marker.corners_m[:2]))) for marker in board.marker]
 
 
 def _sizes(board: "Board") -> str:
-    """Dictionaries and sides, to check the print against."""
+    """Dictionaries and sides in words, to check the print."""
     parts = []
     if board.marker:
         sides = sorted({f"{MILLIMETRES * side:.1f}" for side in _sides_m(board)})

@@ -1,5 +1,4 @@
-"""Depth maps and error maps, as seen from the array: x grows to the left, so that they look like
-the photograph."""
+"""Depth maps and error maps as seen from the array: x grows to the left, as in the photograph."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -57,7 +56,7 @@ Row = Sequence[
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
-    """One capture's pictures, drawn."""
+    """The pictures of one capture."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
         yield depth_maps(result, capture, *references[:1])
@@ -66,8 +65,8 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
-    """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each
-    its errors against the reference, beside the photograph."""
+    """As the paper's Fig. 3 and 4: the photograph, ground truth and methods on one colour scale,
+    and the methods' errors below them."""
     found = [result.surface(capture.name, method.name) for method in methods(result)]
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
@@ -100,8 +99,8 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
 
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
-    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every
-    capture."""
+    """As the paper's Fig. 4: signed errors of every method, on one diverging scale for all
+    captures."""
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
@@ -112,8 +111,8 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below
-    these their errors, which hold the surface of all."""
+    """A figure of a true surface next to the titled depths z_m [ny, nx] of methods, with their
+    errors below. Each error map has the surface."""
     maps = [errors for *_, errors in shown]
     truth = SurfaceMap(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
@@ -131,8 +130,8 @@ def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
 def _errors(
     result: Result, capture: CaptureFacts, reference: str, timed: bool
 ) -> tuple[list[Layer], str]:
-    """The methods' errors, titled by their means and, if timed, by names and times too; and all in
-    words."""
+    """Panels of the methods' errors and their description in words. Titles have the mean error and,
+    if `timed`, name and time."""
     shown, words = [], []
     for m in methods(result):
         errors = result.errors(capture.name, m.name, reference)
@@ -144,7 +143,7 @@ def _errors(
 
 
 def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
-    """A method's name, its mean error, if it is told, and its time."""
+    """A method's name, its mean error, if known, and its time."""
     time = time_text(result, method)
     if narrow():
         return "\n".join(filter(None, (fill(method.title, 11), mean, time)))
@@ -166,9 +165,9 @@ def _title_of(panel: Layer | np.ndarray | None) -> str:
 
 
 def sheet(rows: Sequence[Row], box: Box) -> Figure:
-    """A figure of rows of panels cut to a box, one below the other, in as many turns as a row has
-    too few places, with a colour bar at the right of each; numbers and names stand on the outer
-    axes only, and nothing where no panel is."""
+    """A figure of rows of panels, cut to a box. A row with too many panels is broken into several.
+    Each row has a colour bar at its right; only outer axes have numbers and names, and empty places
+    are blank."""
     count = max(map(len, rows))
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
@@ -210,7 +209,7 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
 
 
 def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
-    """A map's colour bar, that of signed errors with their ticks."""
+    """A map's colour bar; that of signed errors has its own ticks."""
     bar = figure.colorbar(
         ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
     )
@@ -222,7 +221,7 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
-    """One map in mm, cut to `box`; or a photograph."""
+    """Draw a map in mm, cut to `box`, or a photograph."""
     axis.set_title(
         _title_of(panel), y=1.0
     )  # told, for to find it takes as long as to draw the axes
@@ -253,8 +252,8 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
 
 
 def ticks_mm(side: str, box: Box) -> np.ndarray:
-    """The places of ticks along one side of a box; numbers at the edges of x would meet the next
-    panel's."""
+    """Positions of ticks along one side of a box. Along x there are none at the edges, where
+    numbers would touch those of the next panel."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = (
         {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side],
@@ -267,7 +266,7 @@ def ticks_mm(side: str, box: Box) -> np.ndarray:
 
 
 def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
-    """Write numbers at the ticks of an outer axis; of a photograph none."""
+    """Write numbers at the ticks of an outer axis, except for a photograph."""
     if axis.axison:
         axis.set(**{f"{side}ticks": ticks_mm(side, box)})
         axis.tick_params(length=2.5, width=0.6)

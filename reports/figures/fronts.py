@@ -1,5 +1,5 @@
-"""Pictures of a trade-off: error against time of every setting, the front that none beats, and
-where time goes."""
+"""Pictures of a trade-off: error against time of every setting, the front, and the parts of the
+time."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -37,7 +37,7 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Each section's front and, where the parts of its time are known, how they add up."""
+    """Each section's front and, if the parts of its time are known, a chart of them."""
     for about in found.facts.sections:
         settings = found.section(about.name)
         if any(is_plottable(setting) for setting in settings):
@@ -47,13 +47,13 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 
 def is_plottable(setting: Setting) -> bool:
-    """True where it has a place on logarithmic axes."""
+    """True if the setting has a place on logarithmic axes."""
     return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Error over seconds: the front as a line of numbered points, the other settings faint, the
-    reference in a square; colours and markers are the methods', where settings have one."""
+    reference in a square. Colours and markers are the methods', if settings have one."""
     shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
     styles = method_styles(filter(None, (s.method for s in shown))) | {
@@ -150,8 +150,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
-    """The front's numbers, which give way to the other settings, to the intervals and to the
-    line."""
+    """Number the front's points, away from the other settings, the intervals and the line."""
     ends = [
         [(s.seconds_low, s.error), (s.seconds_high, s.error)]
         for s in shown
@@ -164,13 +163,13 @@ def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Se
 
 
 def metric_words(about: Section) -> str:
-    """The section's metric as a person writes it."""
+    """The section's metric in words."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
 def _ratios(axis: Axes, title: str, seconds: float) -> None:
-    """The same axis above, in times of the reference's seconds."""
+    """A second time axis at the top, in multiples of the reference's seconds."""
     above = axis.secondary_xaxis(
         "top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds))
     )
@@ -181,7 +180,7 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
 
 
 def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
-    """The markers' meaning."""
+    """The legend of the markers."""
     handles = [
         Line2D(
             [],
@@ -205,13 +204,13 @@ def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[
 
 
 def parts(setting: Setting) -> list[float]:
-    """The parts of a frame's time, as far as they are known; [] where none is."""
+    """The known parts of a frame's time; [] if none is known."""
     values = [getattr(setting, part) for part in PARTS]
     return [value or 0.0 for value in values] if any(values) else []
 
 
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their
+    """Two bars for each setting: the shares of a frame's time, with the total in seconds at the
     end; and the plan, which many frames share."""
     with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
@@ -266,10 +265,10 @@ def _parts_in_words(setting: Setting) -> list[str]:
 
 
 def error_text(s: Setting) -> str:
-    """Its error with the interval."""
+    """The setting's error with its interval."""
     return figure_text(s.error, s.low, s.high, s.unit)
 
 
 def seconds_text(s: Setting) -> str:
-    """Its time with the range."""
+    """The setting's time with its range."""
     return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")

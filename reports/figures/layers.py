@@ -1,5 +1,4 @@
-"""Maps in millimetres: what is drawn of each, and several side by side, each with a scale of its
-own."""
+"""Panels of maps in millimetres, and figures of several panels, each with its own scale."""
 
 import math
 from collections.abc import Sequence
@@ -55,8 +54,8 @@ Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left 
 @dataclass(frozen=True)
 class Layer:
     """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with
-    its axes' names; of values the colours, their scale, its name (empty: as another panel's) and
-    numbers. outline [ny, nx]: what is encircled; box: what is shown (None: all)."""
+    the axes' names. For values: norm and colours, label of the scale (empty: as another panel's)
+    and numbers. outline [ny, nx]: pixels to encircle; box: the visible part (None: all)."""
 
     title: str
     x_mm: np.ndarray
@@ -72,13 +71,13 @@ class Layer:
 
     @property
     def shown_mm(self) -> Box:
-        """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger
-        than the second."""
+        """The visible part: its box, or the outer edges of its pixels, as left, right, bottom, top;
+        left is larger than right, since x grows to the left."""
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
     def draw(self, axis: Axes) -> AxesImage:
-        """Draw it, pixel for pixel."""
+        """Draw the panel, pixel by pixel."""
         axis.set_facecolor(EMPTY)
         colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
         shown = np.ma.masked_invalid(self.values) if colours else self.values
@@ -94,8 +93,8 @@ class Layer:
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
-    """A figure of panels in a row, all millimetres as long; x, and z from the side, grow to the
-    left."""
+    """A figure of panels in a row, all with the same length of a millimetre; x, and z from the
+    side, grow to the left."""
     spans_mm = np.array(
         [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
     )
@@ -138,7 +137,7 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
 
 
 def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
-    """The box around every pixel that any surface has."""
+    """The box around all pixels in which any surface has a depth."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
@@ -152,7 +151,7 @@ def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
 
 
 def depth_scale(surface: SurfaceMap) -> Normalize:
-    """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
+    """The scale of depths in mm: the surface's range plus 2.5 mm, rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
         return Normalize(0, 1)
@@ -166,21 +165,21 @@ def error_scale() -> SymLogNorm:
 
 
 def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
-    """Depths on a scale."""
+    """A panel of depths on a scale."""
     x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
 def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
-    """A depth map's panel, and those of what else is KNOWN [ny, nx]."""
+    """A panel of depths, and one for each other map [ny, nx] in KNOWN."""
     depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
     return [depth] + [replace(depth, values=values, **look) for values, look in known]
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
-    """Signed errors with the reference's outline; red lies behind the reference, blue before it.
-    title: None for their mean."""
+    """A panel of signed errors with the reference's outline: red is behind the reference, blue in
+    front. title: None for the mean errors."""
     if title is None:
         seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
         title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
@@ -218,8 +217,8 @@ def volume_layers(
 
 
 def shade(surface: SurfaceMap) -> np.ndarray:
-    """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow
-    to the left."""
+    """Brightness [ny, nx, 1] of a height field, lit from the upper left as seen with x to the
+    left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
     normal = np.stack(
         [-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1
@@ -229,6 +228,6 @@ def shade(surface: SurfaceMap) -> np.ndarray:
 
 
 def shaded_colours(surface: SurfaceMap, seen: np.ndarray) -> np.ndarray:
-    """Colours [ny, nx, 3] of a height field; greyish where it was not `seen`, but invented."""
+    """Colours [ny, nx, 3] of a height field; greyish where it is not `seen` but interpolated."""
     colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
     return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)

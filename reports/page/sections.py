@@ -30,7 +30,7 @@ LEADING = 4  # sentences of a metric that are read without opening the list
 
 @dataclass(frozen=True)
 class Grid:
-    """A table to show: the first `texts` columns are texts, the others numbers."""
+    """A table of the page: the first `texts` columns are texts, the others numbers."""
 
     caption: str
     headings: tuple[str, ...]
@@ -41,8 +41,8 @@ class Grid:
 @dataclass(frozen=True)
 class Verdict:
     """The tests' findings on one metric. best: titles of the methods that none is shown to beat,
-    the best figure first; leading: its smallest differences that are shown; shown: how many are;
-    table: every pair."""
+    the best figure first; leading: sentences on its smallest significant leads; shown: the number of
+    significant differences; table: every pair."""
 
     heading: str
     best: tuple[str, ...]
@@ -53,7 +53,7 @@ class Verdict:
 
 
 def verdicts(result: Result) -> list[Verdict]:
-    """One for each metric and reference that was compared."""
+    """One verdict for each metric and reference that was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
@@ -99,8 +99,8 @@ def stage_times(result: Result) -> Grid:
 
 
 def effects(result: Result) -> Grid | None:
-    """Effects that the scenes called for: each effect's rows over the captures that tell them; None
-    where none does."""
+    """The effects of the captures' scenes, with each effect's rows combined over the captures; None
+    if no capture records any."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
@@ -138,7 +138,7 @@ def _largest(rows: list[dict[str, Any]], key: str) -> str:
 
 
 def uncertainty(result: Result) -> list[Grid]:
-    """Sources of the ground truth's own error, and the floor that it sets to every mean error."""
+    """Sources of the ground truth's error, and the floor that it sets to every mean error."""
     grids = []
     budgets = result.about.facts.get("groundtruth_sigma_rms")
     if isinstance(budgets, dict) and budgets:
@@ -184,7 +184,7 @@ def _mm(value: Any) -> str:
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:
-    """Headings and facts of what the result stands on."""
+    """Headings and facts of the result's provenance."""
     about = result.about
     elsewhere = {
         "groundtruth_sigma_rms",
@@ -218,8 +218,8 @@ def captures(result: Result) -> Grid:
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Each method's resolved settings, entries once for all captures that share them: title,
-    [(captures, settings)]."""
+    """Each method's resolved settings, once for all captures that share them: title, [(captures,
+    settings)]."""
     found = []
     for method in result.about.methods:
         groups: dict[str, tuple[list[str], Any]] = {}
@@ -237,21 +237,21 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
 
 
 def command(result: Result) -> str:
-    """The commands that repeat the run, as recorded by the result; else in general."""
+    """The commands that repeat the run: as the result records them, else in general form."""
     recorded = result.about.facts.get("command")
     run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
 
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Each reference's table in two: the lines that the paper prints or that stand for the result,
-    and the others."""
+    """Each reference's table in two parts: the lines of the paper's table and the main figures, and
+    the others."""
     return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Causes of the errors: pictures, written into `folder`, and tables of causes.csv and
-    reliability.csv; None where the result tells neither causes nor reliability."""
+    """Errors by cause: pictures, written into `folder`, and tables of causes.csv and
+    reliability.csv; None if the result has neither."""
     grids = [*by_cause(result), *reliability(result)]
     return (
         {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
@@ -261,7 +261,7 @@ def causes(result: Result, folder: Path) -> dict[str, Any] | None:
 
 
 def by_cause(result: Result) -> list[Grid]:
-    """One table for each reference: a line a bin, a column a method."""
+    """One table for each reference, with one line per bin and one column per method."""
     grids, shown = [], methods(result)
     for reference, lines in result.causes.groupby("reference", sort=False):
         rows: dict[tuple[str, str], dict[str, str]] = {}
@@ -285,7 +285,8 @@ def by_cause(result: Result) -> list[Grid]:
 
 
 def reliability(result: Result) -> list[Grid]:
-    """One table for each reference: a line a method, a column a nominal coverage."""
+    """One table for each reference, with one line per method and one column per nominal
+    coverage."""
     grids, titles = [], {m.name: m.title for m in result.about.methods}
     for reference, lines in result.reliability.groupby("reference", sort=False):
         nominal = sorted(set(lines.nominal_percent))

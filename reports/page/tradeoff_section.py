@@ -34,7 +34,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
-    """Write tables and pictures to `out`; what a page shows of them."""
+    """Write tables and pictures to `out`; returns the content for a page."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
     saved = {
@@ -50,7 +50,7 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
 
 
 def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
-    """Every setting, the front's first, in the numbers of the picture."""
+    """Every setting, the front's first, with the numbers of the picture."""
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
@@ -77,7 +77,8 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
-    """The paper's claims about time, beside what was counted and measured; None without a claim."""
+    """The paper's claims about time, next to the counted and the measured factors; None without a
+    claim."""
     rows = tuple(
         (
             claim.text,
