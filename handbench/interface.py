@@ -66,7 +66,7 @@ class Capture:
 
     Attributes:
         name: the capture's name.
-        folder: where it lies.
+        folder: its path.
     """
 
     def __init__(self, path: File) -> None:
@@ -262,7 +262,7 @@ class Depth(Plottable):
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
             transform: what carries the mesh into the radar's frame, or its .json; without one it
-                lies there already.
+                is there already.
             protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's
                 own mask.
 
@@ -282,7 +282,7 @@ class Depth(Plottable):
         if mesh is None and self.capture is not None:
             mesh = (
                 self.capture.truth if transform is None else None
-            )  # which lies in the radar's frame already
+            )  # which is in the radar's frame already
             if mesh is None and self.capture.mesh is not None:
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:
@@ -345,8 +345,8 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     Args:
         scene: the scene's .toml.
         folder: where the capture is written.
-        frames: how many frames, each with noise of its own.
-        overwrite: whether it may take the place of a capture that lies there.
+        frames: how many frames, each with different noise.
+        overwrite: whether an existing capture may be replaced.
 
     Returns:
         The capture.

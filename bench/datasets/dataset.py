@@ -125,8 +125,8 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     if transform is not None and transform.scale < 0:
         raise HandbenchError(
-            f"{path}: {transform.note}; a capture folder has no place for that: use it where it "
-            "lies"
+            f"{path}: {transform.note}; a capture folder cannot record that: use the "
+            "original folder"
         )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())

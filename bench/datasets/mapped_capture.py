@@ -231,7 +231,7 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
             there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
             lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
             raise HandbenchError(
-                f"has no {lacks} of its own; it has {', '.join(there[:12]) or 'no data sets'}"
+                f"has no {lacks} inside; it has {', '.join(there[:12]) or 'no data sets'}"
             )
         yield file.__getitem__ if matlab else partial(read, file, path=path)
 

@@ -1,5 +1,5 @@
-"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read as it lies on disk: one object at one distance
-is a capture.
+"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read from its own folders. One object at
+one distance is a capture.
 
     OBJECT/30/  metadata.json  alignment.json
                 radar_72.0_82.0_128/  calibration.json
@@ -45,7 +45,7 @@ from handbench.support.files import content_hash, inside
 from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
-REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
+REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
 MESHES = {
@@ -234,10 +234,10 @@ class MaroonCapture(NativeCapture):
     def alignment(self) -> Path | None:
         """The path of its alignment.json, or else of the one of its calibration, with a message;
         None without either."""
-        beside = self.folder / ALIGNMENT
+        own = self.folder / ALIGNMENT
         name = self.metadata.calibration
-        if beside.exists() or not name:
-            return beside if beside.exists() else None
+        if own.exists() or not name:
+            return own if own.exists() else None
         registrations = self.folder.resolve().parent.parent / REGISTRATIONS
         of_calibration = (
             inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT

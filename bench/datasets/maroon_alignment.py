@@ -38,8 +38,8 @@ ALIGNMENT = "alignment.json"
 ROUNDING, TOO_CROOKED = (
     1e-6,
     1e-3,
-)  # largest element by which a matrix may miss its rotation: unsaid, and at all
-FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
+)  # largest element by which a matrix may miss its rotation: without a message, and at all
+FARTHEST_M = 10.0  # largest distance of two sensors of the set-up; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
 PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
@@ -58,7 +58,7 @@ LENSES = {
     "realsense": "rgb",
     "zed": "left",
 }  # sensor → its lens in calibration.json (Kinect: own form)
-SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
+SIDES = {"zed": "left"}  # sensor → further folder of its pictures
 LONGEST_MM = (
     10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
 )
@@ -197,11 +197,11 @@ def handedness_of(
         own_mm, other_mm = _off_mm(load_alignment(path, source).points(vertices), faces, echoes())
         if min(own_mm, other_mm) > FAR_MM:
             raise HandbenchError(
-                f"the radar's depth lies {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
+                f"the radar's depth is {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
             )
         side = "further off" if other_mm >= own_mm else "nearer to"
         note += (
-            f"; mirrored, what it saw lies {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
+            f"; mirrored, its surface is {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
         )
         mirrored ^= other_mm < min(own_mm - CLEAR_MM, own_mm / 2)
     except HandbenchError as error:
@@ -221,7 +221,7 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     z_m = depth.z_m if depth.wrapped is None else np.where(depth.wrapped, np.nan, depth.z_m)
     surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
     if not (np.isfinite(surface_m).any() and np.isfinite(z_m).any()):
-        raise HandbenchError("what it saw lies beside the radar's pixels, or these are empty")
+        raise HandbenchError("its surface is outside the radar's pixels, or these are empty")
     x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
     seen_m, *both_m = (
         np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)]

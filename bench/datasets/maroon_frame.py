@@ -33,7 +33,7 @@ from handbench.support.files import read_bytes
 from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
 
 ANTENNAS, USED = 96, slice(1, 95)
-RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between
+RADAR_HZ = (1e9, 1e12)  # range of a list of frequencies in hertz
 MOST = 1_000_000  # frames that six digits number
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))

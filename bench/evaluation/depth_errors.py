@@ -49,7 +49,7 @@ def error_map(
     ):
         if given is not None and given.shape != (len(y_m), len(x_m)):
             raise HandbenchError(
-                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} do not lie on "
+                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} are not on "
                 "one grid; "
                 "render the reference on the depth map's grid"
             )

@@ -16,9 +16,9 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
 from handbench.bench.evaluation.treatments import TreatedDepths
 
-SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is told
+SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is recorded
 TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
-EQUAL_METRICS = ("common_percent", "aurc_mm", "aurc_to_percent")  # under equal treatment alone
+EQUAL_METRICS = ("common_percent", "aurc_mm", "aurc_to_percent")  # only under equal treatment
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
 
 

@@ -18,7 +18,7 @@ from handbench.groundtruth.mesh.depth import Reference
 
 ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")
-BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper's aperture
+BLOCK_M = 0.015  # correlation length of a mesh's errors: three lateral resolutions
 SPAN = 1 << 20  # more blocks than a row can have
 
 

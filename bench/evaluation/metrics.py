@@ -19,7 +19,7 @@ Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
-BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
+BAND = 1.96  # standard deviations that contain 95 % of a normal error
 
 
 @dataclass(frozen=True)

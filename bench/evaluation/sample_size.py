@@ -18,7 +18,7 @@ from handbench.bench.evaluation.tables import LEVEL
 from handbench.support.errors import HandbenchError
 
 LEAST = 3  # captures whose variance is worth an answer at all
-MOST = 100_000  # captures: more are told as none
+MOST = 100_000  # captures; larger numbers become None
 ALPHA = 1 - LEVEL
 POWER = 0.8  # the chance of showing a difference that there is
 

@@ -66,7 +66,7 @@ class Column:
 
     def cell(self, value: Any) -> str:
         """The value formatted for a reader; empty for None and NaN."""
-        if value is None or value != value:  # NaN alone differs from itself
+        if value is None or value != value:  # only NaN differs from itself
             return ""
         if self.form in FORMS:
             return FORMS[self.form](value)

@@ -82,7 +82,7 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
         raise HandbenchError(
-            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at "
+            f"echoes: an antenna is {far_m:g} m from the origin; expected {farthest_m:g} m at "
             "most: are its "
             "positions millimetres? multiply them by 1e-3; if they are not, raise "
             "HANDBENCH_FARTHEST_M"

@@ -53,7 +53,7 @@ COMPARED_VERSION = 1
 SAME_SHARE = (
     0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 )
-SAME_M = 5e-4  # and in the median lie so near
+SAME_M = 5e-4  # and differ by at most this in the median
 NONE = (None, None)
 
 
@@ -321,7 +321,7 @@ def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
         end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))
     ]
     if not all(row and row.value for row in rows):
-        sentence = f"{method.title}: no times to set beside each other"
+        sentence = f"{method.title}: no times to compare"
         return method.name, method.title, *figures, None, sentence
     ratio = rows[1].value / rows[0].value
     sentences = ", ".join(

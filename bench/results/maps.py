@@ -82,7 +82,7 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
             image.getexif().get(ORIENTATION),
             Image.fromarray(np.asarray(image.convert("RGB"))),
         )
-    if orientation in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
+    if orientation in range(2, 9):  # only this: Pillow cannot write all other EXIF data
         small.getexif()[ORIENTATION] = int(orientation)
         small = ImageOps.exif_transpose(small)
     small.thumbnail((PHOTO_PX, PHOTO_PX))
@@ -106,6 +106,7 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
             raise HandbenchError(
-                f"{path}: '{name}' has places that are not finite or alike; run the benchmark again"
+                f"{path}: '{name}' has positions that repeat or are not finite; "
+                "run the benchmark again"
             )
     return arrays

@@ -36,11 +36,11 @@ OLDER = (
     "captures",
     "causes",
     "reliability",
-)  # files of version 0.2 alone
+)  # files of version 0.2 only
 FURTHER = ("scores", "curves", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
-UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
+UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:

@@ -185,7 +185,7 @@ class BenchFile(Config):
     )
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     reproduces: Literal["paper"] | None = Field(
-        default=None, description="whose figures stand beside ours"
+        default=None, description="the paper whose figures are printed next to ours"
     )
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Origin, ...] = Field(
@@ -223,7 +223,7 @@ class BenchFile(Config):
             )
         if ("precision",) in measures and not any(entry.precision for entry in self.method):
             raise ValueError(
-                "a capture measures the precision alone, but no method has precision = true"
+                "a capture measures only the precision, but no method has precision = true"
             )
         return self
 

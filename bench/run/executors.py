@@ -252,7 +252,7 @@ def executor(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the "
             "option out"
         ) from error
-    for name in LOGS:  # what goes wrong here is told once, in a sentence
+    for name in LOGS:  # an error of the cluster is reported once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)

@@ -113,15 +113,15 @@ def common_subset(outcome: Outcome) -> CommonSubset:
     if not kept:
         raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
     sources = outcome.bench.capture
-    alone = [capture for capture in outcome.captures if capture.measures == ("precision",)]
+    only_precise = [capture for capture in outcome.captures if capture.measures == ("precision",)]
     precise = [entry for entry in outcome.bench.method if entry.id in kept and entry.precision]
-    repeated = _finished(outcome, alone, precise)
+    repeated = _finished(outcome, only_precise, precise)
     steady, also = _shared(repeated)
     text = _stands_on(
         scored, kept, common, sum("accuracy" in source.measures for source in sources)
     )
     if precise and (total := sum(source.measures == ("precision",) for source in sources)):
-        text += f"; the precision alone: {_stands_on(repeated, steady, also, total)}"
+        text += f"; for the precision only: {_stands_on(repeated, steady, also, total)}"
     return CommonSubset(
         tuple(capture for capture in outcome.captures if capture.name in common),
         tuple(entry for entry in outcome.bench.method if entry.id in kept),

@@ -139,7 +139,7 @@ def settled(seconds: list[float]) -> bool:
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
-    outer = int(binom.ppf(0.025, n, 0.5))  # so many may lie below the interval
+    outer = int(binom.ppf(0.025, n, 0.5))  # so many may be below the interval
     if outer < 1:
         return False
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
@@ -157,7 +157,7 @@ def write_treated(
     configuration of the method; own: the map by the method's own `settings`."""
     from handbench.radar.methods.fsk import (
         masked_mean,
-    )  # and numba, which whoever only reads the maps does without
+    )  # imports numba, which readers of the maps do not need
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
@@ -165,7 +165,7 @@ def write_treated(
     filters = [name for name in known if name.endswith(FILTERS)]
     kept = dict.fromkeys(
         (name for name in known if name.startswith(DROPS)), False
-    )  # no pixel is left out in doubt
+    )  # no pixel is left out as uncertain
     for treatment, size_px in SMOOTHING.items():
         for opened in (False, True):
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}

@@ -70,7 +70,7 @@ def run(
         job.score()
         job.found.facts |= {} if command is None else {"command": command}
         write_result.write(folder, job.found, config)
-        del job  # it would lie in memory beside what is read
+        del job  # frees its memory before the result is read
     return results.load(folder)
 
 

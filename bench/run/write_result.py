@@ -61,7 +61,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     new ones are complete; result.json, which marks the folder as complete, is written last."""
     on = common_subset(outcome)
     if outcome.failures:
-        say(f"the table stands on {on.text}")
+        say(f"the table is made of {on.text}")
     found = scores(outcome, on)
     table = tabulate(outcome, on, found)
     drop(folder, FILES)

@@ -19,7 +19,7 @@ Albedo = Callable[
 ]  # points [n, 3] in the photo frame to reflectance [n, 3]
 
 PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
-FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
+FRONT_M = 1e-5  # tolerance that separates the plate's front from its rim
 GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 
@@ -99,7 +99,7 @@ def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
     printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
 
     def albedo(points_m: np.ndarray) -> np.ndarray:
-        # A texel's centre lies half a texel inside its edge.
+        # A texel's centre is half a texel inside its edge.
         column = ((points_m[:, 0] + PLATE_M[0] / 2) / TEXEL_M - 0.5).astype(np.float32)
         row = ((PLATE_M[1] / 2 - points_m[:, 1]) / TEXEL_M - 0.5).astype(np.float32)
         grey = np.empty(len(points_m), dtype=np.float32)

@@ -41,7 +41,7 @@ RADII_MM = {
     "little": (8.4, 7.6, 6.7, 5.4),
     "thumb": (11.0, 10.0, 7.8),
 }
-WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
+WRIST_SKIN_M = -0.010  # along a metacarpal: behind its start is the wrist, with thin skin
 # far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
 AS_NEAR_M = 1e-9
 
@@ -193,7 +193,7 @@ TOUCHING_M = 2e-3
 CONTACT_M, ANGLE_DEG = (
     2e-4,
     5.0,
-)  # deviations from contact and from the letter's angles that weigh alike
+)  # deviations from contact and from the letter's angles with the same weight
 BALLS = 6  # of each bone
 ANGLES: dict[str, tuple[str, ...]] = {
     name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS

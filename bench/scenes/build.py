@@ -149,7 +149,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
         case HandTarget():
             from handbench.bench.scenes.hand import (
                 hand_mesh,
-            )  # and numba, which whoever only reads scenes does without
+            )  # imports numba, which readers of scenes do not need
 
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():

@@ -10,7 +10,7 @@ from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from handbench.radar.simulation.scene import Body, Material
 from handbench.support.rays import TriangleMesh, load_open3d
 
-HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
+HALF_LENGTH_M = 0.16  # of the meshes; the array's specular points are within a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
 FINGER_M, PALM_M = 8e-3, 25e-3  # radii
 MATERIALS = {

@@ -139,7 +139,7 @@ class Projector:
         self.throw_m = float(np.linalg.norm(aim_m - position_m))
         if self.throw_m < NEAREST_M:
             raise HandbenchError(
-                f"photos.speckle_from_m: lies {1e3 * self.throw_m:.0f} mm from the target's "
+                f"photos.speckle_from_m: is {1e3 * self.throw_m:.0f} mm from the target's "
                 "origin; expected at least "
                 f"{1e3 * NEAREST_M:.0f} mm"
             )

@@ -95,7 +95,7 @@ def person(number: int) -> Person:
         own = PHALANX * draws(len(outer_mm))
         own += (
             FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
-        )  # the digit's length is its own draw alone
+        )  # the digit's length is drawn separately
         factors = length * np.exp(own)
         bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
         girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))

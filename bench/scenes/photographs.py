@@ -26,7 +26,7 @@ LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
 R2_SEQUENCE = np.array(
     [0.7548776662466927, 0.5698402909980532]
 )  # Roberts 2018: fills the pixel evenly
-NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
+NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # seed of each effect's generator
 IDEAL: dict[
     str, dict[str, Any]
 ] = {  # by effect: the keys of [photos] that cause it, with the values that do not

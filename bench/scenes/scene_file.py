@@ -195,7 +195,7 @@ class Photos(Config):
     )  # of red and blue against green, stops
     motion_px: float = Field(
         default=0.0, ge=0, le=100
-    )  # path of the moving camera, in a direction of its own
+    )  # path of the moving camera, in a random direction
     speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
     speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame

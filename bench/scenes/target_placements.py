@@ -16,7 +16,7 @@ from handbench.support.config import parse
 
 TURN_DEG = 30.0  # of the target, about each axis, at most
 PHASE_NOISE_RAD = 0.0281  # of the paper's table
-MADE = "made.toml"  # the target as it was really made, beside the scene
+MADE = "made.toml"  # the target as manufactured, next to the scene
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def optical_cloud(
         outward, on_it = outward[views >= 2], on_it[views >= 2]
         cells = np.unique(np.floor(on_it / PATCH_M), axis=0, return_inverse=True)[
             1
-        ].ravel()  # neighbours err alike
+        ].ravel()  # errors of neighbours are correlated
         error_m = (
             NOISE_M * rng.standard_normal(len(on_it))
             + PATCH_NOISE_M * rng.standard_normal(cells.max(initial=0) + 1)[cells]

@@ -143,7 +143,7 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
     from PIL import Image
 
     folder.mkdir(parents=True)
-    beside, sizes = photos[0].path.parent, {}
+    source, sizes = photos[0].path.parent, {}
     for photo in photos:
         scale = min(1.0, long_px / max(photo.width, photo.height))
         sizes[photo.name] = size = round(scale * photo.width), round(scale * photo.height)
@@ -153,9 +153,9 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
         with Image.open(photo.path) as image:
             small = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
             small.save(folder / photo.name, quality=JPEG_QUALITY)
-    if (beside / CAMERAS).is_file():
+    if (source / CAMERAS).is_file():
         cameras = []
-        for camera in (camera for camera in load_cameras(beside / CAMERAS) if camera.name in sizes):
+        for camera in (camera for camera in load_cameras(source / CAMERAS) if camera.name in sizes):
             model, (width, height) = camera.colmap(), sizes[camera.name]
             model.rescale(width, height)
             params = tuple(map(float, model.params))
@@ -163,8 +163,8 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
                 camera.model_copy(update={"width": width, "height": height, "params": params})
             )
         save_cameras(folder / CAMERAS, tuple(cameras))
-    if (beside / BOARD).is_file():
-        (folder / BOARD).symlink_to((beside / BOARD).resolve())
+    if (source / BOARD).is_file():
+        (folder / BOARD).symlink_to((source / BOARD).resolve())
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:

@@ -127,7 +127,7 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
     )
     with suppress(
         OSError, AttributeError
-    ):  # glibc alone gives memory back that a frame would take without growing
+    ):  # only glibc returns memory that a frame could reuse without growing
         ctypes.CDLL(None).malloc_trim(0)
     with added_memory() as cost:
         _, first_s = timed(task.image)

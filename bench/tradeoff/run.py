@@ -74,7 +74,7 @@ def run(
     bench = bench.model_copy(update={"tradeoff": sweep})
     settings = imaging_settings(
         sweep, known_configs(bench.method)
-    )  # what is wrong is said before anything is measured
+    )  # errors are reported before anything is measured
     if "imaging" in sweep.sections:
         work_ahead = of_sweep(bench, base, settings, sweep.repeats)
         what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
@@ -125,8 +125,12 @@ def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
             *(s.model_copy(update={"photos": False}) for s in sources[count:]),
         )
     whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
-    alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
-    job, reference = Run(alone, base, work, LocalExecutor()), "truth"
+    uncalibrated, base, work = (
+        whole.model_copy(update={"calibration": ()}),
+        base.resolve(),
+        work.resolve(),
+    )
+    job, reference = Run(uncalibrated, base, work, LocalExecutor()), "truth"
     job.open()
     if any(open_capture(capture.folder).truth is None for capture in job.found.captures):
         job, reference = Run(whole, base, work, LocalExecutor()), "photogrammetry"
@@ -232,14 +236,14 @@ def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSecti
             "method": (entry,),
         }
         others = {"phase_noise_rad": None, "dataset": None, "tradeoff": None}
-        alone = inputs.bench.model_copy(update={**given, **others}).model_dump(
+        benchmark = inputs.bench.model_copy(update={**given, **others}).model_dump(
             mode="json", exclude_none=True
         )
         comment = (
             f"# {setting.title}: a setting of a trade-off, with its captures. Run it with "
             "`handbench run`.\n"
         )
-        write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(alone))
+        write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(benchmark))
 
 
 def _link_captures(

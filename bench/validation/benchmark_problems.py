@@ -159,7 +159,7 @@ def _source(
     if path is None:
         return None
     if not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
-        yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
+        yield found.problem((*at, key), f"{name} is missing next to the benchmark; check the path")
         return None
     if key == "path":
         return (yield from capture_problems(path, scored))
@@ -207,7 +207,7 @@ def _maps(
             continue
         try:
             folder = inside(found.file.parent, entry.maps, "maps")
-        except HandbenchError:  # told where the entry is checked
+        except HandbenchError:  # reported where the entry is checked
             continue
         if not folder.is_dir():
             continue

@@ -81,7 +81,7 @@ class CheckedCapture:
         try:
             config = configured(self.about, id, asked)
         except HandbenchError:
-            return None  # a problem of its own
+            return None  # a separate problem
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
             require_tones(
@@ -161,7 +161,7 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
             continue
         path = yield from sheet.attempt(at, partial(inside, folder, name, "contains"))
         if path is not None and not path.exists():
-            yield sheet.problem(at, f"{name} is missing, but is said to be there; copy it again")
+            yield sheet.problem(at, f"{name} is listed, but missing; copy it again")
     if about is not None and about.distance_m is not None:
         place, far_m = sheet.at(("distance_m",)), abs(about.distance_m)
         yield from findings(place, "length", name="distance_m is", far_m=far_m, most_m=FAR_M)

@@ -28,7 +28,7 @@ from handbench.support.progress import say
 
 # share of pixels on the surface with which a mistake explains an image; and of the best other share
 EXPLAINED = 0.9
-FIRST = "first_depth_m"  # where some methods begin to look
+FIRST = "first_depth_m"  # first depth of methods that have one
 FURTHER_M = (
     1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
 )
@@ -66,7 +66,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
-        return  # what lies on its surface needs no further look
+        return  # the image is on its surface: no further check
     wrong = mistakes.conjugation_warnings(capture)
     yield from wrong
     if wrong or imaged is None:
@@ -87,7 +87,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
         return
     further, _ = (
         _depth_map(recorded, capture, FURTHER_M) or imaged
-    )  # for where the surface lies may be the mistake
+    )  # since the surface's distance may be the mistake
     yield from _likely_mistake(recorded, capture, surface, (depth, near, further), start_m)
 
 

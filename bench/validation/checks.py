@@ -40,10 +40,7 @@ CROWDED_PERCENT, WIDE_M = (
 )  # of an image that nothing near a hand fills, if it is that wide and high
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
-NEAREST_M, FARTHEST_M = (
-    0.05,
-    2.0,
-)  # that photographs of a hand are taken from, from the board beside it
+NEAREST_M, FARTHEST_M = (0.05, 2.0)  # of cameras that photograph a hand, from the board next to it
 SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board"
 # of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
 SHARPER_DB = 3.0
@@ -80,7 +77,7 @@ CHECKS = (
         "array",
         "positions in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply "
+        "an antenna is {far_m:g} m from the origin: are its positions millimetres? multiply "
         "them by 1e-3",
     ),
     Check(
@@ -110,7 +107,7 @@ CHECKS = (
         "array",
         "plane along z",
         lambda f: f["looks_along"],
-        "the array lies in the plane of {beside} and z, so that it looks along {looks_along}: z "
+        "the array is in the plane of {beside} and z, so that it looks along {looks_along}: z "
         "is to point away from "
         "it; exchange the axes",
     ),
@@ -143,7 +140,7 @@ CHECKS = (
         "mesh",
         "holes",
         lambda f: f["rim_percent"] > OPEN_PERCENT,
-        "{rim_percent:.0f} % of its edges belong to one triangle alone: fill its holes, or merge "
+        "{rim_percent:.0f} % of its edges belong to only one triangle: fill its holes, or merge "
         "equal vertices",
     ),
     Check(
@@ -175,7 +172,7 @@ CHECKS = (
         "depth map",
         "depths in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        f"depths lie further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
+        f"depths are further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
     ),
     Check(
         "depth map",
@@ -188,13 +185,13 @@ CHECKS = (
         "figures",
         "nothing before the surface",
         lambda f: f["mean_mm"] is None,
-        f"no pixel of the map lies before or behind the surface: {CURE}",
+        f"no pixel of the map is in front of or behind the surface: {CURE}",
     ),
     Check(
         "figures",
         "relative accuracy",
         lambda f: f["mean_mm"] is not None and not 0 <= f["accuracy"] <= 100,
-        f"the relative accuracy is {{accuracy:.4g}} %, which lies outside 0 to 100 %: {CURE}",
+        f"the relative accuracy is {{accuracy:.4g}} %, which is outside 0 to 100 %: {CURE}",
     ),
     Check(
         "figures",
@@ -207,7 +204,7 @@ CHECKS = (
     ),
     Check(
         "figures",
-        "mean error beside the distance",
+        "mean error next to the distance",
         lambda f: (
             f["mean_mm"] is not None
             and 0 <= f["accuracy"] < 100 - FAR_PERCENT
@@ -234,7 +231,7 @@ CHECKS = (
         "board",
         "in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "a corner lies {far_m:g} m away; are these millimetres?",
+        "a corner is {far_m:g} m away; are these millimetres?",
     ),
     Check(
         "box",

@@ -28,7 +28,7 @@ ANTENNAS, POSITIONS, TONES = (
     400,
     32,
 )  # at most, of a kind and of a scan: more do not change which is sharpest
-# an array deeper than this share of its width may stand around its target, where none is looked for
+# an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
 WIDE, NEAR, FAR = (
     0.85,
@@ -36,7 +36,7 @@ WIDE, NEAR, FAR = (
     8.0,
 )  # the box imaged, in apertures: to either side, and along z from and to
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
-NEAR_M = 3e-3  # a pixel that close lies on the surface
+NEAR_M = 3e-3  # a pixel that close is on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most
 CERTAIN, GAINED = (
     0.3,
@@ -64,7 +64,7 @@ def sharpness_db(capture: RadarCapture) -> float:
     """Sharpness of a coarse image of the first frame."""
     from handbench.radar.imaging.api import (
         image_volume,
-    )  # compiled, which a map beside a surface does without
+    )  # compiled, which comparing a map with a surface does not need
 
     few = _reduced(capture)
     volume = image_volume(
@@ -182,7 +182,7 @@ def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, l
     text = (
         f"the surface, or the antennas' positions, may be {name}: undone, the median error falls "
         f"{before}"
-        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels lie on "
+        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels are on "
         "the surface, not "
         f"{100 * as_is.share:.0f} %"
     )

@@ -67,7 +67,10 @@ def _entries(section: str) -> Iterator[list[str]]:
             "plugins": [f"{name}: {reason}" for name, reason in BROKEN.items()],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),
-            "datasets": [f"read where they lie: {KNOWN}", f"by `handbench import`: {imported}"],
+            "datasets": [
+                f"read from their own folders: {KNOWN}",
+                f"by `handbench import`: {imported}",
+            ],
             "poses": [", ".join(POSES)],
         }
         yield from ([line] for line in lines[section])

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
         show(choices(scene, explain=True) + photographs)
         return
     if options.out is None:
-        raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
+        raise HandbenchError("-o: is missing; name a capture folder, or use only --explain")
     free_folder(options.out, options.overwrite, "capture.toml")
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")

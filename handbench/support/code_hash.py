@@ -41,7 +41,7 @@ class Sources:
         self.root = root
         self.in_clone = not (
             root / "radar"
-        ).is_dir()  # the other rooms and the scripts are beside the package
+        ).is_dir()  # the other rooms and the scripts are next to the package
         self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 

@@ -77,12 +77,12 @@ def _replace_folder(new: Path, path: Path) -> None:
     """Rename `new` to `path`. The previous folder is moved away first, and back if the second
     rename fails."""
     if path.is_symlink():
-        raise NotADirectoryError(errno.ENOTDIR, "a link stands in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a link is in the folder's place")
     if not path.exists():
         os.replace(new, path)
         return
     if not path.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a file is in the folder's place")
     aside = new.with_name(f"{new.name}-old")
     os.replace(
         path, aside
@@ -301,9 +301,7 @@ def content_hash(*parts: Any) -> str:
                 part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
             ) as stream:
                 if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                    raise HandbenchError(
-                        f"{part}: is no file whose content could be told; put one there"
-                    )
+                    raise HandbenchError(f"{part}: is not a readable file; put one there")
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         elif isinstance(part, np.ndarray):
             digest.update(

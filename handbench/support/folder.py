@@ -43,7 +43,7 @@ def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     else:
         return
     raise HandbenchError(
-        f"{path}: is {what}, which no run wrote; it is left alone: remove it, or choose another -o"
+        f"{path}: is {what}, which no run wrote; it stays unchanged: remove it, or choose another -o"
     )
 
 
@@ -70,7 +70,7 @@ def _open_owned(path: str | Path, flags: int) -> int:
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
-        require_owned(Path(path))  # says what stands there, where that is the reason
+        require_owned(Path(path))  # explains what is there, if that is the reason
         raise
     try:
         _refuse_foreign(os.fstat(handle), Path(path))

@@ -99,7 +99,7 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     import h5py
 
     if (found := local_item(file, name)) is None:
-        raise ValueError(f"has no '{name[:200]}' of its own")
+        raise ValueError(f"has no '{name[:200]}' inside the file itself")
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:

@@ -18,9 +18,7 @@ TriangleMesh: TypeAlias = (
 PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
 FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
-OWN_SURFACE_M = (
-    2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
-)
+OWN_SURFACE_M = 2e-4  # a hit closer than this to a ray's end is the surface of the end itself
 WINDOWS = "open3d.visualization"  # which imports a web server
 
 
@@ -78,7 +76,7 @@ class Rays:
         far_m = float(np.abs(vertices_m).max(initial=0))
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
-                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the "
+                f"mesh: a vertex is {far_m:.3g} m from the origin; expected metres in the "
                 "radar's frame, at most "
                 f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
             )

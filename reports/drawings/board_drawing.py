@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from handbench.groundtruth.board.board import Board
 
 MILLIMETRES = 1e3
-FLAT_M = 5e-5  # how far a corner may lie off the plane of print: finer than paper is flat
+FLAT_M = 5e-5  # largest distance of a corner from the plane of print: finer than paper is flat
 SQUARE = (
     0.02  # how far a marker's sides may differ, relative: a measured board's corners are not exact
 )
@@ -140,9 +140,9 @@ def _upward(board: "Board") -> int:
         turns.add(-int(np.sign(ax * by - ay * bx)))
     if np.ptp(heights_m) > FLAT_M or len(turns) > 1:
         raise HandbenchError(
-            "board: its markers do not lie in one plane of constant z, all facing one way; a "
+            "board: its markers are not in one plane of constant z, all facing one way; a "
             "print is flat: draw the "
-            "faces as boards of their own, each with z = 0"
+            "faces as separate boards, each with z = 0"
         )
     return turns.pop()
 

@@ -28,11 +28,11 @@ FIT = "fit"  # one sheet as large as the drawing needs, for a print shop or a pl
 MARGIN_MM, FOOTER_MM = (
     7.0,
     14.0,
-)  # printers leave up to 6.4 mm white; crop marks stand in the margin
+)  # printers leave up to 6.4 mm white; crop marks are in the margin
 OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
-LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title beside it
+LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title next to it
 STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 6.5,

@@ -155,7 +155,8 @@ def risk_coverage(result: Result) -> Picture:
         f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's "
         "strongest pixels, as "
         "many as make up a share of the surface. No threshold decides; the mean of the captures.",
-        "Mean absolute error over completeness for each method, unsmoothed and all smoothed alike.",
+        "Mean absolute error over completeness for each method, unsmoothed and with the same "
+        "smoothing.",
         figure,
     )
 
@@ -308,7 +309,7 @@ def reliability(result: Result) -> Picture:
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "reliability",
-        "Reliability of σ: share of all errors that lie within the normal interval about the "
+        "Reliability of σ: share of all errors inside the normal interval about the "
         "depth; on the grey line σ "
         "is right, below it too small.",
         "Observed over nominal coverage of each method that predicts its own error.",

@@ -45,7 +45,7 @@ X_LABEL, X_SHORT = (
 PAGE, COLUMN = (6, 1.9, 0.14, 0.8, 0.75, 0.14), (4, 0.0, 0.05, 0.48, 0.74, 0.08)
 LINE_IN, BOTTOM_IN = 0.155, 0.45  # of a title's line, and below the lowest panels
 SIGNED = (
-    "red lies behind the reference, blue before it, grey was not observed; the line is the "
+    "red is behind the reference, blue in front, grey was not observed; the line is the "
     "reference's outline. The "
     "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
 )
@@ -224,7 +224,7 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
     """Draw a map in mm, cut to `box`, or a photograph."""
     axis.set_title(
         _title_of(panel), y=1.0
-    )  # told, for to find it takes as long as to draw the axes
+    )  # given, because finding it takes as long as drawing the axes
     if not isinstance(panel, Layer):
         axis.set_axis_off()
         if panel is not None:
@@ -242,7 +242,7 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
     for side, marker in (
         ("x", TICKDOWN),
         ("y", TICKLEFT),
-    ):  # as one line each: ticks of their own are five a tick
+    ):  # as one line each: separate ticks are five objects each
         at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()

@@ -118,7 +118,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
     )
     if best:
-        # lays it out: only then is known where points and numbers lie
+        # lays it out: only then are the positions of points and numbers known
         picture.draw_without_rendering()
         _number(axis, best, shown, line)
     listed = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
@@ -126,15 +126,13 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
     notes = ""
     if line != best:
-        notes += (
-            " The line joins those that none beats in time and accuracy alone; the others see more."
-        )
+        notes += " The line joins those that none beats in time and accuracy; the others see more."
     if reference in shown:
         notes += f" The square marks the reference, {reference.title}."
     if len(shown) < len(settings):
         notes += (
             " Settings with no error, or without a figure, have no place on these axes and "
-            "stand in the table."
+            "are in the table."
         )
     return Picture(
         f"front_{about.name}",

@@ -23,7 +23,7 @@ SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 LIGHT = np.array(
     [-0.45, 0.55, 0.70]
 )  # of the eye's axes: from the upper left, a little before the surface
-HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and beside it: names, and a bar of colours
+HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and next to it: names, and a colour bar
 DECIBELS: dict[str, Any] = {
     "colours": "magma",
     "norm": Normalize(-40, 0),
@@ -34,7 +34,7 @@ SIGMAS: dict[str, Any] = {
     "norm": LogNorm(0.01, 10),
     "ticks": (0.01, 0.1, 1, 10),
 }
-KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units, look
+KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # maps besides the depth: units, style
     "amplitude_db": (1, DECIBELS | {"title": "amplitude"}),
     "sigma_m": (1e3, SIGMAS | {"title": "predicted error", "label": "σ in mm"}),
     "p_gross": (

@@ -19,7 +19,7 @@ from handbench.reports.figures.style import COLUMN, PAGE, Picture
 from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
-WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
+WIDTH_PX = 1900  # of a picture inside a page at most; the files have full resolution
 QUALITY = 82  # of WebP
 SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's small print
 

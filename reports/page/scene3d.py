@@ -179,9 +179,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
             )[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
             there = there | np.isfinite(error_mm)
-    picture = np.dstack([picture, there])[
-        ::-1, ::-1
-    ]  # y up, x to the left; the page shows through beside it
+    picture = np.dstack([picture, there])[::-1, ::-1]  # y up, x to the left; transparent outside
     return Image.fromarray(
         np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8)
     )

@@ -41,7 +41,7 @@ class Grid:
 @dataclass(frozen=True)
 class Verdict:
     """The tests' findings on one metric. best: titles of the methods that none is shown to beat,
-    the best figure first; leading: sentences on its smallest significant leads; shown: the number of
+    the best figure first; leading: sentences on its smallest significant leads; shown: number of
     significant differences; table: every pair."""
 
     heading: str
@@ -212,7 +212,7 @@ def captures(result: Result) -> Grid:
     )
     caption = "Captures"
     if len(rows) > len(result.scored()):
-        caption += "; those of the precision alone are not scored and have no pictures"
+        caption += "; those that only measure the precision are not scored and have no pictures"
     headings = ("capture", "pose", "measures", "scored against", "distance (m)")
     return Grid(caption, headings, rows, texts=4)
 

@@ -88,7 +88,7 @@ def claims_grid(found: Tradeoff) -> Grid | None:
         for claim in found.facts.claims
     )
     headings = ("claim", "how", "paper", "operations, counted", "time, measured")
-    return Grid("The paper's factors beside ours", headings, rows, texts=2) if rows else None
+    return Grid("The paper's factors next to ours", headings, rows, texts=2) if rows else None
 
 
 def _factor(value: float | None) -> str:

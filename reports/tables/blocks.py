@@ -220,7 +220,7 @@ def caption(result: Result) -> str:
         floor = (
             f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, "
             "because the reference "
-            "errs itself, and where it would lie in 95 % of all draws of that error; "
+            "itself has errors, and its range in 95 % of all draws of these errors; "
         )
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())

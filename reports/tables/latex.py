@@ -25,7 +25,7 @@ from handbench.reports.tables.blocks import (
 )
 from handbench.reports.tables.blocks import three_digits as digits
 
-COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
+COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
 COLUMN_PT, TITLE_PT, SEP_PT = (
     251,
@@ -159,7 +159,7 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
     )
     known = any(interval for _, interval in cells)
     title = rf"\parbox[t]{{{wide}}}{{\raggedright {title}\strut}}" if title else ""
-    if known and title:  # hangs down beside the intervals, where it takes two lines
+    if known and title:  # reaches down next to the intervals, if it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{{title}}}"
     shown = [
         rf"\bfseries {value}" if star else value

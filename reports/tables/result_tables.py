@@ -54,14 +54,13 @@ def _claim(result: Result, first: str, second: str) -> str:
     common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
     over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]
     untested = lines.p_corrected.isna().all()
-    few = (
-        f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)"
-        if untested
-        else ""
-    )
+    few = f" ({lines.n_captures.iloc[0]} captures: too few for a test)" if untested else ""
     summaries = [_joined(amounts) or "not compared" for amounts in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
-    return f"{between}, on the pixels that all see: {summaries[0]}; over completeness: {summaries[1]}{few}"
+    at_common, over_share = summaries
+    return (
+        f"{between}, on the pixels that all see: {at_common}; over completeness: {over_share}{few}"
+    )
 
 
 def _joined(findings: list[tuple[str, str]]) -> str:
