@@ -21,7 +21,7 @@ TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an 
 RESAMPLES = 2000
 DRAWN_AT_ONCE = 100_000  # values of resamples in memory, however many captures there are
 RHO = np.linspace(-0.6, 0.99, 160)  # correlations of neighbouring repeats that are considered
-TOO_FEW = "too few captures to tell"
+TOO_FEW = "too few captures for a test"
 
 
 class Interval(NamedTuple):
@@ -66,14 +66,8 @@ def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interv
 def note(captures: int) -> str:
     """A sentence on how many captures the intervals are based on."""
     if captures >= FEWEST:
-        return (
-            f"{captures} captures: the intervals speak of captures like these, between which "
-            "the figures vary"
-        )
-    return (
-        f"{captures} capture{'s' * (captures > 1)}: {TOO_FEW} how others differ; {FEWEST} or "
-        "more have intervals"
-    )
+        return f"{captures} captures: the intervals are those of the mean over captures like these"
+    return f"{captures} capture{'s' * (captures > 1)}: no intervals, which need at least {FEWEST} captures"
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:

@@ -134,9 +134,9 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
     if np.isnan(line.low):
         ahead = (
             f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} "
-            f"({title}) on these"
+            f"({title}) on"
         )
-        return f"{ahead} {line.n_captures}: {TOO_FEW} of others"
+        return f"{ahead} {line.n_captures} captures: {TOO_FEW}"
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
         return f"{better} is better than {worse} by {amounts} ({title})"

@@ -10,7 +10,7 @@ from handbench.bench.evaluation.tables import CHANGES, frame
 from handbench.bench.results.result_folder import Result
 from handbench.support.config import plain_toml
 
-HASH_CHARACTERS = 12  # tell two hashes apart
+HASH_CHARACTERS = 12  # enough to distinguish two hashes
 
 
 def changes(a: Result, b: Result) -> pd.DataFrame:

@@ -147,7 +147,7 @@ class DaskExecutor(Executor):
     job to another one, which is safe because a stage's folder appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
-        # whose futures tell that the scheduler has gone; those of get_executor() then never end
+        # its futures fail when the scheduler has gone; those of get_executor() then never end
         self._client = client
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:

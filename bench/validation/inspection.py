@@ -36,7 +36,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_json
 from handbench.support.progress import track
 
-# A key that tells what a TOML file is, if it is neither benchmark nor scene.
+# A key that identifies a TOML file that is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
 
 

@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
     scores = score(depth, reference, protocol(options.protocol), recorded)
     errors, values = scores.errors, scores.figures
-    doubts = misplacement_warnings(depth, surface.moved(transform))  # which tell a cure
+    doubts = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
     doubts += [*map_warnings(depth), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:

@@ -49,7 +49,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
     if options.unit is None:
         raise HandbenchError(
-            f"--unit: is missing; {options.photos} does not tell its own: say m or mm"
+            f"--unit: is missing; {options.photos} does not name its unit: give m or mm"
         )
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)

@@ -333,7 +333,7 @@ def _json_like(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(
-        f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or "
+        f"content_hash: cannot distinguish values of {type(value).__name__}; give plain values or "
         "arrays"
     )
 

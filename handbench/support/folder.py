@@ -43,7 +43,7 @@ def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     else:
         return
     raise HandbenchError(
-        f"{path}: is {what}, which no run wrote; it stays unchanged: remove it, or choose another -o"
+        f"{path}: is {what}, which no run wrote; it stays unchanged: remove it or choose another -o"
     )
 
 

@@ -17,7 +17,7 @@ TriangleMesh: TypeAlias = (
 )
 PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
-FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
+FARTHEST_M = 500.0  # single precision resolves 3e-5 m there, well below the next:
 OWN_SURFACE_M = 2e-4  # a hit closer than this to a ray's end is the surface of the end itself
 WINDOWS = "open3d.visualization"  # which imports a web server
 
@@ -78,7 +78,7 @@ class Rays:
             raise HandbenchError(
                 f"mesh: a vertex is {far_m:.3g} m from the origin; expected metres in the "
                 "radar's frame, at most "
-                f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
+                f"{FARTHEST_M:g}: beyond, single precision cannot separate a surface from one that hides it"
             )
         self._scene = embree(vertices_m, faces)
 
