@@ -138,7 +138,7 @@ def test_what_cannot_be_tested_says_so():
     )
     assert (
         lines.sentence[0]
-        == "a is ahead of b by 0.50 mm (MAE) on these 4: too few captures to tell of others"
+        == "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
     )
     assert best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty

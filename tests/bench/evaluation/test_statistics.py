@@ -78,10 +78,7 @@ def test_four_captures_have_no_interval_and_it_is_said():
         mean_interval([1.0, 2.0, 3.0, 4.0]) is None
         and mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
     )
-    assert (
-        note(3)
-        == "3 captures: too few captures to tell how others differ; 5 or more have intervals"
-    )
+    assert note(3) == "3 captures: no intervals, which need at least 5 captures"
     assert note(1).startswith("1 capture: too few") and note(FEWEST).endswith(
         "between which the figures vary"
     )
@@ -178,9 +175,7 @@ def test_an_interval_of_skewed_captures_is_halls(values):
 
 
 def test_a_note_counts_the_captures():
-    assert (
-        note(1) == "1 capture: too few captures to tell how others differ; 5 or more have intervals"
-    )
+    assert note(1) == "1 capture: no intervals, which need at least 5 captures"
     assert note(4).startswith("4 captures: too few") and note(5).startswith(
         "5 captures: the intervals speak of"
     )

@@ -161,7 +161,7 @@ def test_three_captures_are_too_few_to_tell(tmp_path):
         and np.isnan([d.low, d.p_corrected]).all()
         and d.better == ""
     )
-    told = "in MAE against truth: too few captures to tell (B − A: 1.0 mm)"
+    told = "in MAE against truth: too few captures for a test (B − A: 1.0 mm)"
     assert d.sentence.endswith(f"{told}; needs 5 hands to show this difference") and d.needed == 5
 
 
@@ -223,7 +223,7 @@ def test_nothing_is_made_of_nothing(tmp_path):
     a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})
     for name, errors_mm, words in (
         ("n", nothing, "no figures to compare"),
-        ("l", lonely, "too few captures to tell"),
+        ("l", lonely, "too few captures for a test"),
     ):
         for names in (NAMES, tuple("GHIKLM")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))

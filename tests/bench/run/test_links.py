@@ -77,7 +77,7 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
     bench, base = load_benchmark(str(small_bench))
     what = "neither a file nor a folder" if to == "pipe" else "a link"
     with pytest.raises(
-        HandbenchError, match=f"{place.name}: is {what}, which no run wrote; it is left alone"
+        HandbenchError, match=f"{place.name}: is {what}, which no run wrote; it stays unchanged"
     ):
         (tradeoff if sweep else run)(bench, base, tmp_path / "out", overwrite=True)
     assert os.path.lexists(place)
@@ -137,7 +137,7 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
     with pytest.raises(HandbenchError, match="linked: is a link"):
         cached(tmp_path / "linked", one)
     with (
-        pytest.raises(HandbenchError, match="a link stands in the folder's place"),
+        pytest.raises(HandbenchError, match="a link is in the folder's place"),
         atomic_folder(tmp_path / "linked"),
     ):
         pass
@@ -185,5 +185,5 @@ def test_a_capture_s_hash_takes_regular_files_alone(tmp_path, home, unharmed):
         (capture / "round").unlink()
     os.mkfifo(capture / "pipe")
     for asked in (capture, capture / "pipe", Path("/dev/zero")):
-        with pytest.raises(HandbenchError, match="is no file whose content could be told"):
+        with pytest.raises(HandbenchError, match="is not a readable file"):
             content_hash(asked)

@@ -118,7 +118,7 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
     text = "those that every method of the table finished"
     assert (
         result.about.protocol["basis"]
-        == f"1 of 1 captures: {text}; the precision alone: 2 of 2 captures: {text}"
+        == f"1 of 1 captures: {text}; for the precision only: 2 of 2 captures: {text}"
     )
     assert {m.name: set(m.config) for m in result.about.methods} == {
         "2fsk": {"ball", "print0", "print1"},
@@ -163,7 +163,7 @@ def test_the_precision_needs_no_reference_and_its_failures_are_its_own(printed, 
     echoes.write_bytes(echoes.read_bytes()[:5000])
     spoilt = execute(printed, tmp_path / "recorded")
     assert {failure.capture for failure in spoilt.about.failures} == {"print1"}
-    assert "; the precision alone: 1 of 2 captures" in spoilt.about.protocol["basis"]
+    assert "; for the precision only: 1 of 2 captures" in spoilt.about.protocol["basis"]
     assert (
         spoilt.row("mae_mm", "2fsk", "truth").value
         == simulated.row("mae_mm", "2fsk", "truth").value
@@ -187,7 +187,7 @@ TARGET = '[calibration]\nscene = "ball.toml"\nmeasures = ["accuracy"]\n[[method]
         (
             "precision = true",
             "precision = false",
-            "the precision alone, but no method has precision = true",
+            "only the precision, but no method has precision = true",
         ),
         ('[[method]]\nid = "2fsk"', TARGET, "unknown key 'calibration.*measures'"),
     ],

@@ -312,7 +312,7 @@ def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
     for name, faces, words in (
         ("right", outside, "nothing looks wrong"),
         ("turned", outside[:, ::-1], "inside out"),
-        ("open", outside[:2], "belong to one triangle alone"),
+        ("open", outside[:2], "belong to only one triangle"),
     ):
         write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
         assert words in said(capsys, str(tmp_path / f"{name}.ply"))
