@@ -177,7 +177,7 @@ def test_an_interval_of_skewed_captures_is_halls(values):
 def test_a_note_counts_the_captures():
     assert note(1) == "1 capture: no intervals, which need at least 5 captures"
     assert note(4).startswith("4 captures: too few") and note(5).startswith(
-        "5 captures: the intervals speak of"
+        "5 captures: the intervals are those of"
     )
 
 
