@@ -67,7 +67,8 @@ def note(captures: int) -> str:
     """A sentence on how many captures the intervals are based on."""
     if captures >= FEWEST:
         return f"{captures} captures: the intervals are those of the mean over captures like these"
-    return f"{captures} capture{'s' * (captures > 1)}: no intervals, which need at least {FEWEST} captures"
+    counted = f"{captures} capture{'s' * (captures > 1)}"
+    return f"{counted}: no intervals, which need at least {FEWEST} captures"
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:

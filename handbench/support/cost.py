@@ -170,8 +170,8 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {duration}, more than {hours:g} h; ask "
-            "for less (fewer points, tones or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
+            f"{what}: would take about {duration}, more than {hours:g} h; ask for less (fewer "
+            "points, tones or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
         )
     if bytes_ is not None:
         say(f"predicted: about {duration} and {bytes_ / 1e9:.1f} GB ({what})")

@@ -77,8 +77,8 @@ class Rays:
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
                 f"mesh: a vertex is {far_m:.3g} m from the origin; expected metres in the "
-                "radar's frame, at most "
-                f"{FARTHEST_M:g}: beyond, single precision cannot separate a surface from one that hides it"
+                f"radar's frame, at most {FARTHEST_M:g}: beyond, single precision cannot separate "
+                "a surface from one that hides it"
             )
         self._scene = embree(vertices_m, faces)
 
