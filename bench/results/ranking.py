@@ -32,7 +32,7 @@ def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
     values: dict[str, np.ndarray] = {}
     lines = []
     for number, result in enumerate(results):
-        own, equal = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
+        own, treated = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
         for method in result.about.methods:
             key = f"{number}/{method.name}"
             right, mae_mm = (
@@ -53,7 +53,7 @@ def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
                 "low": low,
                 "high": high,
                 HEADLINE: mae_mm.mean(),
-                OVER: _figures(equal, method.name, OVER, captures).mean(),
+                OVER: _figures(treated, method.name, OVER, captures).mean(),
                 "aurc_to_percent": share.iloc[0] if len(share) else np.nan,
                 "seconds": np.nan if time is None else time.value,
             }

@@ -77,7 +77,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
     )
     errors: list[Row] = []
-    below, alt = "; grey: not observed.", ""
+    against, alt = "; grey: not observed.", ""
     if reference:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[reference]
         below, alt = _errors(result, capture, reference, timed=False)
@@ -87,11 +87,11 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
                 "ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm
             )
         ]
-        below = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
+        against = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
     names = ", ".join(_title_of(panel).replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
-        f"Capture {capture.name}: depth maps on one colour scale{below}",
+        f"Capture {capture.name}: depth maps on one colour scale{against}",
         f"Depth maps of capture {capture.name}, side by side: "
         f"{names}{', and the photograph' * bool(photo)}. {alt}",
         sheet([[*before, *maps], *errors], box_of(surfaces)),
