@@ -138,8 +138,8 @@ class Capture:
         for key, value in settings.items():  # of an axis, what is not asked for stays
             within = isinstance(value, dict) and isinstance(usual.get(key), dict)
             settings[key] = {**usual[key], **value} if within else value
-        for doubt in echo_warnings(self.echoes):
-            say(f"{self.folder}: {doubt}")
+        for warning in echo_warnings(self.echoes):
+            say(f"{self.folder}: {warning}")
         return Depth(
             image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self
         )

@@ -154,8 +154,8 @@ class Run:
             for stage, done in ended
             if done.failure is None
         }
-        doubts = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
-        if warnings := {name: texts for name, texts in doubts.items() if texts}:
+        every = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
+        if warnings := {name: texts for name, texts in every.items() if texts}:
             self.found.facts["doubts"] = warnings
 
     def photographed(self) -> list[Stage]:

@@ -149,39 +149,39 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
     """A capture.toml, and the problems of the files, lengths and methods that it names."""
-    sheet, about = yield from parse_model(
+    parsed, about = yield from parse_model(
         CaptureFile, folder / DESCRIPTION, "a capture description"
     )
-    if not isinstance(sheet.values, dict):
+    if not isinstance(parsed.values, dict):
         return None
-    contains = sheet.values.get("contains")
+    contains = parsed.values.get("contains")
     for index, name in enumerate(contains if isinstance(contains, list) else ()):
         at = ("contains", index)
         if not isinstance(name, str):
             continue
-        path = yield from sheet.attempt(at, partial(inside, folder, name, "contains"))
+        path = yield from parsed.attempt(at, partial(inside, folder, name, "contains"))
         if path is not None and not path.exists():
-            yield sheet.problem(at, f"{name} is listed, but missing; copy it again")
+            yield parsed.problem(at, f"{name} is listed, but missing; copy it again")
     if about is not None and about.distance_m is not None:
-        place, far_m = sheet.at(("distance_m",)), abs(about.distance_m)
+        place, far_m = parsed.at(("distance_m",)), abs(about.distance_m)
         yield from findings(place, "length", name="distance_m is", far_m=far_m, most_m=FAR_M)
     if about is not None and about.box_m is not None:
-        place, far_m = sheet.at(("box_m",)), max(map(abs, about.box_m))
+        place, far_m = parsed.at(("box_m",)), max(map(abs, about.box_m))
         yield from findings(place, "box", box_m=list(about.box_m))
         yield from findings(place, "length", name="box_m reaches", far_m=far_m, most_m=FAR_M)
-    methods = sheet.values.get("methods")
+    methods = parsed.values.get("methods")
     for id, values in methods.items() if isinstance(methods, dict) else ():
-        yield from method_problems(sheet, id, values, ("methods", id), ("methods", id))
+        yield from method_problems(parsed, id, values, ("methods", id), ("methods", id))
     return about
 
 
 def method_problems(
-    sheet: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
+    parsed: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
     """Problems of a method's id and of its configuration."""
-    chosen = yield from sheet.attempt(at_id, lambda: method(id))
+    chosen = yield from parsed.attempt(at_id, lambda: method(id))
     return (
-        None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
+        None if chosen is None else (yield from parsed.complaints(chosen.config, values, at_values))
     )
 
 

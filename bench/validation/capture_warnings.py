@@ -46,12 +46,12 @@ def make(folder: Path, capture: str) -> None:
     error."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
-            doubts = list(warnings_of_capture(open_capture(capture)))
+            warnings = list(warnings_of_capture(open_capture(capture)))
         except HandbenchError:
-            doubts = []
-    for doubt in doubts:
-        say(f"{capture}: {doubt}")
-    write_json(folder / INSPECTION, {"doubts": doubts})
+            warnings = []
+    for warning in warnings:
+        say(f"{capture}: {warning}")
+    write_json(folder / INSPECTION, {"doubts": warnings})
 
 
 def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
@@ -172,7 +172,7 @@ def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
     yield from about
     try:
         yield from mistakes.conjugation_warnings(capture) if about else ()
-    except HandbenchError:  # a doubt that cannot be looked into takes no result away
+    except HandbenchError:  # a failed check takes no result away
         return
 
 

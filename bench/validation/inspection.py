@@ -71,9 +71,9 @@ def inspect(
         return
     texts = {problem.text for problem in found}
     for folder in (yield from _captures(Path(name))):
-        doubts = yield from attempt(folder, partial(_image_warnings, folder))
+        warnings = yield from attempt(folder, partial(_image_warnings, folder))
         yield from (
-            problem for problem in warnings_at(folder, doubts or ()) if problem.text not in texts
+            problem for problem in warnings_at(folder, warnings or ()) if problem.text not in texts
         )
 
 

@@ -40,20 +40,20 @@ def run(options: argparse.Namespace) -> None:
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
     scores = score(depth, reference, protocol(options.protocol), recorded)
     errors, values = scores.errors, scores.figures
-    doubts = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
-    doubts += [*map_warnings(depth), *figure_warnings(depth, values)]
+    warnings = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
+    warnings += [*map_warnings(depth), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
-    for doubt in doubts:
-        say(f"{options.depth}: {doubt}")
+    for warning in warnings:
+        say(f"{options.depth}: {warning}")
     if options.plot is not None:
         from handbench.reports.figures.depth_maps import methods_figure
         from handbench.reports.figures.style import save
 
         save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
-        print(json.dumps(({"doubts": doubts} if doubts else {}) | values | about, indent=2))
+        print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:
         floor = None
         if values["floor_mm"]:

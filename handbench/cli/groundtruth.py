@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> None:
         free(options.workdir / kept, options.overwrite)
     chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
-    for doubt in board_warnings(photos, load_board(described)) if described.is_file() else ():
-        say(f"{described}: {doubt}")
+    for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
+        say(f"{described}: {warning}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
     core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
     require_time(

@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> None:
         _settings(options, defaults.model_dump(mode="json")), "--set or --tolerance"
     )
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
-    for doubt in echo_warnings(echoes):  # they may say why a tone is missing
-        say(f"{options.capture}: {doubt}")
+    for warning in echo_warnings(echoes):  # they may say why a tone is missing
+        say(f"{options.capture}: {warning}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(
@@ -52,8 +52,8 @@ def run(options: argparse.Namespace) -> None:
     result, task, certificate = _imaged(task, options)
     depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings
     depth.save(options.out)
-    for doubt in warnings_of_image(depth, echoes):
-        say(f"{options.out}: {doubt}")
+    for warning in warnings_of_image(depth, echoes):
+        say(f"{options.out}: {warning}")
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:
@@ -69,10 +69,10 @@ def run(options: argparse.Namespace) -> None:
         f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     )
     share = flagged_share(depth)
-    doubted = (
+    flagged = (
         "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
     )
-    say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
+    say(f"{options.out}: {on_target} pixels on target{flagged}, imaged on {describe()}{bound}")
 
 
 def _imaged(

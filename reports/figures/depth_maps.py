@@ -87,7 +87,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
                 "ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm
             )
         ]
-        against = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
+        against = f", below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
     names = ", ".join(_title_of(panel).replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
