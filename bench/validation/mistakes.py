@@ -5,7 +5,7 @@ Coarse images are made of the echoes as they are and conjugated; the sharper one
 array, exchanged axes or antennas, or a wrong length; it shows tones in reverse order only if
 nothing echoes from outside the image.
 
-A surface shows these: it is moved as if it were mirrored, exchanged or in another unit, and the
+A surface shows these: it is mirrored, its axes are exchanged, or its unit is changed, and the
 pixels of a depth map that are then on it are counted. The mistake may be in the surface or in the
 antennas' positions; their difference does not show in which.
 """

@@ -106,13 +106,13 @@ def tex(compared: Compared) -> str:
             difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
             names = latex.escaped(line.title), latex.title_with_unit(line.metric_title, line.unit)
             body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
-        stands = (
+        basis = (
             text
             for text in _basis(compared)
             if reference and text.startswith(f"Against {reference}:")
         )
         text = (
-            f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
+            f"{'; '.join(_sides(compared))}. {' '.join((*basis, NOTE))} Bold: shown to be better."
         )
         texts.append(
             latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body)
