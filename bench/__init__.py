@@ -1,1 +1,1 @@
-"""The bench: scenes, data sets, methods, metrics, the runner and the command line."""
+"""The bench: scenes, data sets, methods, metrics, and the runner of benchmarks."""

@@ -29,7 +29,7 @@ from handbench.reports.tables.blocks import (
     busy_note,
     decimals,
     interval,
-    known,
+    is_known,
     number,
     outstanding,
     paper,
@@ -164,7 +164,7 @@ def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
                 spread = rows.get((SPREAD.get(metric, ""), reference, method))
                 cells.append(
                     f"{cell} ± {number(spread.value, 1)}"
-                    if spread and known(spread.value)
+                    if spread and is_known(spread.value)
                     else cell
                 )
             title = facts["title"] + (
@@ -198,7 +198,7 @@ def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
 
 
 def _cell(row: Any, star: bool) -> str:
-    if row is None or not known(row.value):
+    if row is None or not is_known(row.value):
         return NONE
     places = decimals(row.value, row.low, row.high, row.unit)
     value = number(row.value, places)
@@ -207,7 +207,7 @@ def _cell(row: Any, star: bool) -> str:
         parts.append("(fitted)")
     elif row.metric in WITH_INTERVAL:
         parts.append(escaped(interval(row.low, row.high, places)))
-    if known(getattr(row, "paper", None)):
+    if is_known(getattr(row, "paper", None)):
         parts.append(f"*{paper(row.paper, row.unit)}*")
     return " ".join(filter(None, parts))
 
@@ -268,8 +268,8 @@ def disagreements(result: Result, root: Path = ROOT) -> list[str]:
 
 
 def _agree(old: Any, new: Any) -> bool:
-    if new is None or not (known(old.value) and known(new.value)):
-        return new is not None and known(old.value) == known(new.value)
+    if new is None or not (is_known(old.value) and is_known(new.value)):
+        return new is not None and is_known(old.value) == is_known(new.value)
     return abs(new.value - old.value) <= 10.0 ** -decimals(old.value, old.low, old.high, old.unit)
 
 

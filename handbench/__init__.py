@@ -1,5 +1,4 @@
-"""handbench in Python: captures, depth maps, meshes and results, imaged, held against each other
-and drawn.
+"""handbench in Python: image, compare and draw captures, depth maps, meshes and results.
 
     import handbench as hb
 
@@ -10,9 +9,9 @@ and drawn.
     score.plot("errors.png")
 
 Every function does what the command of its name does (`handbench reconstruct`, …), raises
-`HandbenchError` for a known mistake, and takes and gives SI units in the radar's frame
-(docs/conventions.md). Importing this package loads nothing but the standard library; what a call
-needs is imported by the call.
+`HandbenchError` for a known mistake, and takes and returns SI units in the radar's frame
+(docs/conventions.md). Importing this package loads only the standard library; each call imports
+what it needs.
 """
 
 from importlib import import_module

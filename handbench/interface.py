@@ -26,7 +26,7 @@ File = str | Path
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
-    """Read what lies at a path.
+    """Read the file or folder at a path.
 
     Args:
         path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
@@ -36,7 +36,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
         Capture, Result, Depth, Surface or Transform.
 
     Raises:
-        HandbenchError: nothing that handbench reads lies there.
+        HandbenchError: the path is none of these.
     """
     path = Path(path)
     if path.suffix == ".npz":
@@ -66,7 +66,7 @@ class Capture:
 
     Attributes:
         name: the capture's name.
-        folder: where it lies.
+        folder: its path.
     """
 
     def __init__(self, path: File) -> None:
@@ -138,15 +138,15 @@ class Capture:
         for key, value in settings.items():  # of an axis, what is not asked for stays
             within = isinstance(value, dict) and isinstance(usual.get(key), dict)
             settings[key] = {**usual[key], **value} if within else value
-        for doubt in echo_warnings(self.echoes):
-            say(f"{self.folder}: {doubt}")
+        for warning in echo_warnings(self.echoes):
+            say(f"{self.folder}: {warning}")
         return Depth(
             image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self
         )
 
 
-class Drawn:
-    """A thing with a figure, which notebooks show."""
+class Plottable:
+    """An object with a figure, which notebooks show."""
 
     def plot(self, file: File | None = None) -> Figure:
         """Draw it as seen from the array: x grows to the left.
@@ -174,7 +174,7 @@ class Drawn:
         return png(self._figure())
 
 
-class Depth(Drawn):
+class Depth(Plottable):
     """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap`
     holds (`.map`).
 
@@ -210,10 +210,12 @@ class Depth(Drawn):
         self.map.save(file)
 
     def _figure(self) -> Figure:
-        from handbench.bench.results import Surface
+        from handbench.bench.results import SurfaceMap
         from handbench.reports.figures.layers import depth_layers, layers_figure
 
-        return layers_figure(depth_layers(Surface(self.x_m, self.y_m, self.z_m), {}), self.method)
+        return layers_figure(
+            depth_layers(SurfaceMap(self.x_m, self.y_m, self.z_m), {}), self.method
+        )
 
     def points_m(self) -> np.ndarray:
         """The pixels on target as points [n, 3] in the radar's frame."""
@@ -260,7 +262,7 @@ class Depth(Drawn):
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
             transform: what carries the mesh into the radar's frame, or its .json; without one it
-                lies there already.
+                is there already.
             protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's
                 own mask.
 
@@ -280,7 +282,7 @@ class Depth(Drawn):
         if mesh is None and self.capture is not None:
             mesh = (
                 self.capture.truth if transform is None else None
-            )  # which lies in the radar's frame already
+            )  # which is in the radar's frame already
             if mesh is None and self.capture.mesh is not None:
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:
@@ -299,7 +301,7 @@ class Depth(Drawn):
         return Score(found.errors, found.figures, self.method)
 
 
-class Score(Drawn):
+class Score(Plottable):
     """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of
     each pixel.
 
@@ -319,8 +321,10 @@ class Score(Drawn):
         return iter(self.values)
 
     def __repr__(self) -> str:
-        told = (f"{name} {value:.4g}" for name, value in self.values.items() if value is not None)
-        return f"<handbench.Score {', '.join(told)}>"
+        figures = (
+            f"{name} {value:.4g}" for name, value in self.values.items() if value is not None
+        )
+        return f"<handbench.Score {', '.join(figures)}>"
 
     def _figure(self) -> Figure:
         from handbench.reports.figures.layers import error_layer, layers_figure
@@ -341,8 +345,8 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     Args:
         scene: the scene's .toml.
         folder: where the capture is written.
-        frames: how many frames, each with noise of its own.
-        overwrite: whether it may take the place of a capture that lies there.
+        frames: how many frames, each with different noise.
+        overwrite: whether an existing capture may be replaced.
 
     Returns:
         The capture.

@@ -1,1 +1,1 @@
-"""Data sets: one adapter each, all of which end in capture folders."""
+"""Adapters to data sets: each reads one form of captures and can write it as a capture folder."""

@@ -20,8 +20,8 @@ def write_checksums(folder: Path) -> None:
 
 
 def require_unchanged(capture: Path) -> None:
-    """HandbenchError where a capture of a set is not as its checksums say; other captures are not
-    looked at."""
+    """Raise a HandbenchError if files of one capture differ from the checksums of its set. Other
+    captures are not read."""
     folder = capture.parent.parent
     file = folder / CHECKSUMS
     if capture.parent.name != CAPTURES or not file.is_file():
@@ -47,7 +47,7 @@ def require_unchanged(capture: Path) -> None:
 
 
 def _sums(folder: Path, below: Path) -> dict[str, str]:
-    """Name in the folder → SHA-256, of every file below."""
+    """SHA-256 of every file below a folder, by the file's path in it."""
     sums = {}
     for path in sorted(path for path in below.rglob("*") if path.is_file()):
         with path.open("rb") as stream:

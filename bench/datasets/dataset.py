@@ -1,4 +1,4 @@
-"""Captures of any data set, through one interface: what lies in a folder tells which adapter reads
+"""Captures of any data set through one interface: the files in a folder decide which adapter reads
 it."""
 
 import shutil
@@ -36,8 +36,9 @@ DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 
 def open_capture(path: str | Path) -> NativeCapture:
-    """The capture in a folder, by the adapter that fits. A MAROON capture's path may end in
-    @emptyfiltered. Raises HandbenchError where none fits, naming what was looked for."""
+    """Open the capture in a folder with the adapter that fits. A MAROON capture's path may end in
+    @emptyfiltered. Raises HandbenchError if no adapter fits; the message lists the files it
+    expected."""
     path = Path(path)
     asked = path.name.endswith(AT_EMPTY_FILTERED)
     folder = require_folder(
@@ -65,13 +66,10 @@ def _adapter(folder: Path) -> type[NativeCapture] | None:
 def captures(
     root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()
 ) -> list[Path]:
-    """The folders below a data set's root that hold captures, in order; of the objects and
-    distances alone (empty: of all), which are names of folders: ROOT/OBJECT, ROOT/OBJECT/DISTANCE.
-    What MAROON has captured to register its sensors is left out, and so are its rooms without an
-    object, which have no metadata.json.
-
-    Raises HandbenchError for an object that is not there, and where nothing is left.
-    """
+    """The folders of captures below a data set's root, in order. Folders are named ROOT/OBJECT or
+    ROOT/OBJECT/DISTANCE; objects, distances: keep only these (empty: all). Captures with which
+    MAROON registers its sensors are left out, and so are rooms without an object, which have no
+    metadata.json. Raises HandbenchError for a missing object and when nothing is left."""
     root = require_folder(root, "a data set")
     found = sorted(
         _below(root, DEPTH),
@@ -110,13 +108,14 @@ def _below(folder: Path, depth: int) -> list[Path]:
 
 
 def _in_order(name: str) -> tuple[int, str]:
-    """30 before 100, and numbers before names."""
+    """Sort key that puts 30 before 100, and numbers before names."""
     return (int(name), name) if name.isdecimal() else (10**9, name)
 
 
 def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
-    """Turn a capture of the FOREIGN kind into a capture folder, all or nothing: echoes of all
-    frames, the measured mesh or else the photographs, transform, truth, description."""
+    """Write a capture of another form as a capture folder, all or nothing: echoes of all frames,
+    the measured mesh or else the photographs, transform, true surface and description. kind: a name
+    of FOREIGN."""
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
         raise HandbenchError(
@@ -126,8 +125,8 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     if transform is not None and transform.scale < 0:
         raise HandbenchError(
-            f"{path}: {transform.note}; a capture folder has no place for that: use it where it "
-            "lies"
+            f"{path}: {transform.note}; a capture folder cannot record that: use the "
+            "original folder"
         )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())

@@ -1,9 +1,9 @@
 """The real 22–26 GHz raster scan of a foam panel by one transceiver, as a capture folder.
 
-The file holds six arrays one after another: data uint16 [Q, I; tone; x; y], first and last
-frequency, number of tones, step along x and y, and distance. Each tone's mean (what does not move
-with the scan) is removed, the tone's phase correction is added, and E = I − jQ focuses with
-e^{+jkR}, as everywhere in handbench.
+The file has six arrays one after another: data uint16 [Q, I; tone; x; y], first and last frequency,
+number of tones, step along x and y, and distance. The mean of each tone over the scan is removed
+(leakage, which does not move with the scan), the tone's phase correction is added, and E = I − jQ
+focuses with e^{+jkR}, as everywhere in handbench.
 """
 
 import warnings
@@ -121,7 +121,7 @@ def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
 def _description(
     frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray
 ) -> CaptureFile:
-    """Settings that fit this sensor: its tones and its aperture instead of the hand radar's."""
+    """Settings for this sensor's tones and aperture, in place of the hand radar's."""
     lateral = {
         axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
         for axis, n, step in zip("xy", shape, step_m.tolist(), strict=True)

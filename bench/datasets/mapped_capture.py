@@ -1,4 +1,5 @@
-"""Echoes in somebody else's HDF5 or MATLAB file, read as the `mapping.toml` beside it says."""
+"""Captures whose echoes are in another program's HDF5 or MATLAB file; a `mapping.toml` next to it
+names the data sets."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -17,7 +18,7 @@ from handbench.radar.data.recording import Recording, joined
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_file
-from handbench.support.hdf5 import of_its_own, opened, read
+from handbench.support.hdf5 import local_item, open_hdf5, read
 from handbench.support.matlab import read_matlab
 
 MAPPING = "mapping.toml"
@@ -33,10 +34,10 @@ ORDER = ("frame", "sweep", "frequency", "tx", "rx", "pair", "position")  # of a 
 Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is stored
 
 
-class Gains(Config):
-    """Place and form of complex numbers in the file, here of the gains that samples are divided by.
-    axes: as the program that wrote them counts them; reversed: the file's order is the opposite, as
-    MATLAB's is, whose arrays are stored by column."""
+class GainsMapping(Config):
+    """Data set and layout of complex numbers in the file; as such, the gains by which samples are
+    divided. axes: in the order of the program that wrote the file; reversed: the file has the
+    opposite order, as MATLAB's files do, since MATLAB stores arrays by column."""
 
     dataset: InFile | None = None
     real: InFile | None = None
@@ -46,16 +47,16 @@ class Gains(Config):
 
     @property
     def datasets(self) -> list[str]:
-        """The one of complex numbers, or that of the real and that of the imaginary parts."""
+        """The data set of complex numbers, or those of the real and the imaginary parts."""
         return [name for name in (self.dataset, self.real, self.imag) if name is not None]
 
     @property
     def channels(self) -> set[str]:
-        """Those of its axes that count antennas."""
+        """The axes that count antennas."""
         return {str(axis) for axis in self.axes} - {"frame", "sweep", "frequency", RE_IM}
 
     @model_validator(mode="after")
-    def _told_once(self) -> "Gains":
+    def _require_named_once(self) -> "GainsMapping":
         pair = self.real is not None and self.imag is not None
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
             raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
@@ -70,15 +71,15 @@ class Gains(Config):
         return self
 
 
-class Samples(Gains):
-    """Place and form of the echoes. sign: of j2πf·path/v in the exponent of an echo, and of its
-    gain; sweeps: what those of a frame become."""
+class SamplesMapping(GainsMapping):
+    """Data set and layout of the echoes. sign: the sign of j2πf·path/v in the exponent of an echo,
+    and of its gain; sweeps: how the sweeps of a frame are combined."""
 
     sign: Literal["-", "+"]
     sweeps: Literal["mean", "frames"] | None = None
 
     @model_validator(mode="after")
-    def _all_axes(self) -> "Samples":
+    def _all_axes(self) -> "SamplesMapping":
         if "frequency" not in self.axes:
             raise ValueError('axes name "frequency"')
         if (self.sweeps is not None) != ("sweep" in self.axes):
@@ -88,16 +89,17 @@ class Samples(Gains):
         return self
 
 
-class Frequencies(Config):
-    """Place of the tones [f] in the file."""
+class FrequenciesMapping(Config):
+    """Data set of the tones [f]."""
 
     dataset: InFile
     unit: Literal["Hz", "kHz", "MHz", "GHz"]
 
 
-class Positions(Config):
-    """Place of the antennas' positions [n, 3] (x, y, z) in the file. reversed: as in `Gains`; x:
-    its direction, seen from the array looking at the target (ours points to the left)."""
+class PositionsMapping(Config):
+    """Data set of the antennas' positions [n, 3] (x, y, z). reversed: as in `GainsMapping`; x:
+    the direction of their x axis for somebody at the array who looks at the target (ours points
+    left)."""
 
     dataset: InFile
     unit: Literal["m", "cm", "mm"]
@@ -105,29 +107,29 @@ class Positions(Config):
     x: Literal["left", "right"]
 
 
-class Pairs(Config):
-    """Place of the pairs [n, 2] (transmitter, receiver) in the file. reversed: as in `Gains`;
-    first: what the first antenna is counted as, 1 in MATLAB."""
+class PairsMapping(Config):
+    """Data set of the measured pairs [n, 2] (transmitter, receiver). reversed: as in
+    `GainsMapping`; first: the number of the first antenna, which is 1 in MATLAB."""
 
     dataset: InFile
     reversed: bool
     first: Literal[0, 1]
 
 
-class Array(Config):
-    """One array: its echoes, where its antennas are, which pairs of them were measured, and their
+class ArrayMapping(Config):
+    """Data sets of one array: its echoes, its antennas' positions, the measured pairs, and the
     gains."""
 
-    samples: Samples
-    tx: Positions | None = None
-    rx: Positions | None = None
-    position: Positions | None = None
-    pairs: Pairs | None = None
-    gains: Gains | None = None
+    samples: SamplesMapping
+    tx: PositionsMapping | None = None
+    rx: PositionsMapping | None = None
+    position: PositionsMapping | None = None
+    pairs: PairsMapping | None = None
+    gains: GainsMapping | None = None
 
     @property
     def datasets(self) -> list[str]:
-        """All data sets that it names, but that of the tones."""
+        """All data sets that the table names."""
         tables = [self.tx, self.rx, self.position, self.pairs]
         complexes = [self.samples, self.gains]
         return [t.dataset for t in tables if t] + [
@@ -135,7 +137,7 @@ class Array(Config):
         ]
 
     @model_validator(mode="after")
-    def _tables_of_the_axes(self) -> "Array":
+    def _tables_of_the_axes(self) -> "ArrayMapping":
         needed = TABLES[CHANNELS.index(self.samples.channels)]
         for name in ("tx", "rx", "position", "pairs"):
             if (getattr(self, name) is not None) != (name in needed):
@@ -151,22 +153,22 @@ class Array(Config):
         return self
 
 
-class Mapping(Array):
-    """The content of `mapping.toml`; capture: as in a `capture.toml`; array: further ones, which
-    hear themselves."""
+class Mapping(ArrayMapping):
+    """The content of `mapping.toml`. capture: the keys of a `capture.toml`; array: further arrays,
+    whose receivers record only their own transmitters."""
 
     version: Literal[1]
     file: InFile
     capture: CaptureFile
-    frequencies: Frequencies
+    frequencies: FrequenciesMapping
     wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
     licence: str = ""
-    array: tuple[Array, ...] = ()
+    array: tuple[ArrayMapping, ...] = ()
 
 
 @dataclass(frozen=True)
 class MappedCapture(NativeCapture):
-    """A folder with a `mapping.toml`; mesh, photographs and transform lie there as in a capture
+    """A folder with a `mapping.toml`; mesh, photographs and transform are as in a capture
     folder."""
 
     @staticmethod
@@ -176,27 +178,30 @@ class MappedCapture(NativeCapture):
 
     @cached_property
     def mapping(self) -> Mapping:
-        """Its mapping.toml."""
+        """The content of its mapping.toml."""
         return load(Mapping, self.folder / MAPPING, "a mapping of an HDF5 or MATLAB file")
 
     @property
     def about(self) -> CaptureFile:
-        """Its description."""
+        """The description of the capture."""
         return self.mapping.capture
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; they are as recorded."""
-        told, arrays = self.mapping, (self.mapping, *self.mapping.array)
+        """The first `frames` frames, or all of them, as recorded."""
+        mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
         path = require_file(
-            inside(self.folder, told.file, MAPPING),
+            inside(self.folder, mapping.file, MAPPING),
             "the HDF5 or MATLAB file that mapping.toml names",
         )
         try:
             with _reader(
                 path,
-                {told.frequencies.dataset, *(name for array in arrays for name in array.datasets)},
+                {
+                    mapping.frequencies.dataset,
+                    *(name for array in arrays for name in array.datasets),
+                },
             ) as of:
-                capture = joined([_recording(of, told, array).capture() for array in arrays])
+                capture = joined([_recording(of, mapping, array).capture() for array in arrays])
             return replace(capture, samples=capture.samples[:frames])
         except HandbenchError as error:
             raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
@@ -209,14 +214,16 @@ class MappedCapture(NativeCapture):
 
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """A function that reads the file's data sets; refuses a file that lacks some of those wanted,
-    naming all."""
+    """Return a function that reads the file's data sets by name. Refuses a file that lacks some of
+    the wanted ones; the message names all that are missing."""
     import h5py
 
     matlab = not h5py.is_hdf5(path)
-    source: AbstractContextManager[Any] = nullcontext(read_matlab(path)) if matlab else opened(path)
+    source: AbstractContextManager[Any] = (
+        nullcontext(read_matlab(path)) if matlab else open_hdf5(path)
+    )
     with source as file:
-        found = file.get if matlab else partial(of_its_own, file)
+        found = file.get if matlab else partial(local_item, file)
         if lacking := [name for name in sorted(wanted) if found(name) is None]:
             names: dict[str, int] = dict.fromkeys(file, 0) if matlab else {}
             if not matlab:
@@ -224,20 +231,20 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
             there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
             lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
             raise HandbenchError(
-                f"has no {lacks} of its own; it has {', '.join(there[:12]) or 'no data sets'}"
+                f"has no {lacks} inside; it has {', '.join(there[:12]) or 'no data sets'}"
             )
         yield file.__getitem__ if matlab else partial(read, file, path=path)
 
 
-def _recording(of: Read, told: Mapping, array: Array) -> Recording:
-    """One of the arrays that the mapping tells of."""
-    frequencies_hz = _real(of, told.frequencies.dataset)
+def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
+    """Read one array of the mapping."""
+    frequencies_hz = _real(of, mapping.frequencies.dataset)
     if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
         raise _wrong(
-            told.frequencies.dataset, frequencies_hz, "[frequency]"
+            mapping.frequencies.dataset, frequencies_hz, "[frequency]"
         )  # MATLAB's have an axis of one more
     with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
-        frequencies_hz = frequencies_hz.reshape(-1) * UNITS[told.frequencies.unit]
+        frequencies_hz = frequencies_hz.reshape(-1) * UNITS[mapping.frequencies.unit]
     given = {
         name: at for name in ("tx", "rx", "position") if (at := getattr(array, name)) is not None
     }
@@ -261,31 +268,32 @@ def _recording(of: Read, told: Mapping, array: Array) -> Recording:
     if array.samples.sign == "+":
         samples, gains = samples.conj(), None if gains is None else gains.conj()
     about = {
-        "wave_speed_m_s": told.wave_speed_m_s,
-        "source": told.capture.source or "",
-        "licence": told.licence,
+        "wave_speed_m_s": mapping.wave_speed_m_s,
+        "source": mapping.capture.source or "",
+        "licence": mapping.licence,
     }
     return Recording(
         samples, frequencies_hz, places_m, pairs, gains, array.samples.sweeps or "mean", about
     )
 
 
-def _table(of: Read, told: Positions | Pairs, columns: int, what: str) -> np.ndarray:
-    """Real numbers [n, columns]."""
-    stored = _real(of, told.dataset)
-    if stored.ndim != 2 or stored.shape[0 if told.reversed else 1] != columns:
+def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what: str) -> np.ndarray:
+    """Real numbers [n, columns] of a data set."""
+    stored = _real(of, entry.dataset)
+    if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
         expected = (
-            f"[{columns}, n] as stored, for it is reversed" if told.reversed else f"[n, {columns}]"
+            f"[{columns}, n] as stored, for it is reversed" if entry.reversed else f"[n, {columns}]"
         )
-        raise _wrong(told.dataset, stored, f"{expected} {what}")
-    return stored.T if told.reversed else stored
+        raise _wrong(entry.dataset, stored, f"{expected} {what}")
+    return stored.T if entry.reversed else stored
 
 
-def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
-    """Complex numbers whose axes are in ORDER, as far as they are there."""
-    axes: tuple[str, ...] = told.axes[::-1] if told.reversed else told.axes
-    parts = {name: of(name) for name in told.datasets}
-    if told.reversed:  # MATLAB has no last axes of length one
+def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarray:
+    """Complex numbers with their axes in the order of ORDER; an axis that the file lacks is left
+    out."""
+    axes: tuple[str, ...] = entry.axes[::-1] if entry.reversed else entry.axes
+    parts = {name: of(name) for name in entry.datasets}
+    if entry.reversed:  # MATLAB has no last axes of length one
         parts = {
             name: values.reshape((1,) * (len(axes) - values.ndim) + values.shape)
             for name, values in parts.items()
@@ -306,7 +314,7 @@ def _complex(of: Read, told: Gains, counts: dict[str, int]) -> np.ndarray:
 
 
 def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
-    """Real and imaginary parts, as they are stored, put together."""
+    """Real and imaginary parts as complex numbers."""
     if len(parts) == 2 or RE_IM in axes:
         given = [_require_real(name, values) for name, values in parts.items()]
         real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)

@@ -1,5 +1,5 @@
-"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read as it lies on disk: one object at one distance
-is a capture.
+"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read from its own folders. One object at
+one distance is a capture.
 
     OBJECT/30/  metadata.json  alignment.json
                 radar_72.0_82.0_128/  calibration.json
@@ -45,7 +45,7 @@ from handbench.support.files import content_hash, inside
 from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
-REGISTRATIONS = "00_registration"  # beside the objects: captures of their calibration target
+REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
 MESHES = {
@@ -102,7 +102,7 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def metadata(self) -> Metadata:
-        """Its metadata.json; without one, nothing is known."""
+        """The content of its metadata.json; all fields are empty without one."""
         return parse(
             Metadata,
             read_table(self.folder / METADATA, f"MAROON's {METADATA}"),
@@ -111,7 +111,7 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def about(self) -> CaptureFile:
-        """Its description, named OBJECT-DISTANCE; the methods image the box of calibration.json."""
+        """Its description, named OBJECT-DISTANCE. The methods image the box of calibration.json."""
         folder = self.folder.resolve()
         name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
         facts = {
@@ -136,9 +136,9 @@ class MaroonCapture(NativeCapture):
         return found[0]
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or as many as its first frame says that there are; they are
-        calibrated already, whatever is asked for; with the other sensors that alignment.json
-        knows."""
+        """The first `frames` frames, or as many as the first frame counts. MAROON's echoes are
+        always calibrated, so that `calibrated` has no effect. The result has the other sensors that
+        alignment.json names."""
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
         read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
@@ -163,8 +163,8 @@ class MaroonCapture(NativeCapture):
         return folder if folder.is_dir() else None
 
     def mesh(self) -> Path | None:
-        """The masked mesh, in their photogrammetry's frame, metres; or, as in their code and said,
-        the whole one where there is no masked one; None without any."""
+        """The masked mesh in the frame of MAROON's photogrammetry, metres. Without one, the whole
+        mesh is taken, with a message, as MAROON's code does; None if there is no mesh."""
         masked, whole = (
             self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole")
         )
@@ -174,7 +174,8 @@ class MaroonCapture(NativeCapture):
         return whole
 
     def transform(self) -> Transform | None:
-        """radar_from_photo in our frame, with a note on its hand; None without an alignment."""
+        """radar_from_photo in our frame, with a note on its handedness; None without an
+        alignment."""
         file, hand = self.alignment, self.handedness
         return (
             replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
@@ -182,11 +183,12 @@ class MaroonCapture(NativeCapture):
 
     @property
     def handedness(self) -> Handedness:
-        """Direction of its radar frame's x; without an alignment.json as their code draws it."""
+        """Direction of the x axis of its radar frame; without an alignment.json, the one in
+        MAROON's code."""
         return _handedness(self, self.key(1))
 
     def sensors(self) -> dict[str, OtherSensor]:
-        """The other sensors that it holds and that alignment.json knows, by name."""
+        """The other sensors, by name, that have both a folder and a matrix in alignment.json."""
         file, mirrored = self.alignment, lambda: self.handedness.mirrored
         here = [name for name in LENSES if pictures(self.folder, name, "depth")]
         known = read_table(file) if file and here else {}
@@ -197,12 +199,10 @@ class MaroonCapture(NativeCapture):
         }
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that their code scores: on target and inside mask_bb.
-        erode: away from the target's edges too, by metadata.json's `mask_erosion`, as in the paper
-        (their shipped configuration does not).
-
-        Raises HandbenchError for a box without room, as the example in their README has it.
-        """
+        """Pixels [ny, nx] of a depth map that MAROON's code scores: on the target and inside
+        mask_bb. erode: also drop the target's edges by metadata.json's `mask_erosion`, as the paper
+        does (MAROON's shipped configuration does not). Raises HandbenchError for an empty box, as
+        in the example of their README."""
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
@@ -215,9 +215,9 @@ class MaroonCapture(NativeCapture):
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of the files that a run reads: the first `frames` frames (or all) of
-        the radar and of the other sensors, descriptions, masks, the mesh or else the photographs;
-        not what their tools have made of it."""
+        """Hash of the content of all files that a run reads: the first `frames` frames (or all) of
+        the radar and of the other sensors, descriptions, masks, and the mesh or else the
+        photographs. Results of MAROON's own tools do not count."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
         for sensor in LENSES:
@@ -232,11 +232,12 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def alignment(self) -> Path | None:
-        """Its alignment.json or else, said, that of its calibration; None without any."""
-        beside = self.folder / ALIGNMENT
+        """The path of its alignment.json, or else of the one of its calibration, with a message;
+        None without either."""
+        own = self.folder / ALIGNMENT
         name = self.metadata.calibration
-        if beside.exists() or not name:
-            return beside if beside.exists() else None
+        if own.exists() or not name:
+            return own if own.exists() else None
         registrations = self.folder.resolve().parent.parent / REGISTRATIONS
         of_calibration = (
             inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
@@ -264,8 +265,8 @@ class MaroonCapture(NativeCapture):
         return low, high
 
     def _settings(self) -> dict[str, Any]:
-        """Method id → the pixels and voxels of their box: calibration.json's of the first frame, or
-        their shipped one about the object's distance."""
+        """Settings by method id: the pixels and voxels of MAROON's box, from calibration.json of
+        the first frame, or the box of their shipped configuration around the object's distance."""
         file = self.radar / VOLUMES
         frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
@@ -283,9 +284,9 @@ class MaroonCapture(NativeCapture):
 
     def _axes(self, file: Path, volume: Any) -> dict[str, dict[str, float]]:
         """Our x, y and z of a `volume` of their calibration.json."""
-        told = volume if isinstance(volume, dict) else {}
+        box = volume if isinstance(volume, dict) else {}
         low, high, count = (
-            checked_numbers(file, key, told.get(key), [(3,)], 1e4)
+            checked_numbers(file, key, box.get(key), [(3,)], 1e4)
             for key in ("bb_min", "bb_max", "grid_size")
         )
         if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
@@ -314,8 +315,8 @@ class MaroonCapture(NativeCapture):
 
 @cache
 def _handedness(capture: MaroonCapture, key: str) -> Handedness:
-    """That of a capture whose content has this key, decided once a process: by its mesh, or else by
-    another sensor."""
+    """The handedness of a capture, determined once per process for content with this key: by its
+    mesh, or else by another sensor."""
     file, mesh_file = capture.alignment, capture.mesh()
     if file is None:
         return Handedness(True, "")
@@ -329,13 +330,10 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller one that
-    leaves more than FEWEST_PX pixels (their `SensorVisualizer.add_sensor`); of y upwards and our x,
-    as all maps here are.
-
-    The map's border erodes nothing. Their images are ours turned by 180°, which an even kernel
-    minds.
-    """
+    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller square
+    that leaves more than FEWEST_PX pixels (MAROON's `SensorVisualizer.add_sensor`). Rows go upwards
+    in y and columns along our x, as in all maps here; MAROON's images are ours turned by 180°,
+    which matters for an even kernel. The border of the map erodes nothing."""
     import cv2
 
     theirs = np.ascontiguousarray(mask[::-1, ::-1], np.uint8)

@@ -1,14 +1,16 @@
 """`alignment.json`, MAROON's file of transforms (Wirth et al. 2024, arXiv 2411.00527), and the
 sensors that it aligns.
 
-It holds 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the
-frames of the sensors `radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`;
-metres in the first two, millimetres in the cameras' frames. Their code draws a left-handed radar
-frame, x to the right, y up, z away, so that p_ours = diag(−1, 1, 1)·p_theirs, and a matrix from a
-right-handed sensor contains a reflection. One without says that the radar frame is ours already, or
-that the sensor's points are a mirror image. Both readings place what the sensor saw before the
-radar, one mirrored in x, and the radar's own depth tells them apart. The evidence stands in
-docs/maroon.md.
+The file has 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the
+frames of the sensors `radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`.
+The unit is the metre in the frames of radar and photogrammetry, the millimetre in those of the
+cameras.
+
+MAROON's code uses a left-handed radar frame (x to the right, y up, z away), so that p_ours =
+diag(−1, 1, 1)·p_theirs, and a matrix from a right-handed sensor contains a reflection. A matrix
+without a reflection means either that the radar frame is ours already, or that the sensor's points
+are a mirror image. Both readings put the sensor's points in front of the radar, one mirrored in x;
+comparing them with the radar's own depth decides. docs/maroon.md has the evidence.
 """
 
 from collections.abc import Callable
@@ -29,15 +31,15 @@ from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
 ROUNDING, TOO_CROOKED = (
     1e-6,
     1e-3,
-)  # largest element by which a matrix may miss its rotation: unsaid, and at all
-FARTHEST_M = 10.0  # no two sensors of the set-up stand further apart; more are millimetres
+)  # largest element by which a matrix may miss its rotation: without a message, and at all
+FARTHEST_M = 10.0  # largest distance of two sensors of the set-up; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
 PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
@@ -56,7 +58,7 @@ LENSES = {
     "realsense": "rgb",
     "zed": "left",
 }  # sensor → its lens in calibration.json (Kinect: own form)
-SIDES = {"zed": "left"}  # sensor → folder that its pictures lie deeper
+SIDES = {"zed": "left"}  # sensor → further folder of its pictures
 LONGEST_MM = (
     10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
 )
@@ -87,15 +89,15 @@ Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 def load_alignment(
     path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None
 ) -> Transform:
-    """`radar_from_SOURCE` in our radar frame, metres; it carries no covariance. `photogrammetry`
+    """Read `radar_from_SOURCE` in our radar frame, metres; it has no covariance. `photogrammetry`
     becomes our `photo`.
 
-    source: a sensor of the file; its points are in the unit that the file's matrix expects (see
-    above), which the transform's scale shows. mirrored: whether the file's radar frame has x to the
-    right; None: if the matrix contains a reflection. Asked for the other reading, the source is a
-    mirror image, and the transform's scale negative. The matrix is brought to the nearest rotation
-    with a scale. Raises HandbenchError for anything but a finite 4×4 similarity, and for an unknown
-    source.
+    source: a sensor of the file. Its points keep the unit that the file's matrix expects; the
+    transform's scale converts it. mirrored: whether x of the file's radar frame points right; None:
+    it does if the matrix contains a reflection. If the matrix does not agree with `mirrored`, the
+    source is a mirror image, and the transform's scale is negative. The matrix is replaced by the
+    nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4 similarity,
+    and for an unknown source.
     """
     content = read_table(path)
     key = f"{source}2radar"
@@ -118,12 +120,10 @@ def load_alignment(
 
 
 def save_alignment(path: str | Path, transform: Transform) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and into the
-    world, which is the radar's frame in a new file.
-
-    An existing file keeps its other keys, and the hand of its radar frame; that of a new one has x
-    to the right, as their code draws it. The covariance has no place there.
-    """
+    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and to the world,
+    which is the radar's frame in a new file. An existing file keeps its other keys and the
+    handedness of its radar frame; in a new file x points right, as in MAROON's code. The form has
+    no covariance."""
     transform.require("photo", "radar", "transform")
     known: dict[str, Any] = {
         "radar2world": np.eye(4),
@@ -143,8 +143,8 @@ def save_alignment(path: str | Path, transform: Transform) -> None:
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
-    """One of MAROON's JSON files, which hold a table; anything else, or a larger one, is a
-    HandbenchError."""
+    """Read one of MAROON's JSON files. Raises HandbenchError for a file that is too large or holds
+    no table."""
     content = read_json(
         path, what, RAW_VALUES, RAW_JSON_BYTES
     )  # it also holds intermediate data of the calibration
@@ -154,8 +154,8 @@ def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[
 
 
 def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
-    """The matrix with the nearest rotation or reflection (polar decomposition) and the mean stretch
-    as scale; says how far it was."""
+    """The matrix with its linear part replaced by the nearest rotation or reflection (polar
+    decomposition) times the mean stretch. Prints how much it changes."""
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
@@ -173,7 +173,8 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
 
 
 class Handedness(NamedTuple):
-    """mirrored: their x is ours negated; note: how it was found, in words."""
+    """Handedness of a radar frame. mirrored: its x axis is ours negated; note: how that was
+    determined."""
 
     mirrored: bool
     note: str
@@ -185,8 +186,8 @@ def handedness_of(
     surface: Callable[[], Triangles] | None,
     echoes: Callable[[], RadarCapture],
 ) -> Handedness:
-    """Handedness of an alignment file, said. surface: what `source` saw, in its frame; None where
-    that is not known."""
+    """Determine the handedness of an alignment file's radar frame, and print it. surface: the
+    surface that `source` measured, in its frame; None if unknown."""
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
     note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
     try:
@@ -196,11 +197,11 @@ def handedness_of(
         own_mm, other_mm = _off_mm(load_alignment(path, source).points(vertices), faces, echoes())
         if min(own_mm, other_mm) > FAR_MM:
             raise HandbenchError(
-                f"the radar's depth lies {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
+                f"the radar's depth is {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
             )
         side = "further off" if other_mm >= own_mm else "nearer to"
         note += (
-            f"; mirrored, what it saw lies {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
+            f"; mirrored, its surface is {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
         )
         mirrored ^= other_mm < min(own_mm - CLEAR_MM, own_mm / 2)
     except HandbenchError as error:
@@ -211,7 +212,7 @@ def handedness_of(
 
 
 def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> tuple[float, float]:
-    """Mean distance of the radar's points from a surface, and from its mirror image in x."""
+    """Mean distance of the radar's points from a surface, and from the surface mirrored in x."""
     from scipy.spatial import KDTree
 
     chosen, middle_m = method("3fsk"), float(np.median(vertices_m[:, 2]))
@@ -220,7 +221,7 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     z_m = depth.z_m if depth.wrapped is None else np.where(depth.wrapped, np.nan, depth.z_m)
     surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
     if not (np.isfinite(surface_m).any() and np.isfinite(z_m).any()):
-        raise HandbenchError("what it saw lies beside the radar's pixels, or these are empty")
+        raise HandbenchError("its surface is outside the radar's pixels, or these are empty")
     x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
     seen_m, *both_m = (
         np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)]
@@ -231,8 +232,8 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
 
 
 def load_any_transform(file: Path | None) -> Transform:
-    """A transform into the radar frame: our form, or MAROON's in a file of that name,
-    alignment.json; without a file, of what lies there already."""
+    """Read a transform into the radar frame: handbench's form, or MAROON's if the file is named
+    alignment.json. Without a file, the identity, for points that are in the radar frame already."""
     if file is None:
         return identity("radar")
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
@@ -240,14 +241,14 @@ def load_any_transform(file: Path | None) -> Transform:
 
 
 def pictures(folder: Path, sensor: str, kind: str) -> list[Path]:
-    """A sensor's pictures of a kind ("depth", "mask"), in order."""
+    """Paths of a sensor's pictures of one kind ("depth", "mask"), in order."""
     return sorted((folder / sensor / kind / SIDES.get(sensor, "")).glob("[0-9]*.png"))
 
 
 @dataclass(frozen=True)
 class OtherSensor:
-    """A sensor of an object's folder; alignment: the file with its matrix; mirrored: tells later
-    how to read it."""
+    """Another sensor of an object's folder. alignment: the file with its matrix; mirrored: called
+    later, returns how to read that matrix."""
 
     folder: Path
     name: str
@@ -255,15 +256,16 @@ class OtherSensor:
     mirrored: Callable[[], bool]
 
     def __call__(self, grid: PixelGrid, frame: int = 0) -> np.ndarray:
-        """Depth z [ny, nx] of what it saw, from the radar: `depth_on_grid` of its pixels joined to
-        triangles."""
+        """Depth z [ny, nx] in the radar frame of the surface that the sensor measured: its pixels
+        joined to triangles, on the grid by `depth_on_grid`."""
         points, faces = self.triangles(frame)
         transform = load_alignment(self.alignment, self.name, self.mirrored())
         return depth_on_grid(mesh(transform.points(points), faces), grid.x_m, grid.y_m)
 
     def triangles(self, frame: int = 0) -> Triangles:
-        """A frame in its matrix's frame and unit, cut to the object where there is a mask.
-        HandbenchError for a frame that is not there, and for files that are not the sensor's."""
+        """Triangles of one frame, in the frame and unit of the sensor's matrix; cut to the object
+        if there is a mask. Raises HandbenchError for a missing frame and for files of another
+        sensor."""
         from handbench.groundtruth.photos.photos import read_gray
 
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
@@ -295,7 +297,8 @@ class OtherSensor:
     def _pinhole(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points [n, 3] of the pixels [height, width] that are seen, and these."""
+        """Points [n, 3] of the pixels with a depth, and the mask [height, width] of these
+        pixels."""
         lens, (height, width), seen = (
             content[LENSES[self.name]],
             depth_mm.shape,
@@ -310,7 +313,7 @@ class OtherSensor:
     def _kinect(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same, the mask being of the colour camera, in the frame of its matrix."""
+        """As `_pinhole`, with the mask of the colour camera, in the frame of the matrix."""
         from scipy.ndimage import map_coordinates
 
         cameras = {
@@ -333,8 +336,8 @@ class OtherSensor:
 
 
 def kinect_camera(factory: dict[str, Any]) -> Camera:
-    """The camera of a mode from the factory's entry for its sensor; ValueError for a lens of
-    another model."""
+    """Camera model of one depth mode, from the factory calibration of its sensor. Raises ValueError
+    for a lens model other than the Kinect's."""
     lens, place = factory["Intrinsics"], factory["Location"].removeprefix(LOCATION)
     (wide, high), (left, top), (width, height) = MODES[place]
     if lens["ModelType"] != MODEL:
@@ -351,7 +354,7 @@ def _numbers(values: Any, count: int) -> np.ndarray:
 
 
 def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Points [n, 3] of the pixels that are seen, in the camera's frame."""
+    """Points [n, 3] of the pixels with a depth, in the camera's frame."""
     if depth_mm.shape != (camera.height, camera.width):
         raise ValueError(
             f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}"
@@ -372,8 +375,8 @@ def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _counts(file: Path) -> np.ndarray:
-    """A grey picture of 16 bits [height, width]."""
-    with opened_picture(file) as image:
+    """The values [height, width] of a grey picture of 16 bits."""
+    with open_picture(file) as image:
         if image.mode != "I;16":
             raise HandbenchError(
                 f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits"

@@ -1,17 +1,17 @@
-"""One radar frame of MAROON: a numpy file that holds a pickled dictionary, read here without
-running anything.
+"""One radar frame of MAROON: a numpy file with a pickled dictionary, read here without running
+anything.
 
-What their public code says of its echoes, `xr`: they are [receiver, transmitter, frequency] of 96 ×
-96 antennas; rows and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order;
-their image is Σ xr·e^{+j2πfτ}, so that the echo is e^{−j2πfτ} as with us, and nothing is
-conjugated. Pairs of antennas that the radar could not use may be zero; they stay so.
+Layout of the echoes `xr`, from MAROON's public code: [receiver, transmitter, frequency] of 96 × 96
+antennas. Rows and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order. Their
+image is Σ xr·e^{+j2πfτ}, so that an echo is e^{−j2πfτ}, as in handbench, and nothing is conjugated.
+Pairs of antennas that the radar could not use may be zero, and stay zero.
 
-A pickle is a program that may call whatever it can name. This reader lets it name five things, and
-none of them is numpy's own: stand-ins take the description of an array apart, check it, and build
-the array from its plain bytes. Python's own unpickler is used because the one in C reserves memory
-for any number that a file mentions. As a few hundred bytes can make a tuple of 2⁶⁰ parts, which
-what hashes or prints it walks through, keys are text, and only those steps are taken, and counted,
-that arrays and plain values need.
+A pickle is a program that may call whatever it can name. This reader lets it name five things, none
+of them numpy's own: stand-ins take the description of an array apart, check it, and build the array
+from its plain bytes. Python's own unpickler is used because the one in C reserves memory for any
+number in a file. A few hundred bytes can describe a tuple of 2⁶⁰ parts, which hashing or printing
+would walk through; so keys must be text, and only the steps that arrays and plain values need are
+accepted, and counted.
 """
 
 import math
@@ -33,7 +33,7 @@ from handbench.support.files import read_bytes
 from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
 
 ANTENNAS, USED = 96, slice(1, 95)
-RADAR_HZ = (1e9, 1e12)  # what a list of frequencies in hertz lies between
+RADAR_HZ = (1e9, 1e12)  # range of a list of frequencies in hertz
 MOST = 1_000_000  # frames that six digits number
 NUMBERS = re.compile(r"b1|[iu][1248]|f[248]|c(8|16)")  # what an array may hold
 PLAIN = (np.generic, bool, int, float, str, type(None))
@@ -42,8 +42,8 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 
 @dataclass(frozen=True)
 class Frame:
-    """samples: complex64 [f, tx, rx] at frequencies_hz [f]; count: how many frames there are of the
-    capture."""
+    """One frame. samples: complex64 [f, tx, rx] at frequencies_hz [f]; count: number of frames of
+    the capture."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -51,8 +51,8 @@ class Frame:
 
 
 def read_frame(file: Path) -> Frame:
-    """Read `calibrated_data/NNNNNN.npy`, in our order of axes. Raises HandbenchError for anything
-    else."""
+    """Read `calibrated_data/NNNNNN.npy`, with handbench's order of axes. Raises HandbenchError for
+    any other file."""
     content = read_dictionary(file)
     frequencies_hz, xr = _frequencies_hz(file, content), _numbers(file, content, "xr")
     expected = ANTENNAS, ANTENNAS, len(frequencies_hz)
@@ -94,8 +94,8 @@ def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
 
 
 def read_dictionary(path: str | Path) -> dict[str, Any]:
-    """The dictionary of a .npy file: arrays and scalars of numbers, text, None. Anything else is a
-    HandbenchError, and nothing that the file names is ever called."""
+    """Read the dictionary of a .npy file: arrays and scalars of numbers, text, None. Raises
+    HandbenchError for any other content; nothing that the file names is ever called."""
     content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
         return _unpickle(content)
@@ -138,7 +138,7 @@ def _checked(key: Any, value: Any) -> Any:
 
 
 class _Dtype:
-    """Stands in for numpy.dtype: a kind of number and its byte order, or the object of the
+    """Stand-in for numpy.dtype: a kind of number with its byte order, or the object of the
     outermost array."""
 
     def __init__(self, name: str, *_: bool) -> None:
@@ -166,7 +166,7 @@ class _Dtype:
 
 
 class _Array:
-    """Stands in for numpy.ndarray: an array of `numbers`, or the outermost one with its only
+    """Stand-in for numpy.ndarray: an array of `numbers`, or the outermost array with its only
     object."""
 
     def __init__(self, *_: Any) -> None:
@@ -192,13 +192,13 @@ class _Array:
 
 
 def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
-    """Stands in for numpy.core.multiarray.scalar."""
+    """Stand-in for numpy.core.multiarray.scalar."""
     return dtype.numbers(content, 1)[0]
 
 
 @dataclass(frozen=True)
 class _Name:
-    """Stand-in for a name in the pickle: it can be called, and nothing else."""
+    """Stand-in for a name in the pickle: it can only be called."""
 
     make: Callable[..., Any]
 
@@ -228,7 +228,7 @@ KNOWN = (
 
 
 class _Table(dict[str, Any]):
-    """Takes text alone as keys: whatever else is never hashed."""
+    """A dictionary that accepts only text as keys, so that nothing else is hashed."""
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not isinstance(key, str):
@@ -237,7 +237,8 @@ class _Table(dict[str, Any]):
 
 
 def _call(unpickler: Any) -> None:
-    """The step that calls a name; Python would print whatever else stands there, however long."""
+    """The step that calls a name. Refuses any other value without printing it, however long it
+    is."""
     arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
     if not isinstance(name, _Name) or not isinstance(arguments, tuple):
         raise ValueError("it calls what is no name")
@@ -251,7 +252,7 @@ STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
 
 
 class _Unpickler(pickle._Unpickler):
-    """Knows the closed list of names, and of steps."""
+    """An unpickler with a closed list of names and of steps."""
 
     dispatch = STEPS
 

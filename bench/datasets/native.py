@@ -28,7 +28,7 @@ ARRAY = "array.json"  # calibration of the antennas
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
-DOUBTS = "doubts.json"  # of a run's stage that inspects it
+INSPECTION = "doubts.json"  # of a run's stage that inspects it
 FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 
 
@@ -64,11 +64,8 @@ def save_capture_file(folder: Path, description: CaptureFile) -> None:
 
 @dataclass(frozen=True)
 class NativeCapture:
-    """One scene's data as a benchmark needs them, from a capture folder; adapters of other forms
-    override what differs.
-
-    A path or a transform is None where there is none.
-    """
+    """One scene's data from a capture folder; adapters to other forms override what differs. A path
+    or a transform is None if the capture has none."""
 
     folder: Path
 
@@ -79,7 +76,7 @@ class NativeCapture:
 
     @cached_property
     def about(self) -> CaptureFile:
-        """Its `capture.toml`; every file that it names must exist."""
+        """The content of its `capture.toml`. Every file that it names must exist."""
         folder = require_folder(self.folder, WHAT)
         description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
         for name in description.contains:
@@ -90,14 +87,14 @@ class NativeCapture:
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Its first `frames` frames, or all; calibrated: where there is an `array.json`, beside the
-        echoes or in their file, with what it knows of the antennas put in, said in one line."""
+        """The first `frames` frames, or all. calibrated: apply the antennas' calibration, if there
+        is an `array.json` next to the echoes or inside their file, and print one line about it."""
         folder = require_folder(self.folder, WHAT)
         echoes = load_capture(folder / ECHOES)
         if calibrated:
-            echoes, told = with_calibration(echoes, folder / ARRAY)
-            if told:
-                say(told)
+            echoes, message = with_calibration(echoes, folder / ARRAY)
+            if message:
+                say(message)
         return replace(echoes, samples=echoes.samples[:frames])
 
     @property
@@ -115,18 +112,18 @@ class NativeCapture:
         return self._lying(TRUTH)
 
     def transform(self) -> Transform | None:
-        """Its own radar_from_photo."""
+        """The capture's radar_from_photo."""
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that its data set scores, here all on target; erode: less
-        the target's edges, if the data set says so."""
+        """Pixels [ny, nx] of a depth map that the data set scores, in this form all on the target.
+        erode: without the target's edges, if the data set defines that."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of all that a run over its first `frames` frames (None: all) may
-        read: here of the whole folder."""
+        """Hash of the content of all that a run over the first `frames` frames (None: all) may
+        read; in this form the whole folder."""
         return content_hash(self.folder)
 
     def _lying(self, name: str) -> Path | None:

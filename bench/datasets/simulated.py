@@ -1,5 +1,5 @@
-"""Scene files, turned into capture folders: echoes, photographs, cameras, board, true surface,
-description."""
+"""Simulation of scene files into capture folders: echoes, photographs, cameras, board, true surface
+and description."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -36,8 +36,8 @@ JPEG_QUALITY = 96
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
-    """Write a capture folder: echoes (and those of the empty room), photographs, true surface and
-    description, all or nothing. Returns the effects' rows."""
+    """Write a capture folder, all or nothing: echoes (and those of the empty room), photographs,
+    true surface and description. Returns the rows of the effects."""
     compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
@@ -55,9 +55,9 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
 def write_photos(
     scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
 ) -> tuple[Choice, ...]:
-    """Write everything but the echoes: `photos/` (when the scene has any), `truth.ply` (metres,
-    radar frame), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
-    `capture.toml`. rows: of the echoes' effects; returns them with those of the photographs."""
+    """Write everything but the echoes: `photos/` (if the scene has any), `truth.ply` (metres, radar
+    frame), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
+    `capture.toml`. rows: of the echoes' effects; the result also has those of the photographs."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
@@ -74,7 +74,8 @@ def write_photos(
 
 
 def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
-    """The content of `capture.toml`; contains: what lies beside it; rows: the effects'."""
+    """The content of `capture.toml`. contains: the other files of the folder; rows: those of the
+    effects."""
     target, pose = scene.file.target, ""
     kind = (
         "hand"
@@ -102,9 +103,9 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
 def write_photographs(
     scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]
 ) -> None:
-    """Write the scene's photographs [height, width, 3], 8-bit BGR, as `photograph` takes each with
-    its camera and number, with `cameras.json` (intrinsics alone), `truth_cameras.json` and
-    `board.toml`."""
+    """Write the scene's photographs, with `cameras.json` (intrinsics only), `truth_cameras.json`
+    and `board.toml`. photograph: returns the picture [height, width, 3], 8-bit BGR, of a camera and
+    number."""
     import cv2
 
     load_pycolmap()  # here, not in a thread

@@ -1,4 +1,4 @@
-"""A depth map against a reference, pixel by pixel: errors along z and distances between the two
+"""A depth map against a reference, pixel by pixel: errors along z, and distances between both
 surfaces."""
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny]; all others [ny, nx],
-    metres.
+    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny]; all other arrays [ny,
+    nx], metres. error_m = z − z_ref, NaN where unobserved; reference_z_m is NaN where there is no
+    surface.
 
-    error_m = z − z_ref, NaN where unobserved; reference_z_m, NaN where there is no surface. Where
-    it is known (else None): sigma_m, the reference's standard deviation along z; to_reference_m,
-    the distance of the map's point to the reference, NaN where the map is not judged; to_map_m,
-    that of the reference's point to the map.
+    sigma_m: standard deviation of the reference along z. to_reference_m: distance of the map's
+    point to the reference, NaN where the map is not judged. to_map_m: distance of the reference's
+    point to the map. Each is None if unknown.
     """
 
     x_m: np.ndarray
@@ -38,12 +38,9 @@ def error_map(
     met: np.ndarray | None = None,
 ) -> ErrorMap:
     """Compare depths z_m with reference_z_m, both [ny, nx] on pixel centres x_m [nx], y_m [ny],
-    metres.
-
-    sigma_m [ny, nx]: the reference's own standard deviation along z. met [ny, nx]: whether the ray
-    through the pixel meets any surface, observed or invented; without it what lies beside the
-    reference cannot be judged.
-    """
+    metres. sigma_m [ny, nx]: standard deviation of the reference along z. met [ny, nx]: whether the
+    ray through the pixel meets any surface, observed or interpolated; without it, pixels outside
+    the reference cannot be judged."""
     for name, given in (
         ("depth map", z_m),
         ("sigma_m", sigma_m),
@@ -52,7 +49,7 @@ def error_map(
     ):
         if given is not None and given.shape != (len(y_m), len(x_m)):
             raise HandbenchError(
-                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} do not lie on "
+                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} are not on "
                 "one grid; "
                 "render the reference on the depth map's grid"
             )
@@ -66,8 +63,8 @@ def error_map(
 def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distance [ny, nx] of each judged point of the map to the reference, and of each of the
-    reference's to the map."""
+    """Distances [ny, nx]: of each judged point of the map to the reference, and of each point of
+    the reference to the map."""
     from scipy.spatial import KDTree
 
     surface = np.isfinite(reference_z_m)
@@ -85,7 +82,8 @@ def _distances(
 
 @lru_cache(maxsize=4)  # the methods that are compared with one reference share it
 def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
-    """Pixels [ny, nx] next to no surface, of the flags of those whose rays meet one."""
+    """Pixels [ny, nx] that have no surface next to them. met: flags of the pixels whose rays meet
+    one."""
     from scipy.ndimage import binary_dilation, binary_fill_holes
 
     return ~binary_dilation(
@@ -94,9 +92,9 @@ def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
-    """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, in
-    place of errors and on itself as surface: NaN where a repeat does not observe the pixel. The
-    median of its |error| is the precision."""
+    """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, as
+    an error map: the deviations in place of errors, NaN where a repeat does not observe the pixel.
+    The median of its |error| is the precision."""
     several = (
         len(z_m) > 1
     )  # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing

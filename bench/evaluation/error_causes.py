@@ -1,12 +1,9 @@
-"""Errors by their cause: of the pixels of one incidence angle, amplitude, part of the hand or
-distance to an edge.
-
-An edge lies between two neighbouring pixels of which only one has a reference, or whose depths are
-more than JUMP_M apart. No slope is taken across an edge. What the image's border cuts off is no
-edge.
-
-Reliability of a depth map's own σ: the share of the errors that its intervals hold, and the errors'
+"""Errors by cause: pixels grouped by incidence angle, amplitude, part of the hand or distance to an
+edge; and reliability of a depth map's σ: the share of errors inside its intervals, and the errors'
 likelihood.
+
+An edge is between two neighbouring pixels if only one has a reference, or if their depths differ by
+more than JUMP_M. Slopes are not taken across edges. The border of the image is no edge.
 """
 
 from collections.abc import Iterator
@@ -25,39 +22,38 @@ NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
 
 
 def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, object]]:
-    """A capture's lines of RELIABILITY, for all pixels and for those that are not flagged as
-    doubtful; none where the map has no σ. The reference's σ is added in quadrature where it is
-    known."""
+    """Lines of RELIABILITY for one capture, for all pixels and for those without a flag; none if
+    the map has no σ. The reference's σ, if known, is added in quadrature."""
     if depth.sigma_m is None:
         return
     reference_m = (
         np.full(errors.error_m.shape, np.nan) if errors.sigma_m is None else errors.sigma_m
     )
     sigma_mm = 1e3 * np.hypot(depth.sigma_m, np.nan_to_num(reference_m))
-    told = np.isfinite(errors.error_m) & np.isfinite(sigma_mm) & (sigma_mm > 0)
-    known = bool(np.isfinite(reference_m[told]).all())
-    sure = told if depth.wrapped is None else told & ~depth.wrapped
-    for pixels, chosen in (("all", told), ("not flagged", sure)):
+    usable = np.isfinite(errors.error_m) & np.isfinite(sigma_mm) & (sigma_mm > 0)
+    known = bool(np.isfinite(reference_m[usable]).all())
+    sure = usable if depth.wrapped is None else usable & ~depth.wrapped
+    for pixels, chosen in (("all", usable), ("not flagged", sure)):
         error_mm, spread_mm = 1e3 * errors.error_m[chosen], sigma_mm[chosen]
         facts = {"pixels": pixels, "reference_sigma": known, "n_pixels": len(error_mm)}
         facts |= {"nll": negative_log_likelihood(error_mm, spread_mm)}
         for nominal in NOMINAL_PERCENT:
             yield facts | {
                 "nominal_percent": nominal,
-                "observed_percent": covered(error_mm / spread_mm, nominal),
+                "observed_percent": coverage_percent(error_mm / spread_mm, nominal),
             }
 
 
-def covered(deviations: np.ndarray, nominal_percent: float) -> float:
-    """Percentage of errors over their σ [n] that the normal interval of nominal_percent about 0
-    holds; NaN of none."""
+def coverage_percent(deviations: np.ndarray, nominal_percent: float) -> float:
+    """Percentage of the errors that are inside the normal interval of nominal_percent about 0.
+    deviations [n]: errors divided by their σ. NaN if there are none."""
     reach = NormalDist().inv_cdf(0.5 + nominal_percent / 200)
     return 100 * float(np.mean(np.abs(deviations) <= reach)) if len(deviations) else np.nan
 
 
 def negative_log_likelihood(error_mm: np.ndarray, sigma_mm: np.ndarray) -> float:
-    """Mean of −ln N(e; 0, σ²) of errors [n] in mm: ½ ln(2πe σ²) where all σ are equal and right;
-    NaN of none."""
+    """Mean of −ln N(e; 0, σ²) over errors [n] in mm, which is ½ ln(2πe σ²) if all σ are equal and
+    right; NaN if there are none."""
     each = 0.5 * (np.log(2 * np.pi * sigma_mm**2) + (error_mm / sigma_mm) ** 2)
     return float(each.mean()) if len(each) else np.nan
 
@@ -90,9 +86,8 @@ MEANS = (
 
 
 class Averages:
-    """CAUSES or RELIABILITY of every capture's lines, added one at a time: figures are formed for
-    each capture and averaged over those that have them, of which those without pixels have none;
-    pixels are counted over all."""
+    """Tables CAUSES or RELIABILITY over captures, whose lines are added one at a time. Figures are
+    averaged over the captures that have them; pixels are counted over all captures."""
 
     def __init__(self, schema: Schema) -> None:
         self.schema, self.means = schema, [name for name in schema.names if name in MEANS]
@@ -128,7 +123,7 @@ class Averages:
 def cause_lines(
     depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]
 ) -> Iterator[dict[str, object]]:
-    """A capture's lines of CAUSES: one a bin; surface: of `surface_causes`."""
+    """Lines of CAUSES for one capture, one for each bin. surface: from `surface_causes`."""
     observed = np.isfinite(errors.error_m)
     error_mm = 1e3 * errors.error_m[observed]
     values = {
@@ -150,7 +145,7 @@ def cause_lines(
 
 
 def _figures(error_mm: np.ndarray) -> dict[str, float]:
-    """Figures of some pixels' errors, NaN without a pixel."""
+    """Figures of a selection of pixels; NaN if it is empty."""
     if not len(error_mm):
         return {"n_pixels": 0}
     absolute_mm = np.abs(error_mm)
@@ -163,8 +158,8 @@ def _figures(error_mm: np.ndarray) -> dict[str, float]:
 
 
 def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
-    """Causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] tells of each pixel [ny, nx], NaN
-    where unknown."""
+    """The causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] determines at each pixel, by
+    name [ny, nx], NaN where unknown."""
     return {
         "incidence_deg": incidence_deg(x_m, y_m, z_m),
         "part": parts(x_m, y_m, z_m),
@@ -173,9 +168,9 @@ def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[st
 
 
 def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Angle [ny, nx] between a surface's normal, on the array's side, and the direction to the
-    array's centre. A slope is the mean of those to both neighbours along x or y, or the one that
-    crosses no edge; NaN where neither is."""
+    """Angle [ny, nx] between the surface's normal, towards the array, and the direction to the
+    array's centre. The slope along x or y is the mean of the slopes to both neighbours, or the one
+    that crosses no edge; NaN if both cross one."""
     x, y = np.meshgrid(x_m, y_m)
     slopes = []
     for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
@@ -192,8 +187,8 @@ def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarr
 
 
 def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Distance [ny, nx] in x and y to the nearest edge, which is drawn by points midway between two
-    pixels; infinite without an edge, NaN beside the reference."""
+    """Distance [ny, nx] in x and y to the nearest edge; an edge is the point midway between two
+    pixels. Infinite without an edge, NaN outside the reference."""
     from scipy.spatial import KDTree
 
     pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
@@ -207,9 +202,9 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
 
 
 def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Index in PARTS [ny, nx]: the palm survives an opening of the silhouette, holes filled, with a
-    disc of PALM_RADIUS_M. NaN beside the reference, and everywhere where either part has less than
-    LEAST_SHARE."""
+    """Index in PARTS [ny, nx]. The palm is what is left of the silhouette, its holes filled, after
+    an opening with a disc of PALM_RADIUS_M. NaN outside the reference, and everywhere if either
+    part has less than LEAST_SHARE of the pixels."""
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     surface = np.isfinite(z_m)

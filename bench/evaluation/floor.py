@@ -1,9 +1,10 @@
-"""The ground-truth floor: the mean absolute error that a perfect radar would show, because the
-reference errs itself.
+"""The ground-truth floor: the mean absolute error that a perfect radar would show because the
+reference itself has errors.
 
-With an error e ~ N(0, σ²) at every pixel, the mean of |e| is expected to be √(2/π)·mean σ, however
-the pixels' errors hang together. How far it scatters about that does depend on it: the registration
-moves all pixels, of every capture that it carries, by one rigid motion; a mesh errs by patches.
+With an error e ~ N(0, σ²) at every pixel, the expected mean of |e| is √(2/π)·mean σ, whatever the
+correlation of the pixels' errors. The scatter about that mean does depend on the correlation: the
+registration moves all pixels of all captures that share it by one rigid motion, and the errors of a
+mesh are correlated over patches.
 """
 
 from collections.abc import Iterable, Iterator
@@ -17,13 +18,13 @@ from handbench.groundtruth.mesh.depth import Reference
 
 ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")
-BLOCK_M = 0.015  # a mesh errs alike over three lateral resolutions of the paper's aperture
+BLOCK_M = 0.015  # correlation length of a mesh's errors: three lateral resolutions
 SPAN = 1 << 20  # more blocks than a row can have
 
 
 def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float | None:
-    """The floor over the observed pixels of each of `maps`, compared with its reference, averaged
-    over those that have any. None where nothing was observed or a part of σ is unknown."""
+    """The floor over the observed pixels of each of `maps`, averaged over the maps that have any.
+    None if no pixel was observed or a part of σ is unknown."""
     seen = _observed(maps, references)
     floors_m = [
         (r.sigma_m if m.sigma_m is None else m.sigma_m)[observed].mean() for m, r, observed in seen
@@ -35,7 +36,7 @@ def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float
 def _observed(
     maps: Iterable[ErrorMap], references: Iterable[Reference]
 ) -> Iterator[tuple[ErrorMap, Reference, np.ndarray]]:
-    """Each map that observes anything, its reference, and where it does [ny, nx]."""
+    """Each map that observes anything, with its reference and the observed pixels [ny, nx]."""
     for m, r in zip(maps, references, strict=True):
         observed = np.isfinite(m.error_m)
         if observed.any():
@@ -48,10 +49,10 @@ def floor_interval(
     seed: int = 0,
     value: float | None = None,
 ) -> Interval | None:
-    """The mean absolute errors between which a perfect radar would lie, in mm: quantiles of the
-    mean of |e| over seeded draws of the reference's error. value: the floor itself, where it is at
-    hand, so that maps and references are read once. None where there is no floor, or one of zero,
-    which does not scatter."""
+    """95 % interval of the mean absolute error of a perfect radar, in mm: quantiles of the mean of
+    |e| over seeded draws of the reference's error. value: the floor, if it is known already, so
+    that maps and references are read only once. None if there is no floor, or if it is zero and
+    does not scatter."""
     value = floor_mm(maps, references) if value is None else value
     if not value:
         return None
@@ -83,8 +84,8 @@ def floor_interval(
 def _absolute_sum_m(
     m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Sum [draws] of |e| over a capture's observed pixels, for errors `motions` [draws, 6 or 7] of
-    the registration."""
+    """Sum [draws] of |e| over a capture's observed pixels. motions [draws, 6 or 7]: errors of the
+    registration."""
     observed = np.isfinite(m.error_m)
     column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
     names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)
@@ -98,9 +99,9 @@ def _absolute_sum_m(
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:
-    """The parts of a reference's uncertainty: root mean square of σ along z over its pixels, in mm,
-    by the mesh, by the registration and by both together. A part that is not known is None and
-    named under "unknown"."""
+    """The reference's uncertainty by source: root mean square of σ along z over its pixels, in mm,
+    from the mesh, from the registration, and from both. An unknown part is None and named under
+    "unknown"."""
     surface = np.isfinite(reference.z_m)
     sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
     named = zip((*PARTS, "together"), sigmas_m, strict=True)

@@ -1,11 +1,11 @@
-"""Confidence intervals whose unit is the capture.
+"""Confidence intervals with the capture as unit.
 
-Captures differ: another hand, or the same hand placed again, has an error of its own, common to all
-of its pixels. An interval has to hold for captures that were not measured, so that each capture
-counts as one value, however many pixels it has. Figures of captures are skewed: Student's t is
-transformed as Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B 54)
-does. Fewer than FEWEST captures tell too little of others; no interval is given then.
-`tests/bench/evaluation/test_statistics.py` measures how often the intervals hold the true value.
+Captures differ: another hand, or the same hand placed again, has an error that all of its pixels
+share. An interval must hold for captures that were not measured, so each capture counts as one
+value, however many pixels it has. The figures of captures have skewed distributions, so Student's t
+is transformed as by Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B
+54). Fewer than FEWEST captures give no interval. `tests/bench/evaluation/test_statistics.py`
+measures how often the intervals contain the true value.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an 
 RESAMPLES = 2000
 DRAWN_AT_ONCE = 100_000  # values of resamples in memory, however many captures there are
 RHO = np.linspace(-0.6, 0.99, 160)  # correlations of neighbouring repeats that are considered
-TOO_FEW = "too few captures to tell"
+TOO_FEW = "too few captures for a test"
 
 
 class Interval(NamedTuple):
@@ -32,12 +32,10 @@ class Interval(NamedTuple):
 
 
 def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Interval of the mean of what captures like these [n] show; NaN are left out, and None is
-    returned for fewer than FEWEST.
-
-    T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the skewness, whose distribution
-    is Student's to a higher order, and back at its ends.
-    """
+    """Interval of the mean of the figures [n] of captures like these. NaN are left out; None for
+    fewer than FEWEST captures. T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the
+    skewness, which follows Student's distribution to a higher order; the interval's ends are
+    transformed back."""
     from scipy.special import stdtrit
 
     known = np.asarray(values, float)
@@ -55,8 +53,8 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
 
 
 def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
-    """`mean_interval` of a metric's figures, one a capture, cut to what the metric can be; a share
-    of nothing or of all in every capture shows no spread and has none."""
+    """`mean_interval` of a metric's figures, one for each capture, cut to the metric's range.
+    Shares of 0 % or 100 % in every capture have no spread and get no interval."""
     found, facts = mean_interval(values), METRICS[metric]
     if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
         return None
@@ -66,25 +64,20 @@ def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interv
 
 
 def note(captures: int) -> str:
-    """A sentence on what the intervals over so many captures speak of."""
+    """A sentence on how many captures the intervals are based on."""
     if captures >= FEWEST:
-        return (
-            f"{captures} captures: the intervals speak of captures like these, between which "
-            "the figures vary"
-        )
-    return (
-        f"{captures} capture{'s' * (captures > 1)}: {TOO_FEW} how others differ; {FEWEST} or "
-        "more have intervals"
-    )
+        return f"{captures} captures: the intervals are those of the mean over captures like these"
+    counted = f"{captures} capture{'s' * (captures > 1)}"
+    return f"{counted}: no intervals, which need at least {FEWEST} captures"
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:
-    """Interval, in mm, of `metrics.precision` of these hands; None where that is None. It speaks of
-    further repeats of the same hands, of which neighbouring ones may be correlated.
+    """Interval, in mm, of `metrics.precision` of these hands; None if that is None. It holds for
+    further repeats of the same hands, which may be correlated with their neighbours.
 
-    z = μ_h + AR(1) of deviation σ_h and a correlation ρ that is common to the hands. Given ρ, Σ
-    s_h²χ²/ν is simulated with the generalised least squares' s_h; ρ has the posterior of a flat
-    prior (seeded draws).
+    The model is z = μ_h + AR(1) with deviation σ_h and a correlation ρ that all hands share. Given
+    ρ, Σ s_h²χ²/ν is simulated with s_h from generalised least squares; ρ has the posterior of a
+    flat prior (seeded draws).
     """
     hands = usable_repeats(strongest_z_m)
     if not hands:

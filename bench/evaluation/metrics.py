@@ -19,7 +19,7 @@ Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
-BAND = 1.96  # 95 % of a normal error lie within so many standard deviations
+BAND = 1.96  # standard deviations that contain 95 % of a normal error
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ PAPER = {
 }  # and its figures
 
 
-def _told(m: ErrorMap) -> ErrorMap:
-    """The map's pixels that add anything to the sums, in one row."""
+def _measured_pixels(m: ErrorMap) -> ErrorMap:
+    """The map reduced to one row of the pixels that add anything to the sums."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
     others = (
@@ -59,15 +59,15 @@ def _told(m: ErrorMap) -> ErrorMap:
 
 
 def terms(m: ErrorMap) -> Terms:
-    """The terms that each pixel [ny, nx] adds to the sums that the metrics are made of; NaN: not
-    known."""
+    """The term of each pixel [ny, nx] in each sum that the metrics are formed from; NaN:
+    unknown."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
     unknown = np.full(m.error_m.shape, np.nan)
     sigma_m, to_reference_m, to_map_m = (
         unknown if known is None else known for known in (m.sigma_m, m.to_reference_m, m.to_map_m)
     )
     judged = np.isfinite(to_reference_m) | np.isinf(to_reference_m)
-    told = 0.0 if m.to_reference_m is not None else np.nan
+    or_nan = 0.0 if m.to_reference_m is not None else np.nan
     error_m = np.where(observed, m.error_m, 0.0)
     within = np.where(np.isnan(sigma_m), np.nan, np.abs(error_m) <= BAND * sigma_m)
     return {
@@ -78,17 +78,16 @@ def terms(m: ErrorMap) -> Terms:
         "absolute_m": np.abs(error_m),
         "square_m2": error_m**2,
         "within": np.where(observed, within, 0.0),
-        "judged": judged + told,
-        "alarm": (judged & ~observed) + told,
-        "to_reference_m": np.where(judged, to_reference_m, 0.0) + told,
+        "judged": judged + or_nan,
+        "alarm": (judged & ~observed) + or_nan,
+        "to_reference_m": np.where(judged, to_reference_m, 0.0) + or_nan,
         "to_map_m": np.where(surface, to_map_m, 0.0),
         **{f"right_{mm}": (observed & (np.abs(error_m) <= 1e-3 * mm)).astype(float) for mm in F_MM},
     }
 
 
 def figures(t: Terms) -> Terms:
-    """Metrics of the sums of `terms`, elementwise; NaN or infinite where a figure has nothing to
-    stand on."""
+    """Metrics from the sums of `terms`, elementwise; NaN or infinite if undefined."""
     surface = np.where(
         t["surface"] > 0, t["surface"], np.nan
     )  # without one there is nothing to be found
@@ -116,12 +115,10 @@ def figures(t: Terms) -> Terms:
 
 
 def pool(maps: Sequence[ErrorMap]) -> Values:
-    """Metrics over the pixels of all `maps` together (a mean over pixels, never a mean of means).
-
-    A figure that has nothing to stand on is None.
-    """
+    """Metrics over the pixels of all `maps` together (a mean over pixels, not a mean of means);
+    None if undefined."""
     totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
-    for m in map(_told, maps):
+    for m in map(_measured_pixels, maps):
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
         observed.append(np.abs(m.error_m[np.isfinite(m.error_m)]))
     absolute_m = np.concatenate(observed)
@@ -139,8 +136,8 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
 
 
 def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
-    """The figures over a capture's frames from the mean and the largest absolute error of each [n];
-    none where it has a single frame, or one in which nothing was observed."""
+    """Figures over a capture's frames, from each frame's mean and largest absolute error [n]; none
+    for a single frame, or if a frame observes nothing."""
     if len(mae_mm) < 2 or not np.isfinite([mae_mm, max_mm]).all():
         return {}
     found: Values = {"frames_largest_mm": float(np.max(max_mm))}
@@ -153,17 +150,17 @@ def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
 
 
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
-    """The metrics of each capture's map, one a line; NaN where a figure has nothing to stand on."""
+    """The metrics of each capture's map, one line per capture; NaN if undefined."""
     import pandas as pd
 
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
 
 
-def averaged(captures: pd.DataFrame) -> Values:
-    """The figures of `of_captures`, formed for each capture and then averaged over those that have
-    them, as the paper's table is; the pooled ones and the number of pixels of all captures
-    together. The floor, where `captures` has it as `floor_mm`, is known if it is for each capture
-    that observes anything. A figure that has nothing to stand on is None."""
+def mean_figures(captures: pd.DataFrame) -> Values:
+    """The figures of `of_captures` averaged over the captures that have them, as in the paper's
+    table; pooled figures and the number of pixels are those of all captures together. The floor
+    (column `floor_mm`) is known if every capture that observes anything has one. None if
+    undefined."""
     pixels = captures.n_observed.sum()
     values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
@@ -188,13 +185,10 @@ AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the cap
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n,
-    ny, nx].
-
-    The scatterer is one and the same in all repeats: the pixel with the largest mean amplitude of
-    those observed in every repeat. (The strongest pixel of each repeat by itself may jump between
-    glints of nearly equal strength, and would measure the distance between them.) NaN when no pixel
-    is observed in every repeat, depth and amplitude.
-    """
+    ny, nx]. One pixel is used for all repeats: the one with the largest mean amplitude of those
+    observed, with depth and amplitude, in every repeat. (The strongest pixel of each repeat may
+    jump between glints of nearly equal strength, and would measure the distance between them.) NaN
+    if there is no such pixel."""
     steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
     if not steady.any():
         return np.full(len(z_m), np.nan)
@@ -219,16 +213,13 @@ def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
 
 
 def deviation(values: np.ndarray) -> float:
-    """Standard deviation (n − 1) of `values` [n ≥ 2]; 0 where all are equal, whatever their mean
-    rounds to."""
+    """Standard deviation (n − 1) of `values` [n ≥ 2]; exactly 0 if all values are equal."""
     return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 
 def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Each hand's depths without its NaN repeats (nothing imaged).
-
-    Empty when a hand keeps fewer than two: a mean over fewer hands would be another figure.
-    """
+    """Each hand's depths without repeats that are NaN (nothing imaged). Empty if a hand keeps fewer
+    than two, because a mean over fewer hands would be another figure."""
     hands = [
         z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
     ]
@@ -236,9 +227,8 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Mean standard deviation of several hands' depths [n_repeats], mm, and its degrees of freedom,
-    the value that gives the mean its variance: ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite).
-    None without `usable_repeats`."""
+    """Mean over hands of the standard deviation of their depths [n_repeats], mm, and its degrees of
+    freedom ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
@@ -250,7 +240,7 @@ def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] |
 
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
-    """Metric → "definition [unit]; lower is better", as result and metric files carry it."""
+    """Metric → "definition [unit]; lower is better", as written to results and metric files."""
     return {
         k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))
     }

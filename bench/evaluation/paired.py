@@ -1,5 +1,5 @@
-"""Tests whose unit is the capture: of two methods on the same captures, and of one method on
-different ones."""
+"""Tests with the capture as unit: of two methods on the same captures, and of one method on
+different captures."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -16,9 +16,9 @@ from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform
 from handbench.support.errors import HandbenchError
 
 
-class Tested(NamedTuple):
-    """B − A with its 95 % interval and the p of none, not corrected; NaN: unknown, or too little to
-    test."""
+class Difference(NamedTuple):
+    """B − A with its 95 % interval and the uncorrected p-value of no difference. NaN: unknown, or
+    too few captures for a test."""
 
     difference: float
     low: float = np.nan
@@ -26,60 +26,60 @@ class Tested(NamedTuple):
     p: float = np.nan
 
 
-def paired(a: np.ndarray, b: np.ndarray) -> Tested:
-    """Of figures a, b [n] of the same captures: what is a capture's own cancels, what is a method's
-    own on that capture does not (Student's paired t). NaN in either leaves a capture out."""
+def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
+    """Student's paired t-test of figures a, b [n] of the same captures, which cancels the captures'
+    own differences. Captures with NaN in either are left out."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
-        return Tested(np.nan)
+        return Difference(np.nan)
     difference, spread, n = float(gained.mean()), deviation(gained), len(gained)
     if (interval := mean_interval(gained)) is None:
-        return Tested(difference)
+        return Difference(difference)
     size = np.abs(np.stack([a, b])[:, known]).max()
     if spread <= 1e-12 * size:  # roundings
-        return Tested(
+        return Difference(
             difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0
         )
-    return Tested(
+    return Difference(
         difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1))
     )
 
 
-def unpaired(a: np.ndarray, b: np.ndarray) -> Tested:
-    """Of two independent samples of captures (Welch 1947)."""
+def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
+    """Welch's t-test (1947) of two independent samples of captures."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
-        return Tested(np.nan)
+        return Difference(np.nan)
     difference = float(b.mean() - a.mean())
     if min(len(a), len(b)) < FEWEST:
-        return Tested(difference)
+        return Difference(difference)
     parts = [deviation(values) ** 2 / len(values) for values in (a, b)]
     if not sum(parts):
-        return Tested(difference, difference, difference, float(difference == 0))
+        return Difference(difference, difference, difference, float(difference == 0))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
     error = np.sqrt(sum(parts))
     reach = float(stats.t.ppf(TAILS[1], freedom) * error)
     p = float(2 * stats.t.sf(abs(difference) / error, freedom))
-    return Tested(difference, difference - reach, difference + reach, p)
+    return Difference(difference, difference - reach, difference + reach, p)
 
 
-def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Tested:
-    """Of two precisions, mm, from each hand's strongest depths [n_repeats] in metres, as if all
-    repeats were independent: cautious where both image the same echoes. The interval is that of the
-    ratio, times A's precision."""
+def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Difference:
+    """F test of two precisions, mm, from each hand's strongest depths [n_repeats] in metres. It
+    treats all repeats as independent, which is cautious if both methods image the same echoes. The
+    interval is that of the ratio, times A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
-        return Tested(np.nan)
+        return Difference(np.nan)
     (a, freedom_a), (b, freedom_b) = deviation_a, deviation_b
     if a == b:
-        return Tested(0.0, 0.0, 0.0, 1.0)
+        return Difference(0.0, 0.0, 0.0, 1.0)
     if not a or not b:
-        return Tested(b - a)
+        return Difference(b - a)
     ratio, f = b / a, stats.f(freedom_b, freedom_a)
     p = 2 * min(f.cdf(ratio**2), f.sf(ratio**2))
     low, high = (a * (ratio / f.ppf(tail) ** 0.5 - 1) for tail in TAILS[::-1])
-    return Tested(b - a, float(low), float(high), float(min(p, 1)))
+    return Difference(b - a, float(low), float(high), float(min(p, 1)))
 
 
 def compare(
@@ -89,10 +89,10 @@ def compare(
     titles: Mapping[str, str] | None = None,
     treatment: str = "",
 ) -> pd.DataFrame:
-    """Every pair of methods by one metric, as `COMPARISONS`. figures: method → the metric of its
-    captures [n], the same ones in the same order; treatment: of `TREATMENTS`, or "", each method as
-    it is. Methods without a figure are left out. Raises HandbenchError for different captures and
-    for metrics that have no direction."""
+    """Compare every pair of methods by one metric; returns the table COMPARISONS. figures: method →
+    metric of its captures [n], the same captures in the same order; treatment: one of `TREATMENTS`,
+    or "" for each method as it is. Methods without a figure are left out. Raises HandbenchError for
+    different captures and for metrics without a direction."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
@@ -106,7 +106,7 @@ def compare(
     known = [method for method, values in figures.items() if np.isfinite(values).any()]
     pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]
     smaller_first = pairs if METRICS[metric].better == "lower" else [pair[::-1] for pair in pairs]
-    tests = [paired(figures[small], figures[large]) for small, large in smaller_first]
+    tests = [paired_test(figures[small], figures[large]) for small, large in smaller_first]
     lines = pd.DataFrame(pairs, columns=["better", "worse"]).assign(
         metric=metric,
         unit=METRICS[metric].unit,
@@ -117,7 +117,7 @@ def compare(
     )
     for name in ("difference", "low", "high"):
         lines[name] = [getattr(tested, name) for tested in tests]
-    lines["p_corrected"] = corrected([t.p for t in tests])
+    lines["p_corrected"] = holm_corrected([t.p for t in tests])
     lines["effect"] = [_effect(figures[better], figures[worse]) for better, worse in pairs]
     lines["n_captures"] = [int(np.isfinite(figures[b] - figures[w]).sum()) for b, w in pairs]
     names = {method: (titles or {}).get(method, method) for method in figures}
@@ -134,9 +134,9 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
     if np.isnan(line.low):
         ahead = (
             f"{better} is ahead of {worse} by {amount_text(line.difference, line.unit)} "
-            f"({title}) on these"
+            f"({title}) on"
         )
-        return f"{ahead} {line.n_captures}: {TOO_FEW} of others"
+        return f"{ahead} {line.n_captures} captures: {TOO_FEW}"
     amounts = amounts_text(line.difference, line.low, line.high, line.unit)
     if line.p_corrected < 1 - LEVEL:
         return f"{better} is better than {worse} by {amounts} ({title})"
@@ -144,7 +144,7 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
-    """A difference ≥ 0 with its interval in words, to the digits that are worth telling."""
+    """A difference ≥ 0 with its interval in words, rounded to its significant digits."""
     places = _places(difference)
     return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace(
         "-", "−"
@@ -164,8 +164,8 @@ def _places(difference: float) -> int:
 def _ordered(
     pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str
 ) -> tuple[str, str]:
-    """The better method first, on the captures that both have; the earlier one where they are
-    equal."""
+    """The pair with the better method first, by the captures that both have; equal ones keep their
+    order."""
     first, second = pair
     gained = (
         np.nanmean(figures[second] - figures[first])
@@ -182,9 +182,9 @@ def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
     return abs(float(gained.mean())) / spread if spread else None
 
 
-def corrected(p: Sequence[float]) -> list[float]:
-    """p-values corrected for as many tests (Holm 1979): the k-th smallest of m times m − k + 1,
-    never falling, at most 1; those that are not known stay so, and count for none."""
+def holm_corrected(p: Sequence[float]) -> list[float]:
+    """p-values corrected for the number of tests (Holm 1979): the k-th smallest of m times m − k +
+    1, never falling, at most 1. Unknown values stay unknown and do not count as tests."""
     given = np.asarray(p, float)
     found, known = given.copy(), np.flatnonzero(np.isfinite(given))
     order = known[np.argsort(given[known], kind="stable")]

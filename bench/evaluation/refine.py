@@ -1,19 +1,19 @@
-"""A mesh brought onto a radar depth map, for captures without a calibration target.
+"""Registration of a mesh to a radar depth map, for captures without a calibration target.
 
 Point-to-plane ICP along z (Chen & Medioni 1992): every pixel that the radar and the mesh share
 gives one distance e = (z_radar − z_mesh)·n_z, with the mesh's depth cast anew at each step. A small
 motion of the mesh, dp = τ + ω×(p − c) about the pixels' centre c, changes e by −n·dp, where n =
-(−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z makes a steep surface count less, whose z swings
-with any sideways error. Tukey's weights keep strangers out.
+(−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z lowers the weight of steep surfaces, whose z
+changes strongly with any sideways error. Tukey's weights remove outliers.
 
-The pixels' errors hang together: within a resolution cell, which speckle and the methods' filters
-make and which the distances left over show, and further, by a bias of the radar that the fit takes
-for a motion. Both are in the covariance, as Gaussian functions of the pixels' separation: the first
-with strength and reach as the left-over distances have them, the second as simulated hands, whose
-pose is known, show it.
+The pixels' errors are correlated: within a resolution cell, by speckle and by the methods' filters
+(visible in the residual distances), and over longer ranges, by a bias of the radar that the fit
+absorbs as motion. The covariance contains both, as Gaussian functions of the pixels' separation:
+the first with the strength and range of the residuals, the second as measured on simulated hands
+with known pose.
 
-What it aligns to is the radar itself: a bias of the radar is taken for a motion and cannot show
-afterwards. No metric calls this; whoever does says so in the transform that comes of it.
+The mesh is aligned to the radar itself, so a bias of the radar becomes part of the motion and
+cannot show afterwards. No metric calls this; the resulting transform records that it was refined.
 """
 
 from dataclasses import replace
@@ -61,9 +61,9 @@ DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share. pixel: which [n] of the grid's; place_m [2, n]: its x
+    """The n pixels that radar and mesh share. pixel [n]: their index on the grid; place_m [2, n]: x
     and y; distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3],
-    radius_m: their extent."""
+    radius_m: their centre and extent."""
 
     pixel: np.ndarray
     place_m: np.ndarray
@@ -74,7 +74,7 @@ class _Pixels(NamedTuple):
 
 
 def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
-    """`refine` from files, which adds the depth map's name; without a start, the mesh lies in the
+    """`refine` from files; the result names the depth map. Without a start, the mesh is in the
     radar frame."""
     transform = refine(
         read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar")
@@ -83,17 +83,18 @@ def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = No
 
 
 def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
-    """The mesh's transform into the radar frame for which its depth fits the radar's, near `start`;
-    the scale is kept.
+    """Find the mesh's transform into the radar frame, near `start`, for which its depth fits the
+    radar's; the scale is kept.
 
-    Its `refined` tells what was changed: reason, pixels, left_out (strangers), blocks,
-    rms_before_mm and rms_after_mm (of e, over the pixels that the fit kept), translation_mm [3] of
-    and rotation_deg [3] (a vector) about centre_mm, uncertainty, held and free directions in words,
-    start. The covariance (6×6, for the scale as given) has the scatter that the distances show and
-    the bias that a radar has on a hand (BIAS_M); along free directions it is the start's, and there
-    is none where the start has none. It knows nothing of a larger bias, as of a wrong delay. Raises
-    HandbenchError when the two share too little, or when the motion does not end or leaves the
-    capture range (15 mm, 10°).
+    The result's `refined` records: reason, pixels, left_out (outliers), blocks, rms_before_mm and
+    rms_after_mm (of e, over the pixels that the fit kept), translation_mm [3] and rotation_deg [3]
+    (a vector) about centre_mm, uncertainty, held and free directions in words, start.
+
+    The covariance (6×6, for the given scale) contains the scatter of the distances and the typical
+    bias of a radar on a hand (BIAS_M). Along free directions it is the start's; there is none if
+    the start has none. A larger bias, for example from a wrong delay, is not included. Raises
+    HandbenchError if both share too few pixels, if the iteration does not converge, or if it leaves
+    the capture range (15 mm, 10°).
     """
     matrix, walk, left = start.matrix, list[np.ndarray](), np.inf
     while True:
@@ -153,9 +154,9 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
 
 
 def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _Pixels:
-    """Distances and their derivatives where both have a depth. Left out: where a phase may have
-    wrapped, steep surface, and silhouettes, on which the slope (a central difference over the
-    neighbours) does not exist or is a jump."""
+    """Distances and their derivatives at the pixels where both have a depth. Left out: pixels whose
+    phase may have wrapped, steep surface, and silhouettes, where the slope (a central difference)
+    is undefined or a jump."""
     if min(depth.z_m.shape) < 3:
         raise HandbenchError(
             f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more"
@@ -189,24 +190,24 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
 
 
 def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tukey's weights ψ(e)/e and slopes ψ'(e), both [n], for the scale that the median of |e|
-    gives: about zero, so that a start far off loses nothing."""
+    """Tukey's weights ψ(e)/e and slopes ψ'(e), both [n], with the scale from the median of |e|. The
+    median is taken about zero, so that a distant start loses no pixels."""
     scale_m = max(1.4826 * float(np.median(np.abs(distance_m))), FINEST_M)
     u2 = np.minimum((distance_m / (TUKEY * scale_m)) ** 2, 1)
     return (1 - u2) ** 2, (1 - u2) * (1 - 5 * u2)
 
 
 def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and the condition
-    [6] of each: the largest eigenvalue over its own, rising. The surface holds those with a
-    condition up to CONDITION."""
+    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and their
+    conditions [6] (largest eigenvalue divided by theirs) in rising order. The surface determines
+    the directions with a condition of at most CONDITION."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     return vector, value[0] / np.maximum(value, 1e-12 * value[0])
 
 
 def _solve(pixels: _Pixels, weight: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """The Gauss–Newton step [6] = [τ, ω·radius_m] within the held directions."""
+    """The Gauss–Newton step [6] = [τ, ω·radius_m] within the determined directions."""
     jacobian = pixels.jacobian @ held
     normal = jacobian.T @ (weight[:, None] * jacobian)
     return held @ np.linalg.solve(normal, jacobian.T @ (weight * pixels.distance_m))
@@ -223,14 +224,12 @@ def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
 def _scatter(
     pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, held: np.ndarray
 ) -> np.ndarray:
-    """Covariance [k, k] of the fit within the held directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ)
-    + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J (Conley
-    1999), ρ(r; ℓ) = exp(−r²/2ℓ²).
-
-    s² is the mean square of u = w·e over the share of it that the fit has not absorbed. With τ, the
-    mean of u_i u_j/s² over the pairs, each weighed by ρ(r_ij; q), ℓ² = q²τ/(1 − τ): the integral of
-    ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² + q²).
-    """
+    """Covariance [k, k] of the fit within the determined directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ
+    ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J
+    (Conley 1999), ρ(r; ℓ) = exp(−r²/2ℓ²). s² is the mean square of u = w·e, divided by the share of
+    it that the fit has not absorbed. ℓ follows from τ, the mean of u_i u_j/s² over the pairs, each
+    weighted by ρ(r_ij; q): ℓ² = q²τ/(1 − τ), since the integral of ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² +
+    q²)."""
     jacobian, left_m = pixels.jacobian @ held, weight * pixels.distance_m
     variance_m2 = float((left_m**2).mean()) + FINEST_M**2
     probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(
@@ -258,10 +257,10 @@ def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
 
 
 def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
-    """Standard deviations that the walk, of steps [k], still has before it: motions a, then b, of
-    which the last are |b|²/(|a| − |b|) for ever (Aitken). Of single steps, or of ROUND at once,
-    which sees through a walk in circles: at outlines pixels come and go. None are left once a step
-    is below STILL_M."""
+    """Remaining motion of the iteration, in standard deviations, extrapolated from its steps [k]:
+    after motions a, then b, there remain |b|²/(|a| − |b|) (Aitken). Motions are single steps, or
+    sums of ROUND steps, which detects an iteration that circles because pixels at outlines come and
+    go. 0 once a step is below STILL_M."""
     left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
     for stride in (1, ROUND):
         if len(walk) >= 2 * stride:
@@ -280,7 +279,7 @@ def _covariance(
     start: np.ndarray | None,
 ) -> np.ndarray | None:
     """Covariance [6, 6] of [translation, rotation] about the origin: the scatter [k, k] along the
-    held directions [6, k], the start's along the free ones; None where it has none."""
+    determined directions [6, k], the start's along the free ones; None if the start has none."""
     if free.shape[1] and start is None:
         return None
     to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(
@@ -294,7 +293,8 @@ def _covariance(
 
 
 def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
-    """The sentence that tells the covariance at the pixels' centre, or why there is none."""
+    """The sentence with the uncertainty at the pixels' centre, or with the reason why there is
+    none."""
     if moved.covariance is None:
         return (
             f"no covariance: the surface does not hold {', '.join(free)}, and the start "
@@ -312,7 +312,7 @@ def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """The block of BLOCK_M × BLOCK_M [n] that each place (x, y) [n] lies in, numbered from 0."""
+    """Number, from 0, of the block of BLOCK_M × BLOCK_M [n] that contains each place (x, y) [n]."""
     if not len(x_m):
         return np.full(1, -1)
     cell = np.stack([np.floor((axis - axis.min()) / BLOCK_M + 1e-9) for axis in (y_m, x_m)])
@@ -320,7 +320,8 @@ def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
 
 
 def _name(vector: np.ndarray) -> str:
-    """A direction's parts above 0.3, the largest first, as "+0.95 z −0.31 about x"."""
+    """The components of a direction above 0.3 in words, the largest first, as "+0.95 z −0.31 about
+    x"."""
     vector = vector * np.sign(vector[np.abs(vector).argmax()])
     parts = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
     return " ".join(

@@ -11,7 +11,7 @@ from handbench.bench.evaluation.intervals import (
     median_interval,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, averaged, precision
+from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, mean_figures, precision
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
 from handbench.bench.evaluation.tables import TABLE, frame
 
@@ -25,10 +25,10 @@ def accuracy_rows(
     protocol: Protocol = PAPER,
     floor: Interval | None = None,
 ) -> pd.DataFrame:
-    """The protocol's metrics of a method against one reference, from `of_captures` of its maps,
-    with their `floor_mm` where it is known; floor: its interval."""
+    """The protocol's metrics of one method against one reference, from `of_captures` of its maps,
+    which have `floor_mm` if the floor is known. floor: the floor's interval."""
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
-    values = {"floor_mm": None} | averaged(captures)
+    values = {"floor_mm": None} | mean_figures(captures)
     known = {key: value for key, value in values.items() if key in protocol.metrics}
     return _rows(method, reference, known, intervals | {"floor_mm": floor})
 
@@ -55,8 +55,9 @@ def precision_rows(
     strongest_z_m: Sequence[np.ndarray],
     pixels_mm: Sequence[float] = (),
 ) -> pd.DataFrame:
-    """The precision from each hand's strongest depths [n_repeats] and, where it is known, per pixel
-    from each hand's median deviation in mm; needs no reference, is listed with each."""
+    """The precision from each hand's strongest depths [n_repeats] and, if known, the precision per
+    pixel from each hand's median deviation in mm. It needs no reference and is repeated under each
+    one."""
     values, key = precision(strongest_z_m), "pixel_precision_mm"
     intervals: Intervals = {"precision_mm": precision_interval(strongest_z_m)}
     if len(pixels_mm):
@@ -71,7 +72,7 @@ def precision_rows(
 def time_rows(
     method: str, reference: str, seconds: Sequence[float] | np.ndarray, seed: int = 0
 ) -> pd.DataFrame:
-    """The time per frame from each frame's imaging time; listed with each reference as well."""
+    """The time per frame from each frame's imaging time, repeated under each reference."""
     frames_s = np.asarray(seconds, dtype=np.float64)
     value = float(np.median(frames_s)) if len(frames_s) else None
     return _rows(
@@ -80,7 +81,7 @@ def time_rows(
 
 
 def _rows(method: str, reference: str, values: Values, intervals: Intervals) -> pd.DataFrame:
-    """The figures that are among the registry's, in its order."""
+    """Lines for the figures that are registered metrics, in the registry's order."""
     rows = []
     for key in (key for key in METRICS if key in values):
         low, high = intervals.get(key) or (None, None)

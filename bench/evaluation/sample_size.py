@@ -1,9 +1,9 @@
-"""Captures that a comparison of methods takes: the variance of its figures, and the power of the
-tests of `paired`.
+"""Number of captures that a comparison of methods needs: variance components of its figures, and
+the power of the tests in `paired`.
 
 The figure of method m on capture c is y_mc = μ + method + capture + method × capture (+ residual).
-A paired test is free of the capture's part; one between different captures, or different hands,
-bears it twice.
+A paired test cancels the capture's component; a test between different captures, or different
+hands, contains it twice.
 """
 
 from bisect import bisect_left
@@ -18,15 +18,15 @@ from handbench.bench.evaluation.tables import LEVEL
 from handbench.support.errors import HandbenchError
 
 LEAST = 3  # captures whose variance is worth an answer at all
-MOST = 100_000  # captures: more are told as none
+MOST = 100_000  # captures; larger numbers become None
 ALPHA = 1 - LEVEL
 POWER = 0.8  # the chance of showing a difference that there is
 
 
 class Components(NamedTuple):
-    """Standard deviations between captures, of the methods' own on a capture, and between repeats
-    of one method on one capture; NaN for these without repeats, which the second then holds too.
-    Negative estimates of a variance are 0."""
+    """Standard deviations: between captures, of the interaction of method and capture, and between
+    repeats of one method on one capture; the last is NaN without repeats, and the second then
+    includes it. Negative estimates of a variance become 0."""
 
     capture: float
     interaction: float
@@ -36,7 +36,7 @@ class Components(NamedTuple):
 
 def components(figures: np.ndarray) -> Components:
     """Variance components of figures [captures, methods] or [captures, methods, repeats] by the
-    two-way analysis of variance with random captures; captures that lack a figure are left out.
+    two-way analysis of variance with random captures. Captures that lack a figure are left out.
     Raises HandbenchError for fewer than LEAST captures or two methods."""
     cells = figures[..., None] if figures.ndim == 2 else figures
     cells = cells[np.isfinite(cells).all(axis=(1, 2))]
@@ -61,8 +61,8 @@ def components(figures: np.ndarray) -> Components:
 
 
 def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """`components` of method → a metric of the same captures [n], as plain values for a result's
-    facts; nothing where there are too few, and no residual where it is not known."""
+    """`components` as plain values for a result's facts. figures: method → metric of the same
+    captures [n]. Empty for too few captures; without the residual if that is unknown."""
     try:
         found = components(np.stack(list(figures.values()), axis=1))._asdict()
     except HandbenchError:
@@ -71,14 +71,14 @@ def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:
-    """Power of the two-sided paired t test of n captures, whose differences have this standard
+    """Power of the two-sided paired t-test of n captures whose differences have this standard
     deviation."""
     return _power(effect * np.sqrt(n) / spread, n - 1, alpha) if spread else 1.0
 
 
 def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: float = ALPHA) -> float:
-    """Power of Welch's two-sided test of n captures of each of two methods, with these standard
-    deviations; by the noncentral t of the degrees of freedom that the true variances have."""
+    """Power of Welch's two-sided test of n captures of each of two methods with these standard
+    deviations, by the noncentral t with the degrees of freedom of the true variances."""
     a, b = (spread**2 / n for spread in spreads)
     return (
         _power(effect / np.sqrt(a + b), (a + b) ** 2 * (n - 1) / (a**2 + b**2), alpha)
@@ -88,7 +88,7 @@ def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: floa
 
 
 def _power(shift: float, freedom: float, alpha: float) -> float:
-    """The share of noncentral t beyond the quantiles of Student's."""
+    """Probability that a noncentral t is beyond Student's critical values."""
     reach = stats.t.isf(alpha / 2, freedom)
     if shift > reach + 37:  # the noncentral t of larger shifts is NaN
         return 1.0
@@ -98,19 +98,16 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
-    """The smallest number of captures, from 2 on, whose power is as large; None above MOST."""
+    """The smallest number of captures, from 2 on, with at least this power; None above MOST."""
     few = bisect_left(range(2, MOST + 1), power, key=power_of) + 2
     return few if few <= MOST else None
 
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
-    """Captures, of each side where they differ, that show this difference of two means with a power
-    of POWER.
-
-    spreads: the standard deviation of the captures' differences (paired), or one for each side
-    (Welch). None: more than MOST, or no difference. Never fewer than FEWEST, which are tested at
-    all.
-    """
+    """Number of captures (of each side, for different captures) that show this difference of means
+    with a power of POWER. spreads: the standard deviation of the captures' differences (paired), or
+    one for each side (Welch). At least FEWEST, the fewest that are tested; None: more than MOST, or
+    no difference."""
     if not difference or not np.isfinite(difference):
         return None
     if len(spreads) == 1:

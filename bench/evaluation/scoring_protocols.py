@@ -1,8 +1,8 @@
-"""Protocols (scoring_protocols.toml): what of a depth map is scored, against what, and by which
-figures.
+"""Scoring protocols (scoring_protocols.toml): which pixels of a depth map are scored, against which
+reference, and by which figures.
 
-A protocol is named and versioned in every result. Figures of two protocols, or of two versions, do
-not compare.
+Every result records the name and version of its protocol. Figures of different protocols or
+versions cannot be compared.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Protocol:
-    """A way of scoring a benchmark, its fields as scoring_protocols.toml explains them."""
+    """A way of scoring a benchmark; scoring_protocols.toml explains the fields."""
 
     id: str
     version: int
@@ -31,7 +31,7 @@ class Protocol:
     frame: int = 0
 
     def about(self) -> dict[str, Any]:
-        """Its entry "protocol" in result.json."""
+        """The entry "protocol" of result.json."""
         facts = {name: getattr(self, name) for name in ("id", "version", "source", "frame")}
         figures = {"metrics": list(self.metrics), "compared": list(self.compared)}
         return {**facts, **self.rules, **figures, "setting": self.setting}

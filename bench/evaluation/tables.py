@@ -1,8 +1,8 @@
-"""Tables: the columns that a TOML file declares, as tables.toml those of result folders, whose CSV
-files are read and written here as pandas DataFrames.
+"""Tables as pandas DataFrames, read and written as CSV. A TOML file declares their columns;
+tables.toml declares those of result folders.
 
-A figure that is not known is NaN in a DataFrame and an empty cell in a file. Text is never missing:
-it may be empty.
+An unknown figure is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may
+be empty.
 """
 
 from __future__ import annotations
@@ -47,10 +47,12 @@ FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no 
 
 @dataclass(frozen=True)
 class Column:
-    """One column. unit: of its numbers, where it is the same in every line; optional: older files
-    may lack it; counts: lines with this in their column `unit` hold whole numbers. heading: with
-    the unit that a person reads (none: it stands in the files alone), scale: what the value is
-    multiplied by for that, form: how it is written (or FORMS)."""
+    """One column. unit: of its numbers, if it is the same in every line; optional: older files may
+    lack the column; counts: lines whose `unit` is this hold whole numbers.
+
+    For readers: heading: with the unit (empty: the column is only in files); scale: factor on the
+    value; form: its format (or FORMS).
+    """
 
     name: str
     kind: type
@@ -63,8 +65,8 @@ class Column:
     scale: float = 1
 
     def cell(self, value: Any) -> str:
-        """The value as a person reads it; nothing for None and NaN."""
-        if value is None or value != value:  # NaN alone differs from itself
+        """The value formatted for a reader; empty for None and NaN."""
+        if value is None or value != value:  # only NaN differs from itself
             return ""
         if self.form in FORMS:
             return FORMS[self.form](value)
@@ -79,12 +81,12 @@ class Schema:
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """Names of the columns."""
         return [column.name for column in self.columns]
 
 
-def declared(module: str) -> dict[str, Schema]:
-    """The tables of the TOML file beside a module's own file."""
+def declared_tables(module: str) -> dict[str, Schema]:
+    """The tables that a module's TOML file of the same name declares. module: its `__file__`."""
     known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
     return {
         table: Schema(tuple(_column(*entry) for entry in columns.items()))
@@ -97,7 +99,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
     return Column(name, kind, meaning, **facts)
 
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
@@ -109,16 +111,16 @@ RANKING = SCHEMAS["ranking"]
 def frame(
     schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()
 ) -> pd.DataFrame:
-    """A table from its lines: mappings by column, or values in the order of the columns. None: not
-    known."""
+    """A DataFrame from lines, each a mapping by column or values in the order of the columns; None:
+    unknown."""
     import pandas as pd
 
     return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """The table with the columns and dtypes of its schema; what an optional column lacks is
-    filled."""
+    """The table with the columns and dtypes of its schema; missing optional columns are filled
+    in."""
     import pandas as pd
 
     typed = {}
@@ -135,8 +137,8 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
 
 
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
-    """Method → the figures of its captures' first frames: one capture a line, one metric a column,
-    NaN where a figure has nothing to stand on; captures and metrics in the order of the scores."""
+    """Method → figures of the first frames of its captures: one line per capture, one column per
+    metric, both in the order of the scores; NaN if undefined."""
     lines = scores[
         (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
     ]
@@ -150,20 +152,20 @@ def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMe
 
 
 def each(table: pd.DataFrame) -> Iterator[Any]:
-    """Each line of a table, a named tuple of its columns."""
+    """Iterate over the lines of a table as named tuples of its columns."""
     return iter(table.itertuples(index=False, name="Line"))
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The lines of a table as plain values; what is not known is None."""
+    """The lines of a table as plain values; None: unknown."""
     lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
     return lines
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
-    """Read a CSV file that `write` wrote. Other columns, and the first cell that is not of its
-    kind, with its line, are a HandbenchError. An older file may lack the last columns, those that
-    are optional."""
+    """Read a CSV file of `write`. Raises HandbenchError for other columns, and for the first cell
+    of a wrong kind, naming its line. An older file may lack the last columns, if these are
+    optional."""
     import pandas as pd
 
     try:
@@ -195,7 +197,8 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
 
 
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
-    """Write a table with a header line, atomically; what is not finite becomes an empty cell."""
+    """Write a table with a header line, atomically; values that are not finite become empty
+    cells."""
     if list(table.columns) != schema.names:
         raise HandbenchError(
             f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}"
@@ -220,7 +223,7 @@ def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
 
 
 def _values(columns: Sequence[Column], cells: Sequence[str], number: int) -> list[Any]:
-    """The values of a line's cells; number: of the line in its file."""
+    """The values of a line's cells. number: the number of the line in its file."""
     if len(cells) != len(columns):
         raise ValueError(f"line {number}: has {len(cells)} cells; expected {len(columns)}")
     values = []

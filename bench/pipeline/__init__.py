@@ -1,2 +1,2 @@
-"""The steps of the main job, a file each, so that an edit of one makes only its own results again.
-The command line, the Python interface, the runner and the trade-off call these."""
+"""The steps of the main job, one file each, so that an edit of one recomputes only its own results.
+The command line, the Python interface, the runner and the trade-off call them."""

@@ -19,8 +19,7 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ImagingTask:
-    """A method with its settings and the echoes of the frames that it images, which `prepare` has
-    checked."""
+    """A method, its settings and the echoes of the frames to image, checked by `prepare`."""
 
     method: Method
     settings: Config
@@ -77,13 +76,13 @@ def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0
 
 
 def require_near(echoes: RadarCapture) -> RadarCapture:
-    """The capture itself; HandbenchError where an antenna is further away than
+    """Return the capture; HandbenchError if an antenna is further away than
     HANDBENCH_FARTHEST_M."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
         raise HandbenchError(
-            f"echoes: an antenna lies {far_m:g} m from the origin; expected {farthest_m:g} m at "
+            f"echoes: an antenna is {far_m:g} m from the origin; expected {farthest_m:g} m at "
             "most: are its "
             "positions millimetres? multiply them by 1e-3; if they are not, raise "
             "HANDBENCH_FARTHEST_M"
@@ -97,8 +96,9 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
 
 
 def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for a capture: defaults, then what its sensor asks for, of the
-    method that it is a variant of or of itself, then what the user does."""
+    """The method's configuration for a capture: its defaults, overridden by the settings of the
+    capture's description (for this method, or for the method that it is a variant of), then by the
+    user's."""
     of_sensor = about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over

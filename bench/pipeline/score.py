@@ -1,4 +1,4 @@
-"""The step from a depth map and a reference to figures: the only scorer."""
+"""The step from a depth map and a reference to figures. All commands score with it."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +20,8 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Scores:
-    """The signed errors of a depth map's pixels, and its figures: metric → value in the metric's
-    unit; None where it is not defined."""
+    """Signed errors of a depth map's pixels, and figures: metric → value in the metric's unit, None
+    if undefined."""
 
     errors: ErrorMap
     figures: Values
@@ -33,8 +33,8 @@ def score(
     protocol: Protocol = PAPER,
     recorded: NativeCapture | None = None,
 ) -> Scores:
-    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures that they
-    give."""
+    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures from
+    them."""
     errors = pixel_errors(depth, reference, protocol, recorded)
     return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
 
@@ -75,7 +75,8 @@ def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | No
 def reference_of_surface(
     surface: Surface, radar_from_mesh: Transform, grid: PixelGrid
 ) -> Reference:
-    """Depth of a surface on a pixel grid of the radar, after carrying it into the radar frame."""
+    """Depth of a surface on a pixel grid of the radar. transform: carries the surface to the radar
+    frame."""
     radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
@@ -83,8 +84,8 @@ def reference_of_surface(
 def reference_of_file(
     mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
 ) -> Reference:
-    """As `reference_of_surface`, of a mesh file; exact: the surface is known without error, as a
-    simulator's own is."""
+    """As `reference_of_surface`, for a mesh file. exact: the surface has no error, as a simulator's
+    has."""
     surface = read_surface(mesh_file)
     if exact:
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))

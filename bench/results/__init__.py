@@ -28,7 +28,7 @@ from handbench.bench.results.about import (
     metric_facts,
 )
 from handbench.bench.results.maps import (
-    Surface,
+    SurfaceMap,
     depth_path,
     errors_path,
     read_errors,
@@ -65,7 +65,7 @@ __all__ = [
     "MetricFacts",
 ]
 __all__ += ["LEVEL", "RANKING", "each", "metric_facts", "write_table"]
-__all__ += ["ErrorMap", "Surface", "depth_path", "errors_path", "read_errors"]
+__all__ += ["ErrorMap", "SurfaceMap", "depth_path", "errors_path", "read_errors"]
 __all__ += ["write_errors", "write_photo", "write_surface"]
 __all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]
 __all__ += [

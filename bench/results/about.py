@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from handbench.bench.evaluation.equal_treatment import ALIKE
+from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
@@ -24,7 +24,7 @@ HEADLINES = (
     "floor_mm",
     "max_mm",
     *SHARES,
-    *ALIKE,
+    *EQUAL_METRICS,
     "precision_mm",
     "seconds",
 )  # read at a glance
@@ -48,7 +48,7 @@ class MetricFacts(Config):
 
 
 def metric_facts() -> dict[str, MetricFacts]:
-    """The definitions that travel with a result."""
+    """The definitions of the metrics, as recorded in every result."""
     return {
         key: MetricFacts.model_validate(metric, from_attributes=True)
         for key, metric in METRICS.items()
@@ -56,9 +56,9 @@ def metric_facts() -> dict[str, MetricFacts]:
 
 
 class CaptureFacts(Config):
-    """One capture. measures: the accuracy, scored pixel by pixel against `references`, the
-    precision, by repeats, or both; effects: of a simulated capture, the rows of its capture.toml:
-    what its echoes show, and what that cost."""
+    """One capture. measures: "accuracy" (scored pixel by pixel against `references`), "precision"
+    (by repeats), or both; effects: for a simulated capture, the effects' rows of its capture.toml:
+    on or off, size and cost."""
 
     name: Name
     measures: tuple[Measure, ...] = MEASURES
@@ -70,7 +70,8 @@ class CaptureFacts(Config):
     @model_validator(mode="before")
     @classmethod
     def _of_before(cls, given: Any) -> Any:
-        """Read what earlier versions wrote: a kind, "accuracy" for captures that measured both."""
+        """Accept the form of earlier versions: a `kind`, which was "accuracy" for captures that
+        measured both."""
         if not isinstance(given, dict) or given.get("kind") not in MEASURES:
             return given
         rest = {key: value for key, value in given.items() if key != "kind"}
@@ -86,8 +87,7 @@ class MethodFacts(Config):
 
 
 class Failure(Config):
-    """A stage that did not come about, and why. method: empty where it fails the capture for every
-    method."""
+    """A stage that failed, and why. method: empty if the capture fails for every method."""
 
     capture: str
     method: str = ""
@@ -96,7 +96,7 @@ class Failure(Config):
 
     @property
     def line(self) -> str:
-        """As it is said while a run goes on."""
+        """The line that a run prints."""
         return (
             f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
             f"{self.message}"
@@ -104,9 +104,8 @@ class Failure(Config):
 
 
 class About(Config):
-    """Content of result.json. inputs: file → SHA-256; captures, methods: those that the table
-    stands on; facts: what is known of noise and ground truth; failures: what was left out, and
-    why."""
+    """Content of result.json. inputs: file → SHA-256; captures, methods: those in the table; facts:
+    known values about noise and ground truth; failures: what was left out, and why."""
 
     schema_version: Literal[1] = 1
     name: str

@@ -1,15 +1,15 @@
-"""Two results side by side: B's figures less A's, by how much, and how sure that is.
+"""Comparison of two results: B's figures minus A's, with confidence.
 
-Where both have the same captures, each method's figures are compared capture by capture: what both
-suffer from cancels. Where they differ, A and B are two independent samples (Welch). Either way a
-capture counts as one value. Precisions are compared by the F test of their variances. Holm's
-correction spans all lines. Times are set beside each other and not tested, for the repeats of one
-run do not know how two runs differ.
+If both have the same captures, each method's figures are compared capture by capture, so that
+errors of the capture cancel. Otherwise A and B are two independent samples (Welch). Each capture
+counts as one value. Precisions are compared by the F test of their variances. Holm's correction
+spans all lines. Times are listed and not tested, since repeats within a run do not show the
+difference between two runs.
 
 `handbench compare` writes
 
-compare.json  both sides, the basis, every difference, times and what differs in provenance
-compare.csv   one line a method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
+compare.json  both sides, the captures compared, every difference, times and provenance compare.csv
+one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
 """
 
 from collections.abc import Sequence
@@ -23,13 +23,13 @@ import pandas as pd
 from handbench.bench.evaluation.intervals import TOO_FEW, figure_interval, note, precision_interval
 from handbench.bench.evaluation.metrics import METRICS, deviation, precision
 from handbench.bench.evaluation.paired import (
-    Tested,
+    Difference,
     amount_text,
     amounts_text,
-    corrected,
     f_test,
-    paired,
-    unpaired,
+    holm_corrected,
+    paired_test,
+    welch_test,
 )
 from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
 from handbench.bench.evaluation.tables import (
@@ -53,14 +53,14 @@ COMPARED_VERSION = 1
 SAME_SHARE = (
     0.9  # of the pixels that either reference has, both must have, to be one hand in one place
 )
-SAME_M = 5e-4  # and in the median lie so near
+SAME_M = 5e-4  # and differ by at most this in the median
 NONE = (None, None)
 
 
 @dataclass(frozen=True)
-class Side:
-    """One of the two results. captures: those that it was scored on; gemm_gflops: its machine's
-    rate of float32 matrix products."""
+class ComparedResult:
+    """One of the two results. captures: its scored captures; gemm_gflops: its machine's rate of
+    float32 matrix products."""
 
     folder: str
     name: str
@@ -70,11 +70,11 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Two results side by side. basis: what the differences stand on, in sentences; differences,
-    times, changes: as `bench.evaluation.tables` declares them."""
+    """The comparison of two results. basis: sentences on the captures compared; differences, times,
+    changes: tables of `bench.evaluation.tables`."""
 
-    a: Side
-    b: Side
+    a: ComparedResult
+    b: ComparedResult
     basis: tuple[str, ...]
     differences: pd.DataFrame
     times: pd.DataFrame
@@ -90,8 +90,8 @@ def write_compared(folder: Path, compared: Compared) -> None:
 
 
 @dataclass(frozen=True)
-class Basis:
-    """The captures of A and of B that a reference's differences stand on."""
+class CommonCaptures:
+    """The captures of A and of B that are compared against one reference."""
 
     reference: str
     a: tuple[str, ...]
@@ -101,10 +101,10 @@ class Basis:
 
 
 def compare_results(a: Result, b: Result) -> Compared:
-    """Every method that both have, by the protocol's compared metrics, the precision and the time.
-    Results of different protocols or definitions, or without a method and a reference in common,
-    are a HandbenchError."""
-    require_alike(a, b)
+    """Compare every method that both results have, by the protocol's compared metrics, the
+    precision and the time. Raises HandbenchError for results of different protocols or definitions,
+    or without a method and a reference in common."""
+    require_comparable(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
     bases = [basis for reference in REFERENCES if (basis := _basis(a, b, reference))]
@@ -125,12 +125,12 @@ def compare_results(a: Result, b: Result) -> Compared:
             lines += _accuracy(method, basis, *samples)
         lines += _precision(a, b, method)
     times = frame(TIMES, [_time(a, b, method) for method in methods])
-    said = tuple(basis.sentence for basis in bases)
-    return Compared(_side(a), _side(b), said, _corrected(lines), times, changes(a, b))
+    sentences = tuple(basis.sentence for basis in bases)
+    return Compared(_side(a), _side(b), sentences, _corrected(lines), times, changes(a, b))
 
 
-def require_alike(a: Result, b: Result) -> None:
-    """HandbenchError where two results were scored by different protocols or definitions."""
+def require_comparable(a: Result, b: Result) -> None:
+    """Raise a HandbenchError if two results were scored by different protocols or definitions."""
     ours, theirs = (
         f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
     )
@@ -152,9 +152,9 @@ def require_alike(a: Result, b: Result) -> None:
         )
 
 
-def _basis(a: Result, b: Result, reference: str) -> Basis | None:
-    """The captures that both have, if any; else all of each. None where one has no such
-    reference."""
+def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
+    """The captures that both results have; without any, all captures of each. None if a result has
+    no capture with this reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
     if not ours or not theirs:
         return None
@@ -165,18 +165,19 @@ def _basis(a: Result, b: Result, reference: str) -> Basis | None:
             "as two independent "
             f"samples; A: {note(len(ours))}; B: {note(len(theirs))}"
         )
-        return Basis(reference, ours, theirs, False, text)
+        return CommonCaptures(reference, ours, theirs, False, text)
     left = len(ours) + len(theirs) - 2 * len(shared)
     without = f", without the {left} that only one has" if left else ""
     text = (
         f"against {reference}: the same captures ({', '.join(shared)}{without}), pair by "
         f"pair; {note(len(shared))}"
     )
-    return Basis(reference, shared, shared, True, text)
+    return CommonCaptures(reference, shared, shared, True, text)
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
-    """True where both show one hand in one place: the same input, or references that coincide."""
+    """True if a capture shows the same hand in the same place in both results: the same input, or
+    references that coincide."""
     if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
@@ -191,15 +192,15 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
 
 
 def _accuracy(
-    method: MethodFacts, basis: Basis, a: pd.DataFrame, b: pd.DataFrame
+    method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
 ) -> list[dict[str, Any]]:
-    """One line a metric, the p not yet corrected; a, b: the figures of the captures, a column a
+    """One line per metric, with an uncorrected p. a, b: the captures' figures, one column per
     metric."""
     lines = []
     for metric in map(str, a):
         samples, test = (
             [a[metric].to_numpy(), b[metric].to_numpy()],
-            paired if basis.paired else unpaired,
+            paired_test if basis.paired else welch_test,
         )
         values = [a[metric].mean(), b[metric].mean()]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
@@ -213,14 +214,14 @@ def _accuracy(
 
 def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
     """Standard deviation of the captures' differences, or of each side's figures; none with fewer
-    than LEAST."""
+    than LEAST captures."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
-    """The line of the precision; none where one of them has none."""
+    """The line of the precision; none if a result has no precision."""
     repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
     hands = [
         [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
@@ -239,10 +240,10 @@ def _line(
     samples: Sequence[Any],
     values: Sequence[float | int | None],
     intervals: Sequence[Any],
-    tested: Tested,
+    tested: Difference,
 ) -> dict[str, Any]:
-    """A line with the figures of A and of B, their ends, how many captures each stands on, and the
-    test between them; against no reference, and not paired."""
+    """A line with the figures of A and B, their intervals, their numbers of captures, and the test
+    between them. By default it has no reference and is not paired."""
     facts = METRICS[metric]
     line: dict[str, Any] = {
         "method": method.name,
@@ -256,10 +257,10 @@ def _line(
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """The lines as `DIFFERENCES`, with p corrected over all that were tested, which is better, and
-    a sentence."""
+    """The table DIFFERENCES: the lines with p corrected over all tests, the better side, and a
+    sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
-    lines["p_corrected"] = corrected(lines.p.astype(float).tolist())
+    lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
     fell = (lines.difference < 0) == lines.metric.map(
         lambda metric: METRICS[metric].better == "lower"
@@ -279,7 +280,7 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
-    """Captures that show this difference; NaN: not known, or too many."""
+    """Number of captures that would show this difference; NaN: unknown, or too many."""
     return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
@@ -303,9 +304,9 @@ def _sentence(line: Any) -> str:
     return none + amounts + (" before the correction for all lines" if low > 0 else "") + hands
 
 
-def _side(result: Result) -> Side:
+def _side(result: Result) -> ComparedResult:
     captures = tuple(capture.name for capture in result.scored())
-    return Side(str(result.folder), result.about.name, captures, _gemm(result))
+    return ComparedResult(str(result.folder), result.about.name, captures, _gemm(result))
 
 
 def _gemm(result: Result) -> float | None:
@@ -320,12 +321,12 @@ def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
         end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))
     ]
     if not all(row and row.value for row in rows):
-        sentence = f"{method.title}: no times to set beside each other"
+        sentence = f"{method.title}: no times to compare"
         return method.name, method.title, *figures, None, sentence
     ratio = rows[1].value / rows[0].value
-    said = ", ".join(
+    sentences = ", ".join(
         f"{row.value:.3g} s" + (f" at {rate:.0f} GFLOP/s" if (rate := _gemm(result)) else "")
         for row, result in zip(rows, (a, b), strict=True)
     )
-    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({said})"
+    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({sentences})"
     return method.name, method.title, *figures, ratio, sentence

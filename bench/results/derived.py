@@ -1,4 +1,4 @@
-"""The tables that follow from a result's scores and from its maps of errors and depths."""
+"""Tables computed from a result's scores and from its maps of errors and depths."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.alike import SMOOTHING
 from handbench.bench.evaluation.error_causes import (
     Averages,
     cause_lines,
@@ -34,6 +33,7 @@ from handbench.bench.evaluation.tables import (
     conform,
     frame,
 )
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path, read_errors
 from handbench.radar.data.depthmap import load_depthmap
@@ -43,7 +43,7 @@ from handbench.support.progress import track
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
-ALIKE_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
+EQUAL_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
 COMPARED = (
     HEADLINE,
     "observed_percent",
@@ -53,13 +53,13 @@ STRONGEST = "strongest_z_m"
 
 
 def repeats(result: Result) -> pd.DataFrame:
-    """Every repeat's depth of the strongest scatterer, as `REPEATS`."""
+    """The table REPEATS: the strongest scatterer's depth in every repeat."""
     lines = result.scores[result.scores.metric == STRONGEST]
     return conform(lines.rename(columns={"frame": "repeat", "value": "z_m"}), REPEATS)
 
 
 def compared_metrics(protocol: dict[str, Any]) -> list[str]:
-    """The metrics by which a protocol, as a result tells it, compares methods as they are."""
+    """The metrics by which the protocol in a result compares methods without equal treatment."""
     named = protocol.get("compared", COMPARED)
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
     return (
@@ -67,28 +67,30 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     )
 
 
-def equally_treated(
+def equal_treatment_scores(
     scores: pd.DataFrame, captures: Sequence[CaptureFacts]
 ) -> tuple[str, dict[str, ByMethod]]:
-    """The reference with the most surface that all captures have; and, against it, treatment →
-    `by_method`, of the methods that every capture was treated by: none where these are fewer than
-    two."""
+    """The reference with the most surface among those of all captures; and, against it, treatment →
+    `by_method` of the methods that have every treatment for every capture. Empty for fewer than two
+    such methods."""
     having = (
         name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
     )
     reference = next(having, "")
-    alike = scores[(scores.reference == reference) & (scores.treatment != "")]
-    treated = alike[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
+    treated_scores = scores[(scores.reference == reference) & (scores.treatment != "")]
+    treated = (
+        treated_scores[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
+    )
     everywhere = treated.index[treated == len(captures) * len(SMOOTHING)]
-    alike = alike[alike.method.isin(everywhere)]
-    return reference, {t: by_method(alike, reference, t) for t in SMOOTHING} if len(
+    treated_scores = treated_scores[treated_scores.method.isin(everywhere)]
+    return reference, {t: by_method(treated_scores, reference, t) for t in SMOOTHING} if len(
         everywhere
     ) > 1 else {}
 
 
 def equal(result: Result) -> pd.DataFrame:
-    """The figures under equal treatment, averaged over the captures, as `EQUAL`."""
-    reference, treated = equally_treated(result.scores, result.scored())
+    """The table EQUAL: the figures under equal treatment, averaged over the captures."""
+    reference, treated = equal_treatment_scores(result.scores, result.scored())
     rows = []
     for treatment, methods in treated.items():
         for method, figures in methods.items():
@@ -102,10 +104,10 @@ def equal(result: Result) -> pd.DataFrame:
 
 
 def comparisons(result: Result) -> pd.DataFrame:
-    """Every pair of methods, as `COMPARISONS`: as they are, by the protocol's compared metrics
-    against each reference; and under equal treatment."""
+    """The table COMPARISONS of every pair of methods: as they are, by the protocol's compared
+    metrics against each reference; and under equal treatment."""
     titles = {method.name: method.title for method in result.about.methods}
-    reference, treated = equally_treated(result.scores, result.scored())
+    reference, treated = equal_treatment_scores(result.scores, result.scored())
     found = [frame(COMPARISONS)]
     metrics = compared_metrics(result.about.protocol)
     own = {name: by_method(result.scores, name) for name in REFERENCES}
@@ -113,7 +115,7 @@ def comparisons(result: Result) -> pd.DataFrame:
     wanted += [
         (reference, t, metric, methods)
         for t, methods in treated.items()
-        for metric in ALIKE_COMPARED
+        for metric in EQUAL_COMPARED
     ]
     for name, treatment, metric, methods in wanted:
         figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
@@ -122,18 +124,18 @@ def comparisons(result: Result) -> pd.DataFrame:
 
 
 def causes(result: Result) -> pd.DataFrame:
-    """The errors by their causes, as `CAUSES`."""
-    return _explained(result)[0]
+    """The table CAUSES: errors by cause."""
+    return _cause_tables(result)[0]
 
 
 def reliability(result: Result) -> pd.DataFrame:
-    """Coverage and likelihood of the methods' own σ, as `RELIABILITY`."""
-    return _explained(result)[1]
+    """The table RELIABILITY: coverage and likelihood of the methods' σ."""
+    return _cause_tables(result)[1]
 
 
 @lru_cache(maxsize=1)  # both tables are read one after the other
-def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """CAUSES and RELIABILITY of every capture's maps."""
+def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """CAUSES and RELIABILITY from every capture's maps."""
     causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
     for capture in track(result.scored(), "causes of errors"):
         depths = {
@@ -161,8 +163,8 @@ def _explained(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def scores(result: Result) -> pd.DataFrame:
-    """`SCORES` of a folder of version 0.2: the figures of each capture from its maps of errors,
-    those under equal treatment from captures.csv and the repeats from repeats.csv."""
+    """`SCORES` for a folder of version 0.2: the captures' figures from their maps of errors, the
+    figures under equal treatment from captures.csv, and the repeats from repeats.csv."""
     rows: list[tuple[Any, ...]] = []
     for capture, method in product(result.scored(), result.about.methods):
         for reference in capture.references:
@@ -174,15 +176,16 @@ def scores(result: Result) -> pd.DataFrame:
         result.files.get("captures", frame(CAPTURES)),
         result.files.get("repeats", frame(REPEATS)),
     )
-    alike = captures[captures.treatment != ""].assign(frame=0)
+    treated_scores = captures[captures.treatment != ""].assign(frame=0)
     strongest = repeated.rename(columns={"repeat": "frame", "z_m": "value"})
     strongest = strongest.assign(reference="", treatment="", metric=STRONGEST)
     found = pd.concat(
-        [frame(SCORES, rows), alike[SCORES.names], strongest[SCORES.names]], ignore_index=True
+        [frame(SCORES, rows), treated_scores[SCORES.names], strongest[SCORES.names]],
+        ignore_index=True,
     )
     return found.drop_duplicates(SCORES.names[:-1], ignore_index=True)
 
 
 def curves(result: Result) -> pd.DataFrame:
-    """No curves: a folder without curves.csv has none."""
+    """An empty table: a folder without curves.csv has no curves."""
     return frame(CURVES)

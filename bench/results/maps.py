@@ -1,5 +1,5 @@
-"""Maps and photographs of a result folder: depths, signed errors, small pictures, and where each
-lies."""
+"""Maps and photographs of a result folder: depths, signed errors, small pictures, and their
+paths."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,17 +10,17 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 
 PHOTO_PX = 600
 ORIENTATION = 0x0112  # EXIF's tag
 
 
 @dataclass(frozen=True)
-class Surface:
-    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN where there is none.
+class SurfaceMap:
+    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN without a surface.
     sigma_m [ny, nx]: a reference's standard deviation along z, by mesh and registration together
-    (None: not told; NaN: unknown)."""
+    (None: not given; NaN: unknown)."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -52,15 +52,15 @@ def _path(folder: Path, suffix: str, *names: str) -> Path:
 
 def write_errors(folder: Path, capture: str, method: str, reference: str, errors: ErrorMap) -> None:
     """Write one map of signed errors."""
-    write_npz(errors_path(folder, capture, method, reference), **_told(errors))
+    write_npz(errors_path(folder, capture, method, reference), **_arrays(errors))
 
 
-def write_surface(folder: Path, capture: str, reference: str, surface: Surface) -> None:
+def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMap) -> None:
     """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
-    write_npz(depth_path(folder, capture, reference), **_told(surface))
+    write_npz(depth_path(folder, capture, reference), **_arrays(surface))
 
 
-def _told(maps: Surface | ErrorMap) -> dict[str, np.ndarray]:
+def _arrays(maps: SurfaceMap | ErrorMap) -> dict[str, np.ndarray]:
     return {name: values for name, values in asdict(maps).items() if values is not None}
 
 
@@ -77,13 +77,13 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     """Write a small JPEG of the photograph `source`, upright and without its metadata."""
     from PIL import Image, ImageOps
 
-    with opened_picture(Path(source)) as image:
-        told, small = (
+    with open_picture(Path(source)) as image:
+        orientation, small = (
             image.getexif().get(ORIENTATION),
             Image.fromarray(np.asarray(image.convert("RGB"))),
         )
-    if told in range(2, 9):  # alone: other EXIF data may be such as cannot be written again
-        small.getexif()[ORIENTATION] = int(told)
+    if orientation in range(2, 9):  # only this: Pillow cannot write all other EXIF data
+        small.getexif()[ORIENTATION] = int(orientation)
         small = ImageOps.exif_transpose(small)
     small.thumbnail((PHOTO_PX, PHOTO_PX))
     with atomic_path(photo_path(folder, capture)) as temporary:
@@ -91,8 +91,8 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m [nx], y_m
-    [ny]; anything else is a HandbenchError."""
+    """Read the arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m
+    [nx] and y_m [ny]. Raises HandbenchError for any other content."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():
@@ -106,6 +106,7 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
             raise HandbenchError(
-                f"{path}: '{name}' has places that are not finite or alike; run the benchmark again"
+                f"{path}: '{name}' has positions that repeat or are not finite; "
+                "run the benchmark again"
             )
     return arrays

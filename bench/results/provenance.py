@@ -1,4 +1,4 @@
-"""Differences in what two results stand on: configuration, settings of the methods, versions,
+"""Differences in the provenance of two results: configuration, settings of the methods, versions,
 machines, inputs."""
 
 from collections.abc import Iterator, Mapping
@@ -10,12 +10,12 @@ from handbench.bench.evaluation.tables import CHANGES, frame
 from handbench.bench.results.result_folder import Result
 from handbench.support.config import plain_toml
 
-HASH_CHARACTERS = 12  # tell two hashes apart
+HASH_CHARACTERS = 12  # enough to distinguish two hashes
 
 
 def changes(a: Result, b: Result) -> pd.DataFrame:
-    """Every key whose value differs, or that only one of them has (the other's: empty), as
-    `CHANGES`."""
+    """The table CHANGES: every key whose values differ, or that only one of them has (the other
+    value is empty)."""
     kinds = (
         ("configuration", _configuration(a), _configuration(b)),
         ("settings", _settings(a, b), _settings(b, a)),
@@ -43,8 +43,8 @@ def _configuration(result: Result) -> dict[str, Any]:
 
 
 def _settings(result: Result, other: Result) -> dict[str, str]:
-    """The resolved settings of the methods that both have; of captures that differ in one, every
-    value."""
+    """The resolved settings of the methods that both have; every value, if captures differ in
+    it."""
     shared = {method.name for method in other.about.methods}
     values: dict[str, list[str]] = {}
     for method in result.about.methods:

@@ -1,7 +1,7 @@
-"""Methods of several results, ranked on the captures that all of the results have.
+"""Ranking of the methods of several results, on the captures that all results have.
 
-The ranking follows the share of the surface that is right within 2 mm: it counts holes as wrong,
-and does not depend on the other methods of a run, as figures under equal treatment do.
+The ranking uses the share of the surface that is right within 2 mm. It counts holes as wrong, and
+does not depend on the other methods of a run, as figures under equal treatment do.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from handbench.bench.evaluation.intervals import mean_interval
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.tables import RANKING, ByMethod, by_method, conform
 from handbench.bench.results.about import HEADLINE, REFERENCES
-from handbench.bench.results.compare_results import require_alike
+from handbench.bench.results.compare_results import require_comparable
 from handbench.bench.results.result_folder import Result, shown
 from handbench.support.errors import HandbenchError
 
@@ -21,18 +21,18 @@ BY = "complete_2mm_percent"
 OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps averaged
 
 
-def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
-    """`RANKING`, the best method first, and a sentence on the captures. A method's rank is one more
-    than the number of methods that are shown to be better on the same captures (95 %, Holm); 0: too
-    few captures to test. HandbenchError where the results have no capture and reference in common,
-    or other protocols."""
+def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
+    """Return the table RANKING, the best method first, and a sentence on the captures. The rank of
+    a method is one more than the number of methods that are shown to be better on the same captures
+    (95 %, Holm); 0: too few captures for a test. Raises HandbenchError for results without a
+    capture and reference in common, and for different protocols."""
     for result in results[1:]:
-        require_alike(results[0], result)
+        require_comparable(results[0], result)
     reference, captures = _common(results)
     values: dict[str, np.ndarray] = {}
     lines = []
     for number, result in enumerate(results):
-        own, alike = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
+        own, treated = (by_method(result.scores, reference, treatment) for treatment in ("", EQUAL))
         for method in result.about.methods:
             key = f"{number}/{method.name}"
             right, mae_mm = (
@@ -53,7 +53,7 @@ def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
                 "low": low,
                 "high": high,
                 HEADLINE: mae_mm.mean(),
-                OVER: _figures(alike, method.name, OVER, captures).mean(),
+                OVER: _figures(treated, method.name, OVER, captures).mean(),
                 "aurc_to_percent": share.iloc[0] if len(share) else np.nan,
                 "seconds": np.nan if time is None else time.value,
             }
@@ -67,8 +67,8 @@ def ranked(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
 
 
 def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
-    """The reference with the most surface that all results have, and their captures that have
-    it."""
+    """The reference with the most surface among those of all results, and the captures that have it
+    in all of them."""
     for reference in ("completed", *REFERENCES):
         names = [_captures(result, reference) for result in results]
         if common := [name for name in names[0] if all(name in other for other in names)]:
@@ -85,7 +85,7 @@ def _captures(result: Result, reference: str) -> list[str]:
 
 
 def _figures(found: ByMethod, method: str, metric: str, captures: Sequence[str]) -> np.ndarray:
-    """A method's figure of each capture [n], NaN where there is none."""
+    """A method's figure of each capture [n], NaN if it has none."""
     known = found.get(method, pd.DataFrame()).reindex(list(captures), columns=[metric])
     return known[metric].to_numpy(float)
 

@@ -14,7 +14,7 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import (
-    Surface,
+    SurfaceMap,
     depth_path,
     errors_path,
     photo_path,
@@ -36,16 +36,16 @@ OLDER = (
     "captures",
     "causes",
     "reliability",
-)  # files of version 0.2 alone
+)  # files of version 0.2 only
 FURTHER = ("scores", "curves", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
-UNSETTLED = 0.1  # of a median time: half an interval that is wider is told
+UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """A table that `bench.results.derived` computes when it is first read, unless the folder has it
-    as a file."""
+    """A table that `bench.results.derived` computes on first reading, unless the folder has it as a
+    file."""
 
     def table(result: Result) -> pd.DataFrame:
         from handbench.bench.results import derived  # with pandas and scipy
@@ -57,12 +57,11 @@ def _derived(name: str) -> cached_property[pd.DataFrame]:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A result folder that has been checked to be complete; maps and photographs are read when
-    asked for.
+    """A complete result folder. Maps and photographs are read on demand.
 
     table, tasks and the properties scores, curves, repeats, comparisons, equal, causes,
-    reliability: as `bench.evaluation.tables` declares them. files: the further tables that the
-    folder has as files: scores and curves; of version 0.2 all but the scores.
+    reliability: as `bench.evaluation.tables` declares them. files: the other tables that the folder
+    has as files: scores and curves; in version 0.2 all but the scores.
     """
 
     folder: Path
@@ -87,24 +86,24 @@ class Result:
     reliability = _derived("reliability")
 
     def row(self, metric: str, method: str, reference: str) -> Any:
-        """The table's line, a named tuple of its columns; None without one."""
+        """A line of the table as a named tuple of its columns; None if there is no such line."""
         found = self.table[(self.table.method == method) & (self.table.metric == metric)]
         return next(each(found[found.reference == reference]), None)
 
     def time(self, method: str) -> Any:
-        """The line of the method's time per frame, which is the same with every reference; None
-        where none is known."""
+        """The line of the method's time per frame, which is the same under every reference; None if
+        unknown."""
         found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
         return next(each(found[found.value.notna()]), None)
 
     def title(self, metric: str) -> str:
-        """The metric as it is printed."""
+        """The metric's title."""
         facts = self.about.metrics.get(metric)
         return facts.title if facts else metric
 
     def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """The methods that nothing is shown to beat under one treatment ("": each as it is); ()
-        where nothing was compared."""
+        """The methods that no method is shown to beat under one treatment ("": each as it is); ()
+        if nothing was compared."""
         return best(self.compared(treatment), metric, reference)
 
     def compared(self, treatment: str = "") -> pd.DataFrame:
@@ -116,20 +115,20 @@ class Result:
         return tuple(c for c in self.about.captures if "accuracy" in c.measures)
 
     def repeated(self) -> tuple[CaptureFacts, ...]:
-        """The captures that the precision stands on."""
+        """The captures that measure the precision."""
         return tuple(c for c in self.about.captures if "precision" in c.measures)
 
     def errors(self, capture: str, method: str, reference: str) -> ErrorMap:
         """Signed errors of one depth map."""
         return read_errors(self.folder, capture, method, reference)
 
-    def surface(self, capture: str, source: str) -> Surface:
+    def surface(self, capture: str, source: str) -> SurfaceMap:
         """The depth map of a method, or of a reference ("truth", "photogrammetry")."""
-        return Surface(**read_map(depth_path(self.folder, capture, source), "z_m"))
+        return SurfaceMap(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
-        """The methods whose frames were timed while other work took BUSY cores or more, on average,
-        and how many."""
+        """The methods whose frames were timed while other work took BUSY or more cores on average,
+        with the number of cores."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
             "method", sort=False
@@ -138,8 +137,8 @@ class Result:
         return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
 
     def unsettled(self) -> dict[str, float]:
-        """The methods whose time per frame is not known to UNSETTLED, by how much of it the
-        interval reaches up or down."""
+        """The methods whose time per frame has an interval wider than UNSETTLED up or down, with
+        that relative width."""
         times = self.table[
             (self.table.metric == "seconds") & (self.table.value > 0)
         ].drop_duplicates("method")
@@ -151,19 +150,19 @@ class Result:
         }
 
     def photo(self, capture: str) -> Path | None:
-        """The capture's photograph, if it has one."""
+        """The path of the capture's photograph, if it has one."""
         path = photo_path(self.folder, capture)
         return path if path.is_file() else None
 
 
 def shown(comparisons: pd.DataFrame) -> pd.Series:
-    """For each line, whether there is a difference at 5 % for all pairs of the metric together."""
+    """For each line, whether the difference is significant at 5 % over all pairs of the metric."""
     return comparisons.p_corrected < 1 - LEVEL
 
 
 def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
-    """The method with the best figure and all that are not shown to be worse, in order of
-    appearance; () where nothing was tested: no figure stands out then."""
+    """The method with the best figure and all methods that are not shown to be worse, in order of
+    appearance; () if nothing was tested, so that no figure is highlighted."""
     lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
     lines = lines[lines.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
@@ -176,8 +175,8 @@ def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, .
 
 
 def write_about(folder: Path, about: About) -> None:
-    """Write result.json. Write it last: a folder with it is meant to be complete. What is not
-    finite becomes null."""
+    """Write result.json. Write it last: it marks the folder as complete. Values that are not finite
+    become null."""
     with atomic_path(folder / "result.json") as temporary, temporary.open("wb") as file:
         file.writelines(
             (TypeAdapter(About).dump_json(about, indent=2), b"\n")
@@ -196,7 +195,7 @@ def write_config(folder: Path, toml: str) -> None:
 
 
 def load(folder: str | Path) -> Result:
-    """Read and check a result folder; a missing, partial or newer one is a HandbenchError."""
+    """Read and check a result folder. Raises HandbenchError for a missing, partial or newer one."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)

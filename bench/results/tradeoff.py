@@ -1,10 +1,9 @@
-"""A trade-off folder: what each setting of each stage costs in time, and what accuracy that buys.
+"""A trade-off folder: the time of each setting of each stage, and its accuracy.
 
-tradeoff.json   schema_version, name, sections (metric, unit, what time is counted, reference
+tradeoff.json   schema_version, name, sections (metric, unit, which time is counted, reference
                 setting), claims, captures, inputs, versions, machine, facts
-tradeoff.csv    one line a setting: see `Setting`
-config.toml     the benchmark with its sweep, resolved
-settings/       NAME.toml: each imaging setting as a benchmark that `handbench run` takes
+tradeoff.csv    one line per setting: see `Setting` config.toml     the benchmark with its sweep,
+resolved settings/       NAME.toml: each imaging setting as a benchmark for `handbench run`
 """
 
 import json
@@ -23,8 +22,8 @@ from handbench.support.files import require_folder, write_json
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv, whose columns `bench.evaluation.tables.SETTINGS` defines; None: not
-    known."""
+    """One line of tradeoff.csv, with the columns of `bench.evaluation.tables.SETTINGS`; None:
+    unknown."""
 
     section: str
     name: str
@@ -52,7 +51,7 @@ class Setting:
 
     @property
     def method(self) -> str:
-        """The method among its knobs; empty where a section has none."""
+        """The method among its knobs; empty in sections without methods."""
         try:
             knobs = json.loads(self.knobs)
         except ValueError:
@@ -61,8 +60,8 @@ class Setting:
 
 
 class Section(Config):
-    """One stage's knobs: metric and its definition, what its seconds count, the setting that ratios
-    are to."""
+    """One stage's settings: their metric and its definition, which seconds are counted, and the
+    reference setting of the ratios."""
 
     name: Literal["imaging", "groundtruth", "simulation", "registration"]
     title: str
@@ -74,7 +73,7 @@ class Section(Config):
 
 
 class Claim(Config):
-    """A statement of the paper's about time, beside what was counted and measured: factors."""
+    """A statement of the paper on time, next to the counted and the measured factor."""
 
     text: str
     paper: float
@@ -100,7 +99,7 @@ class TradeoffFacts(Config):
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """A trade-off folder that was read."""
+    """A trade-off folder that has been read."""
 
     folder: Path
     facts: TradeoffFacts
@@ -112,13 +111,13 @@ class Tradeoff:
 
 
 def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Setting]) -> None:
-    """Write tradeoff.csv, then tradeoff.json, which says that the folder is complete."""
+    """Write tradeoff.csv, then tradeoff.json, which marks the folder as complete."""
     write(folder / "tradeoff.csv", frame(SETTINGS, map(asdict, settings)), SETTINGS)
     write_json(folder / "tradeoff.json", facts.model_dump(mode="json"))
 
 
 def load_tradeoff(folder: str | Path) -> Tradeoff:
-    """Read and check a trade-off folder; a missing or newer one is a HandbenchError."""
+    """Read and check a trade-off folder. Raises HandbenchError for a missing or newer one."""
     folder = require_folder(folder, "a trade-off (tradeoff.json)")
     facts = read_facts(
         TradeoffFacts, folder / "tradeoff.json", "a trade-off", "run `handbench tradeoff` again"

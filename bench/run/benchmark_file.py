@@ -1,4 +1,4 @@
-"""Benchmark files: what a run does, and the protocol by which it is scored."""
+"""Benchmark files: the work of a run, and the protocol that scores it."""
 
 import shlex
 from pathlib import Path
@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure
-from handbench.bench.run.sweep import Sweep, imaging_settings, known_configs
+from handbench.bench.run.sweep import TradeoffSweep, imaging_settings, known_configs
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, methods
@@ -55,9 +55,9 @@ class Origin(Config):
 
 class Source(Origin):
     """A capture of the benchmark. measures: the accuracy, by its first frame against a reference;
-    the precision, by the benchmark's `repeats` frames, which needs no reference and no photographs.
-    persons: the hand's scene once with the hand of each, by number, as that person stands
-    (`SceneFile.of_person`)."""
+    the precision, by the benchmark's `repeats` frames, without a reference or photographs. persons:
+    numbers of people; the scene becomes one capture per person, with that person's hand and
+    placement (`SceneFile.of_person`)."""
 
     measures: Measures = MEASURES
     persons: Persons | None = None
@@ -69,7 +69,7 @@ class Source(Origin):
         return self
 
     def each(self) -> "tuple[Source, ...]":
-        """Its captures, one a person."""
+        """Its captures, one per person."""
         return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (
             self,
         )
@@ -78,7 +78,8 @@ class Source(Origin):
 class DataSet(Config):
     """All captures below a folder, relative to the benchmark file, or those of some objects
     (ROOT/OBJECT) and distances (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered:
-    MAROON's frames without their empty room; measures: as each of a `Source`."""
+    use MAROON's frames with the empty room subtracted; measures: as in `Source`, for each
+    capture."""
 
     path: str
     objects: tuple[str, ...] = ()
@@ -88,7 +89,7 @@ class DataSet(Config):
     measures: Measures = MEASURES
 
     def sources(self, base: Path) -> tuple[Source, ...]:
-        """Its captures, one by one; paths start from `base`."""
+        """Its captures as sources; paths start from `base`."""
         root = inside(base, self.path, "dataset.path")
         folders = captures(root, self.objects, self.distances)[: self.limit]
         suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
@@ -97,20 +98,21 @@ class DataSet(Config):
 
 
 class GroundTruth(Config):
-    """Options by which photographs become a mesh."""
+    """Options of the reconstruction of photographs as meshes."""
 
     quality: Quality = "draft"
 
 
 class MethodEntry(Config):
-    """A method with what its configuration changes; precision = true measures its precision too;
+    """A method and the settings that it changes. precision = true: measure its precision too;
     every_nth_antenna: of transmitters and receivers, in the order of the file (see
     `radar.data.capture.thinned`).
 
-    A method that handbench does not have (`bench.run.foreign`) has `maps`, the folder of its depth
-    maps, CAPTURE.npz, relative to the benchmark file; or `command`, a line that makes one, with the
-    places {capture} and {depth}, and the command's limits for each capture: seconds, and megabytes
-    of addresses (0: none)."""
+    A foreign method (`bench.run.foreign`) has either `maps`, the folder of its depth maps
+    CAPTURE.npz, relative to the benchmark file; or `command`, a command line with the placeholders
+    {capture} and {depth} that makes one, with limits for each capture: seconds, and megabytes of
+    address space (0: none).
+    """
 
     id: str
     config: dict[str, Any] = Field(default_factory=dict)
@@ -123,7 +125,7 @@ class MethodEntry(Config):
 
     @property
     def foreign(self) -> bool:
-        """True for a method that handbench does not have."""
+        """True for a method that is not part of handbench."""
         return self.maps is not None or self.command is not None
 
     @model_validator(mode="before")
@@ -183,7 +185,7 @@ class BenchFile(Config):
     )
     protocol: Literal["paper", "maroon", "maroon-eroded"] = "paper"
     reproduces: Literal["paper"] | None = Field(
-        default=None, description="whose figures stand beside ours"
+        default=None, description="the paper whose figures are printed next to ours"
     )
     groundtruth: GroundTruth = GroundTruth()
     calibration: tuple[Origin, ...] = Field(
@@ -194,7 +196,9 @@ class BenchFile(Config):
     )
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
-    tradeoff: Sweep | None = Field(default=None, description="what `handbench tradeoff` sweeps")
+    tradeoff: TradeoffSweep | None = Field(
+        default=None, description="what `handbench tradeoff` sweeps"
+    )
 
     @field_validator("calibration", mode="before")
     @classmethod
@@ -219,7 +223,7 @@ class BenchFile(Config):
             )
         if ("precision",) in measures and not any(entry.precision for entry in self.method):
             raise ValueError(
-                "a capture measures the precision alone, but no method has precision = true"
+                "a capture measures only the precision, but no method has precision = true"
             )
         return self
 
@@ -232,14 +236,14 @@ class BenchFile(Config):
         return self
 
     def frames_of(self, source: Source) -> int:
-        """The frames of a capture that the methods image."""
+        """Number of a capture's frames that the methods image."""
         frames = self.frames if "accuracy" in source.measures else 1
         repeated = "precision" in source.measures and any(entry.precision for entry in self.method)
         return max(frames, self.repeats) if repeated else frames
 
 
-def embedded() -> dict[str, Path]:
-    """The embedded benchmarks by name: those of the files that say which methods to run."""
+def embedded_benchmarks() -> dict[str, Path]:
+    """The embedded benchmarks by name: the embedded files that list methods."""
     return {
         path.stem: path
         for path in sorted(EMBEDDED.glob("*.toml"))
@@ -248,11 +252,11 @@ def embedded() -> dict[str, Path]:
 
 
 def find_benchmark(name: str) -> Path:
-    """The file of a benchmark given by path, or by the name of an embedded one."""
+    """The path of a benchmark file, given by path or by the name of an embedded one."""
     path = Path(name)
     if path.suffix == ".toml" or path.is_file():
         return path
-    known = embedded()
+    known = embedded_benchmarks()
     if name not in known:
         raise HandbenchError(
             f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}"
@@ -261,12 +265,12 @@ def find_benchmark(name: str) -> Path:
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """A benchmark file, checked down to every method's configuration, its data sets and persons
-    taken apart into captures; and the folder that its paths start from."""
+    """Read a benchmark file and check it, down to every method's configuration; data sets and
+    persons are expanded into captures. Also returns the folder that its paths start from."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
     bench = bench.model_copy(
-        update={"method": tuple(checked(entry, path) for entry in bench.method)}
+        update={"method": tuple(checked_entry(entry, path) for entry in bench.method)}
     )
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
@@ -277,9 +281,9 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
 
 
-def checked(entry: MethodEntry, path: Path) -> MethodEntry:
-    """The entry of a benchmark file; HandbenchError where its method, configuration or maps are not
-    there."""
+def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
+    """Return the entry with its configuration checked. Raises HandbenchError for an unknown method,
+    a wrong configuration or missing maps."""
     where = f"{path}: method '{entry.id}'"
     if not entry.foreign:
         method(entry.id).configure(entry.config, where)

@@ -1,5 +1,4 @@
-"""The stage that registers the sensors: captures of one target, photographed and imaged →
-radar_from_photo."""
+"""The stage that registers the sensors: photographs and echoes of one target → radar_from_photo."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +18,8 @@ REGISTRATION = "radar_from_photo.json"
 
 
 def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
-    """Captures of one target, each with the file of its photographs' cloud → REGISTRATION."""
+    """Write REGISTRATION from captures of one target, each with the file of its photographs' point
+    cloud."""
     made = register_captures(
         [Path(capture) for capture in captures], [Cloud.load(Path(file)) for file in clouds]
     )
@@ -29,9 +29,9 @@ def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
 def register_captures(
     captures: Sequence[Path], clouds: Sequence[Cloud], array: ArrayCalibration | None = None
 ) -> Transform:
-    """Captures of one target, each with its cloud in the photo frame → radar_from_photo; more than
-    one are combined, if the rig stood still between them. array: the antennas' calibration, in
-    place of the captures' own. Raises HandbenchError when the targets differ."""
+    """Compute radar_from_photo from captures of one target, each with its point cloud in the photo
+    frame. Several captures are combined; the rig must not move between them. array: the antennas'
+    calibration, used in place of the captures' own. Raises HandbenchError for different targets."""
     target = common_target(captures)
     measured, names = [], []
     for capture, cloud in zip(captures, clouds, strict=True):
@@ -50,7 +50,7 @@ def register_captures(
 
 
 def common_target(captures: Sequence[Path]) -> Target:
-    """The one target that all captures show; a HandbenchError when they differ."""
+    """The target that all captures show. Raises HandbenchError if they differ."""
     targets = {capture: load_target(capture / TARGET) for capture in captures}
     for capture, target in targets.items():
         if target != targets[captures[0]]:

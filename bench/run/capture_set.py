@@ -1,8 +1,7 @@
-"""The captures of a benchmark as a folder to hand out.
+"""A benchmark's captures as a folder to distribute.
 
-bench.toml      the benchmark, of these captures: `handbench run`
-captures/NAME   capture folders
-checksums.txt   of every capture's files; a run compares them
+bench.toml      the benchmark of these captures, for `handbench run` captures/NAME   capture folders
+checksums.txt   checksums of every capture's files; a run compares them
 """
 
 from pathlib import Path
@@ -25,8 +24,8 @@ BENCH = "bench.toml"
 
 
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
-    """Simulate all scenes of a benchmark, a file's or an embedded one's, into a folder, and return
-    their number. The captures of a call that was interrupted are kept."""
+    """Simulate all scenes of a benchmark (a file, or an embedded one's name) into a folder; returns
+    their number. A repeated call keeps the captures of an interrupted one."""
     bench, base = load_benchmark(name)
     sources: list[Origin] = [*bench.capture, *bench.calibration]
     scenes: dict[str, tuple[SceneFile, Path, int]] = {}
@@ -57,7 +56,7 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
 
 
 def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
-    """The benchmark's file, with these captures in place of its scenes."""
+    """The benchmark with these captures in place of its scenes."""
     if any(entry.foreign for entry in bench.method):
         raise HandbenchError(
             f"{name}: has a method with maps or a command; add it to the file that is written "
@@ -78,8 +77,8 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
 
 
 def _start(folder: Path, text: str, overwrite: bool) -> None:
-    """Write the benchmark's file, or find it there; HandbenchError where the folder holds anything
-    else."""
+    """Write the benchmark's file, or check the one that is there. Raises HandbenchError if the
+    folder has any other content."""
     file = folder / BENCH
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():

@@ -1,8 +1,8 @@
-"""Executors carry out the jobs of a run: this process, several processes of this machine, or a Dask
-cluster's workers.
+"""Executors for the jobs of a run: this process, several processes of this machine, or the workers
+of a Dask cluster.
 
-A job is a function of the store's folder and a stage. An error that the user can mend is a
-HandbenchError of the job's future; any other exception keeps its traceback and ends the run.
+A job is a function of the store's folder and a stage. A HandbenchError, which the user can mend,
+becomes the future's exception; any other exception keeps its traceback and ends the run.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from handbench.radar.methods.registry import method_key
 from handbench.support import cost
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
-from handbench.support.store import Stage, code_hash
+from handbench.support.store import Stage, stage_code_hash
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client
@@ -59,11 +59,12 @@ _ALONE = (
 )  # a cost is measured of the whole process, which therefore does one job at a time
 
 
-class Here(Executor):
-    """This process: a job has ended when `submit` returns."""
+class LocalExecutor(Executor):
+    """Runs jobs in this process; each has ended when `submit` returns."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function; its HandbenchError is the future's, any other exception is raised."""
+        """Call the function. A HandbenchError becomes the future's exception, any other is
+        raised."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*args, **kwargs))
@@ -72,10 +73,10 @@ class Here(Executor):
         return future
 
 
-class Processes(ThreadPoolExecutor):
-    """Processes of this machine, each with its share of the cores. They start with their first job
-    and end with the block, or with this process. A process that the system ends, for want of
-    memory, costs its own job only, which is tried once more while the others wait."""
+class ProcessExecutor(ThreadPoolExecutor):
+    """Runs jobs in processes of this machine, each with its share of the cores. They start with
+    their first job and end with the block, or with this process. If the system kills a process for
+    want of memory, only its job is affected; it is tried once more while the others wait."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
@@ -97,7 +98,7 @@ class Processes(ThreadPoolExecutor):
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, and what they are at; nothing writes any more once this returns."""
+        """End the processes and their jobs; nothing is written after this returns."""
         self._ended = True
         super().shutdown(wait=False, cancel_futures=True)
         for pool in self._pools:
@@ -112,7 +113,7 @@ class Processes(ThreadPoolExecutor):
         )
 
     def _call(self, job: Callable[[], Any]) -> Any:
-        """In a thread: have a process that is idle do the job."""
+        """Have an idle process do the job; runs in a thread."""
         try:
             return self._tried(self._idle.get(), job)
         except BrokenProcessPool:
@@ -141,12 +142,12 @@ class Processes(ThreadPoolExecutor):
             self._idle.put(number)
 
 
-class Cluster(Executor):
-    """The workers of a Dask scheduler. A job whose worker is lost is given to another one by the
-    scheduler, which is safe, for a stage's folder appears complete or not at all."""
+class DaskExecutor(Executor):
+    """Runs jobs on the workers of a Dask scheduler. If a worker is lost, the scheduler gives its
+    job to another one, which is safe because a stage's folder appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
-        # whose futures tell that the scheduler has gone; those of get_executor() then never end
+        # its futures fail when the scheduler has gone; those of get_executor() then never end
         self._client = client
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -158,7 +159,7 @@ class Cluster(Executor):
 
 
 def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
-    """Give a future the outcome of one on the cluster."""
+    """Copy the outcome of a future of the cluster to a future."""
     from distributed import KilledWorker
 
     try:
@@ -175,8 +176,8 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
 def elsewhere(
     machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage
 ) -> Any:
-    """Do a job in another process, or on another machine. machine: its facts, where they were
-    measured before."""
+    """Do a job in another process, or on another machine. machine: facts of this machine, if
+    measured already."""
     cost.CALIBRATED |= machine
     try:
         with _ALONE:
@@ -192,7 +193,7 @@ def elsewhere(
 
 
 def _require_same(root: Path, stage: Stage) -> None:
-    """HandbenchError where this machine does not see the store, or has other code than the
+    """Raise a HandbenchError if this machine does not see the store, or has other code than the
     client."""
     if not root.is_dir():
         raise HandbenchError(
@@ -200,7 +201,7 @@ def _require_same(root: Path, stage: Stage) -> None:
             "workers"
         )
     plugged = method_key(stage.method) if stage.method else ()
-    if code_hash(stage.function, plugged) != stage.code:
+    if stage_code_hash(stage.function, plugged) != stage.code:
         raise HandbenchError(
             f"{stage.label}: this worker's handbench or libraries differ from the client's; "
             "install the same on both"
@@ -210,22 +211,22 @@ def _require_same(root: Path, stage: Stage) -> None:
 def assigned(
     executor: Executor, root: Path, stages: Sequence[Stage]
 ) -> list[tuple[Executor, list[int]]]:
-    """Executors with the numbers of the stages that each carries out, one executor after the other.
-    Processes take two or more stages that have to be made and whose time is no result; imaging is
-    done here, with nothing else at work."""
+    """Distribute stages: executors, each with the numbers of its stages, to be used one after the
+    other. Processes get stages if two or more have to be made whose time is not a result; imaging
+    runs in this process, with nothing else at work."""
     numbers = list(range(len(stages)))
-    if not isinstance(executor, Processes):
+    if not isinstance(executor, ProcessExecutor):
         return [(executor, numbers)]
     long = [n for n in numbers if not stages[n].method and stages[n].name != HASH]
     long = [n for n in long if not stages[n].folder(root).exists()]
     if len(long) < 2:
-        return [(Here(), numbers)]
-    return [(executor, long), (Here(), [n for n in numbers if n not in long])]
+        return [(LocalExecutor(), numbers)]
+    return [(executor, long), (LocalExecutor(), [n for n in numbers if n not in long])]
 
 
 def room(bytes_: float = 0.0) -> int:
-    """Processes that the cores and the memory that is free have room for; bytes_: what a stage
-    takes, if more than most do. One where this process may not start others."""
+    """Number of processes for which there are cores and free memory. bytes_: memory of one stage,
+    if more than usual. 1 if this process may not start others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
@@ -236,11 +237,12 @@ def room(bytes_: float = 0.0) -> int:
 def executor(
     scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0
 ) -> Iterator[Executor]:
-    """This process, with others where so much processor time, core_s, is worth them; or the cluster
-    of the Dask scheduler at this address, tcp://host:port."""
+    """Yield the executor: a Dask cluster, if `scheduler` is an address, tcp://host:port; else
+    processes of this machine, if core_s, the expected processor time, is worth them; else this
+    process."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
-        with Processes(count) if count > 1 else Here() as found:
+        with ProcessExecutor(count) if count > 1 else LocalExecutor() as found:
             yield found
         return
     try:
@@ -250,7 +252,7 @@ def executor(
             f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the "
             "option out"
         ) from error
-    for name in LOGS:  # what goes wrong here is told once, in a sentence
+    for name in LOGS:  # an error of the cluster is reported once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
@@ -262,7 +264,7 @@ def executor(
         ) from error
     try:
         with client:
-            yield Cluster(client)
+            yield DaskExecutor(client)
     except (CancelledError, OSError) as error:
         if (
             isinstance(error, OSError) and error.errno is not None

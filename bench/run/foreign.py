@@ -1,9 +1,9 @@
-"""Methods that handbench does not have: depth maps from a folder, or a program that makes them from
-the echoes.
+"""Methods that are not part of handbench: depth maps from a folder, or a program that makes them
+from the echoes.
 
-A program sees a folder with capture.toml and the echoes of one frame, a few variables of our
-environment, and nothing else of the capture; its time and memory are limited, and it ends with
-handbench. This keeps honest programs apart; it does not stop a program that means harm.
+The program sees only a folder with capture.toml and the echoes of one frame, and a few environment
+variables. Its time and memory are limited, and it ends with handbench. This protects against
+mistakes, not against a malicious program.
 """
 
 import os
@@ -60,8 +60,8 @@ sys.exit(code if code >= 0 else 128 - code)
 
 
 def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
-    """The pixels that foreign depth maps of a capture have: those of the first own method, or else
-    the paper's."""
+    """The pixel grid that foreign depth maps of a capture must have: that of the first own method,
+    or else the paper's."""
     own = next((entry for entry in methods if not entry.foreign), None)
     config = PixelsConfig() if own is None else configured(about, own.id, own.config)
     grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
@@ -76,8 +76,8 @@ def words(command: str, base: Path) -> list[str]:
 
 
 def program_key(command: str, base: Path) -> list[str]:
-    """The values that a command's depth maps depend on: the line, and the content of the files in
-    it."""
+    """The values on which a command's depth maps depend: the command line, and the content of its
+    files."""
     return [
         command,
         *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word)),
@@ -87,8 +87,8 @@ def program_key(command: str, base: Path) -> list[str]:
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
-    """Copy a depth map, checked, into the folder of a stage, with the seconds that it says it
-    took."""
+    """Check a depth map and copy it, with the seconds that it records, into the folder of a
+    stage."""
     depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
     _save(folder, depth, [] if seconds is None else [seconds])
 
@@ -103,8 +103,9 @@ def run(
     limits: tuple[float, int],
     config: Any,
 ) -> None:
-    """Have a program image the capture's first frame into the folder of a stage; its seconds are
-    those of the whole command. limits: seconds, and megabytes of addresses (0: none)."""
+    """Have a program image the capture's first frame into the folder of a stage. The recorded
+    seconds are those of the entire command. limits: seconds, and megabytes of address space (0:
+    none)."""
     data = open_capture(capture)
     with tempfile.TemporaryDirectory(prefix="handbench-foreign-") as temporary:
         room = Path(temporary)
@@ -128,7 +129,7 @@ def run(
 
 
 def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
-    """Write what a method of our own leaves. Pixels that the method itself has averaged stay
+    """Write the files that a method of handbench writes. Pixels that the method has averaged stay
     averaged."""
     write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
     depth.save(folder / DEPTH)
@@ -136,7 +137,7 @@ def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
 
 
 def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float:
-    """Run a command in the folder `room`; returns the seconds that it took."""
+    """Run a command in the folder `room`; returns its seconds."""
     environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
     if shutil.which(command[0], path=environment.get("PATH")) is None:
         raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
@@ -186,8 +187,8 @@ def _last_line(output: Path) -> str:
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
-    """A foreign method's depth map on the grid that was asked for, float32, and its `seconds`,
-    where the file has them. HandbenchError for what cannot be scored."""
+    """Read a foreign method's depth map on the required grid, float32, and its `seconds`, if the
+    file has them. Raises HandbenchError for maps that cannot be scored."""
     content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
         if content[name].shape != expected.shape or not _same(content[name], expected):

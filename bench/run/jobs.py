@@ -1,10 +1,9 @@
-"""The stages of a benchmark, as data: what each depends on, what it is given, and whose code it
+"""The stages of a benchmark as data: their inputs, their arguments, and the function that each
 runs.
 
-They come in rounds: `opening`, then `inspection`, for every capture; of the captures that are open
-the photographs' `clouds`, which are two rounds, `sparse` and `dense`; then `calibration`, `meshing`
-and `imaging`, which do not wait for each other; last `scoring`, of the captures that have a
-reference.
+They come in rounds: `opening`, then `inspection`, for every capture; for captures that are open,
+the photographs' `clouds` in two rounds, `sparse` and `dense`; then `calibration`, `meshing` and
+`imaging`, which do not depend on each other; last `scoring`, for captures with a reference.
 """
 
 from pathlib import Path
@@ -24,7 +23,7 @@ from handbench.bench.run import (
 )
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Origin, Source
 from handbench.bench.run.executors import HASH
-from handbench.bench.run.outcome import Capture, Outcome
+from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.bench.run.photogrammetry import photographs
 from handbench.bench.run.scoring import make as score
 from handbench.bench.scenes.build import named_files
@@ -42,14 +41,14 @@ from handbench.support.files import content_hash, inside
 from handbench.support.store import Stage
 
 # by name: its room checks benchmark files too, so it imports this one
-INSPECT = "handbench.bench.validation.doubts:make"
+INSPECT = "handbench.bench.validation.capture_warnings:make"
 Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
 def opening(
     bench: BenchFile, base: Path, source: Origin, frames: int, photos: bool = True
 ) -> Stage:
-    """To hash a capture folder as it lies, or to simulate a scene into one; paths start from
+    """The stage that hashes a capture folder, or simulates a scene into one. Paths start from
     `base`. photos: whether anything needs the scene's photographs."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
@@ -64,7 +63,7 @@ def opening(
 
 
 def content_key(root: Path, stage: Stage) -> str:
-    """Hash of a capture's folder, as `opening` names it."""
+    """Hash of a capture's folder, as `opening` records it."""
     folder = Path(stage.arguments["folder"])
     key = open_capture(folder).key(stage.arguments["frames"])
     require_unchanged(folder)
@@ -72,7 +71,7 @@ def content_key(root: Path, stage: Stage) -> str:
 
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
-    """The scene that a benchmark asks for, and its file; paths start from `base`."""
+    """The scene that a benchmark names, and its file; paths start from `base`."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
     if isinstance(source, Source) and source.persons:
@@ -84,20 +83,21 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
     return scene, path
 
 
-def inspection(capture: Capture) -> Stage:
-    """To look the capture over for mistakes before anything is believed of it."""
+def inspection(capture: RunCapture) -> Stage:
+    """The stage that checks a capture for mistakes before its data are used."""
     given = {"capture": str(capture.folder)}
     return Stage("inspect", resolve_name(INSPECT), given, [capture.key], capture.name)
 
 
-def clouds(bench: BenchFile, capture: Capture, work: Path) -> Clouds:
-    """To reconstruct the capture's photographs; a HandbenchError where it has none."""
+def clouds(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds:
+    """The stages that reconstruct the capture's photographs. Raises HandbenchError if it has
+    none."""
     photos, options = photographs(capture.folder, bench.groundtruth.quality, bench.seed)
     return pipeline.stages(work, photos, options, [capture.key], capture=capture.name)
 
 
-def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage:
-    """To register the sensors by captures of one target, whose clouds are there."""
+def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> Stage:
+    """The stage that registers the sensors by captures of one target, from their point clouds."""
     given = {
         "captures": [str(target.folder) for target in targets],
         "clouds": [str(each.folder(work) / CLOUD) for each in dense],
@@ -106,9 +106,9 @@ def calibration(targets: list[Capture], dense: list[Stage], work: Path) -> Stage
     return Stage("calibrate", calibrate_stage.calibrate, given, inputs, targets[0].name)
 
 
-def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
-    """To make the capture's photographs a mesh, if it has none and if a transform carries it into
-    the radar frame."""
+def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
+    """The stages that turn the capture's photographs into a mesh; None if it has a mesh, or if no
+    transform carries it into the radar frame."""
     data = open_capture(capture.folder)
     carried = bool(bench.calibration) or data.transform() is not None
     return (
@@ -118,9 +118,9 @@ def meshing(bench: BenchFile, capture: Capture, work: Path) -> Clouds | None:
     )
 
 
-def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> list[Stage]:
-    """To image the capture by one method: for the accuracy the benchmark's frames, for the
-    precision, where the method has one, all repeats. Paths start from `base`."""
+def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> list[Stage]:
+    """The stages that image the capture by one method: for the accuracy, the benchmark's frames;
+    for the precision, if the method measures it, all repeats. Paths start from `base`."""
     if entry.foreign:
         return [_foreign(bench, base, capture, entry)] if "accuracy" in capture.measures else []
     given = {
@@ -145,8 +145,9 @@ def imaging(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) 
     ]
 
 
-def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry) -> Stage:
-    """To take a foreign method's depth map of the capture, or to have its command make one."""
+def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> Stage:
+    """The stage that takes a foreign method's depth map of the capture, or has its command make
+    one."""
     grid = foreign.pixels(capture.about, bench.method)
     function = foreign.run if entry.command is not None else foreign.take
     given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
@@ -173,7 +174,7 @@ def _foreign(bench: BenchFile, base: Path, capture: Capture, entry: MethodEntry)
 
 
 def references(
-    capture: Capture, registration: Transform | None, made: Path | None, found: Outcome
+    capture: RunCapture, registration: Transform | None, made: Path | None, found: Outcome
 ) -> dict[str, tuple[Path, Transform]]:
     """Reference name → mesh file and the transform that carries it into the radar frame. made: the
     folder with the mesh of the capture's photographs."""
@@ -204,11 +205,12 @@ def references(
 
 def scoring(
     bench: BenchFile,
-    capture: Capture,
+    capture: RunCapture,
     maps: dict[str, Path],
     references: dict[str, tuple[Path, Transform]],
 ) -> Stage:
-    """To compare the capture's depth maps, files of kept stages by method, with its references."""
+    """The stage that compares the capture's depth maps (files of stages, by method) with its
+    references."""
     given = {
         "capture": str(capture.folder),
         "maps": maps,

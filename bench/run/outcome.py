@@ -1,5 +1,5 @@
-"""The outcome of a run: what its stages have found, and the captures and methods that its table
-stands on."""
+"""The outcome of a run: what its stages found, and which captures and methods its table
+contains."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,9 +22,9 @@ Line = tuple[Any, ...]  # of a table, in the order of its columns
 
 
 @dataclass
-class Capture:
-    """A capture of the run: its folder, the hash that stands for its content, its description, what
-    it measures."""
+class RunCapture:
+    """A capture of the run: its folder, the hash of its content, its description, and what it
+    measures."""
 
     folder: Path
     key: str
@@ -33,19 +33,19 @@ class Capture:
 
     @property
     def name(self) -> str:
-        """The name of its files and of its rows."""
+        """The name used for its files and rows."""
         return self.about.name
 
 
 @dataclass
 class Outcome:
-    """All that the stages of a run have found. Keys are names of captures and ids of methods;
+    """Everything that the stages of a run found. Keys are names of captures and ids of methods;
     tasks, repeats: lines of `TASKS` and `REPEATS`; maps: files of depth maps; deviations, scores:
-    folders of the stages `repeat` and `score`; machines: facts of those that did the work, by
-    name."""
+    folders of the stages `repeat` and `score`; machines: facts of the machines that did the work,
+    by name."""
 
     bench: BenchFile
-    captures: list[Capture]
+    captures: list[RunCapture]
     tasks: list[Line]
     failures: list[Failure] = field(default_factory=list)
     references: dict[str, dict[str, tuple[Path, Transform]]] = field(default_factory=dict)
@@ -65,18 +65,18 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Basis:
-    """The captures and methods that a table stands on: every method on the same captures. repeated:
-    those of the precision."""
+class CommonSubset:
+    """The captures and methods of a table: every method on the same captures. repeated: captures of
+    the precision."""
 
-    captures: tuple[Capture, ...]
+    captures: tuple[RunCapture, ...]
     methods: tuple[MethodEntry, ...]
     text: str
-    repeated: tuple[Capture, ...]
+    repeated: tuple[RunCapture, ...]
 
     @property
-    def all_captures(self) -> tuple[Capture, ...]:
-        """Those of the accuracy, then those of the precision alone."""
+    def all_captures(self) -> tuple[RunCapture, ...]:
+        """The captures of the accuracy, then those that only measure the precision."""
         return (
             *self.captures,
             *(capture for capture in self.repeated if capture not in self.captures),
@@ -84,9 +84,11 @@ class Basis:
 
 
 @contextmanager
-def failing(failures: list[Failure], capture: str, stage: str, method: str = "") -> Iterator[None]:
-    """An error that the user can mend is said and kept as a failure of the capture (for one method,
-    if one is named), and does not end the run."""
+def recorded_failure(
+    failures: list[Failure], capture: str, stage: str, method: str = ""
+) -> Iterator[None]:
+    """Record a HandbenchError in the block as a failure of the capture (of one method, if named)
+    and print it; the run goes on."""
     try:
         yield
     except HandbenchError as error:
@@ -94,13 +96,16 @@ def failing(failures: list[Failure], capture: str, stage: str, method: str = "")
         say(failures[-1].line)
 
 
-def basis(outcome: Outcome) -> Basis:
-    """The captures of the accuracy that all methods have finished, every stage of them. A method
-    that finished fewer than half as many as the best one is left out, for it would take the others'
-    captures away; so is the weakest while no capture is common to all. Nothing left is a
-    HandbenchError. The precision stands on those of these captures that measure it, and on the
-    captures of the precision alone that all methods with a precision have finished; of these a
-    method may be left out in the same way, and then has no precision."""
+def common_subset(outcome: Outcome) -> CommonSubset:
+    """Select the captures and methods of the table: the accuracy uses the captures for which all
+    methods finished every stage.
+
+    A method that finished fewer than half as many captures as the best one is left out, because it
+    would remove the others' captures; so is the weakest method while no capture is common to all.
+    Raises HandbenchError if nothing is left. The precision uses those of these captures that
+    measure it, and the captures of precision only that all methods with a precision finished; here
+    too a method may be left out in the same way, and then has no precision.
+    """
     scored = _finished(
         outcome, [c for c in outcome.captures if "accuracy" in c.measures], outcome.bench.method
     )
@@ -108,16 +113,16 @@ def basis(outcome: Outcome) -> Basis:
     if not kept:
         raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
     sources = outcome.bench.capture
-    alone = [capture for capture in outcome.captures if capture.measures == ("precision",)]
+    only_precise = [capture for capture in outcome.captures if capture.measures == ("precision",)]
     precise = [entry for entry in outcome.bench.method if entry.id in kept and entry.precision]
-    repeated = _finished(outcome, alone, precise)
+    repeated = _finished(outcome, only_precise, precise)
     steady, also = _shared(repeated)
     text = _stands_on(
         scored, kept, common, sum("accuracy" in source.measures for source in sources)
     )
     if precise and (total := sum(source.measures == ("precision",) for source in sources)):
-        text += f"; the precision alone: {_stands_on(repeated, steady, also, total)}"
-    return Basis(
+        text += f"; for the precision only: {_stands_on(repeated, steady, also, total)}"
+    return CommonSubset(
         tuple(capture for capture in outcome.captures if capture.name in common),
         tuple(entry for entry in outcome.bench.method if entry.id in kept),
         text,
@@ -126,9 +131,9 @@ def basis(outcome: Outcome) -> Basis:
 
 
 def _finished(
-    outcome: Outcome, captures: list[Capture], methods: Sequence[MethodEntry]
+    outcome: Outcome, captures: list[RunCapture], methods: Sequence[MethodEntry]
 ) -> dict[str, set[str]]:
-    """Method → names of the captures of which it finished every stage."""
+    """Method → names of the captures for which it finished every stage."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}
     return {
         entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}}
@@ -137,7 +142,7 @@ def _finished(
 
 
 def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
-    """The methods that are kept, and the captures that all of them have finished."""
+    """The methods that remain, and the captures that all of them finished."""
     most = max(map(len, finished.values()), default=0)
     kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
     while kept and not set.intersection(*(finished[id] for id in kept)):
@@ -160,14 +165,14 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
 def errors(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[ErrorMap]:
-    """A method's error maps of some captures, one in memory at a time."""
+    """Iterate over a method's error maps of some captures, with one in memory at a time."""
     return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
 def surfaces(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[Reference]:
-    """The references with which `errors` were found."""
+    """Iterate over the references that belong to `errors`."""
     for name in captures:
         _, transform = outcome.references[name][reference]
         yield read_reference(outcome.scores[name], name, method, reference, transform)

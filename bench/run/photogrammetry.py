@@ -1,4 +1,4 @@
-"""A capture's photographs, as a run and `handbench calibrate` reconstruct them."""
+"""Reconstruction of a capture's photographs, as `handbench run` and `handbench calibrate` do it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,8 +17,8 @@ from handbench.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
-    """The folder of a capture's photographs, and how they are reconstructed: as by `handbench
-    groundtruth`, within the capture's box. HandbenchError where it has none."""
+    """The folder of a capture's photographs, and the options of their reconstruction: those of
+    `handbench groundtruth`, within the capture's box. Raises HandbenchError if there are none."""
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
@@ -30,7 +30,8 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
 
 
 def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
-    """The array's calibration from the first capture of a target, as recorded."""
+    """The array's calibration from the first capture of a target, whose echoes are read as
+    recorded."""
     [capture, *_] = captures
     recorded = open_capture(capture)
     return estimate_array(
@@ -41,7 +42,8 @@ def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
 def calibrate_captures(
     captures: Sequence[Path], quality: str, seed: int, array: ArrayCalibration | None = None
 ) -> Transform:
-    """Captures of one target → radar_from_photo, from photographs and echoes, with nothing kept."""
+    """Compute radar_from_photo from captures of one target, photographs and echoes, without a
+    store."""
     common_target(captures)  # what differs is refused before the work
     clouds = [reconstruct_cloud(*photographs(capture, quality, seed)) for capture in captures]
     return register_captures(captures, clouds, array)

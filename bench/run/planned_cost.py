@@ -1,8 +1,8 @@
-"""The cost of a run, predicted from the shapes of what is asked, before any of it is made.
+"""Predicted cost of a run, from the shapes of its inputs, before any of it is made.
 
-Processor time is counts times rates of whole stages, measured on two shared cores of an AMD EPYC:
-hands before 94 × 94 antennas, 2 to 128 tones; a method's images for the figure, the time and the
-treatments. They tell minutes from days.
+The processor time is the sum of counts times rates of entire stages, measured on two shared cores
+of an AMD EPYC: hands in front of 94 × 94 antennas, 2 to 128 tones; a method's images for the
+figure, the time and the treatments. The prediction distinguishes minutes from days.
 """
 
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ from handbench.support.config import Config, load
 from handbench.support.cost import TERMS_PER_S
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
-from handbench.support.pictures import opened_picture
+from handbench.support.pictures import open_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
@@ -45,28 +45,28 @@ VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 
 
 class Work(NamedTuple):
-    """core_s: processor time; bytes_: memory at its peak."""
+    """Predicted cost. core_s: processor time; bytes_: peak memory."""
 
     core_s: float
     bytes_: float = BASE_BYTES
 
 
 def one_after_another(parts: Iterable[Work]) -> Work:
-    """All parts as one."""
+    """The cost of several parts in sequence."""
     times_s, sizes = zip(Work(0.0), *parts, strict=True)
     return Work(sum(times_s), max(sizes))
 
 
 def of_run(bench: BenchFile, base: Path) -> Work:
-    """All stages of a benchmark whose paths start from `base`."""
+    """The cost of all stages of a benchmark whose paths start from `base`."""
     return one_after_another(
         _of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration)
     )
 
 
 def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
-    """The captures of a trade-off, and its imaging settings in timed rounds, of exact volumes as of
-    others: it sums a plane of them."""
+    """The cost of a trade-off's captures and of its imaging settings in timed rounds. Exact volumes
+    count like others, because only a plane of them is summed."""
     configs = [
         (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
         for s in settings
@@ -80,8 +80,8 @@ def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], r
 def imaging(
     settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True
 ) -> Work:
-    """To image and score so many frames of so many channels by a method's settings; exact: as they
-    say."""
+    """The cost of imaging and scoring `frames` frames of `channels` channels by a method's
+    settings. exact: as the settings say."""
     asked = asked_hz(settings)
     tones = TONES if asked is None else len(asked)
     shape, samples = (
@@ -100,8 +100,8 @@ def imaging(
 
 
 def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
-    """A capture's stages; of one that cannot be opened nothing counts, since that is told where it
-    stands."""
+    """The cost of a capture's stages; zero for one that cannot be opened, because opening it
+    reports the error."""
     measures = source.measures if isinstance(source, Source) else ()
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
@@ -138,8 +138,8 @@ def inspecting(folder: Path | None) -> float:
 
 
 def _recorded(folder: Path) -> tuple[float, int, float]:
-    """To simulate a recorded capture, nothing; number and megapixels of photographs without a mesh,
-    like the first."""
+    """Cost of simulating a recorded capture, which is zero; number and megapixels of its
+    photographs, if it has no mesh, each taken to be as large as the first."""
     capture = open_capture(folder)
     pictures = (
         sorted(capture.photos.glob("*.[jJpPtT]*"))
@@ -148,7 +148,7 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
     )
     if not pictures:
         return 0.0, 0, 0.0
-    with opened_picture(pictures[0]) as picture:
+    with open_picture(pictures[0]) as picture:
         return 0.0, len(pictures), 1e-6 * prod(picture.size) * len(pictures)
 
 

@@ -1,4 +1,4 @@
-"""The stage that images a capture by one method: echoes → depth map, and the time that it took."""
+"""The stage that images a capture by one method: echoes → depth map, with its time."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.alike import OPEN_DB, SMOOTHING, Alike
+from handbench.bench.evaluation.treatments import OPEN_DB, SMOOTHING, TreatedDepths
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
@@ -37,8 +37,8 @@ def reconstruct(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Image frame 0 → DEPTH, and for equal treatment again → ALIKE; the depths of all frames →
-    FRAMES; what each took → TIMING. All on the client's device."""
+    """Image frame 0 → DEPTH, and again for equal treatment → TREATED; depths of all frames →
+    FRAMES; time of each → TIMING. All on the client's device."""
     from handbench.radar.methods.projection import peaks_kept
 
     kept: dict[Any, Any] = {}
@@ -65,9 +65,9 @@ def reconstruct(
 
 
 class Images(NamedTuple):
-    """The frames' results; the seconds from echoes in memory to each depth map, the engine's plan
-    being made; the plan's own, where they are known; the relative error that frame 0's images have
-    at most, by their certificate, where the engine has made them."""
+    """Results of the frames. seconds: from echoes in memory to each depth map, with the engine's
+    plan made already; plan_s: time of the plan, if known; image_error: largest relative error of
+    frame 0's images by their certificate, if the engine made them."""
 
     results: list[Reconstruction]
     seconds: list[float]
@@ -76,7 +76,7 @@ class Images(NamedTuple):
 
 
 class Imager:
-    """The first frames of a capture imaged by one method, and how long that takes."""
+    """Images the first frames of a capture by one method, and measures the time."""
 
     def __init__(
         self,
@@ -96,9 +96,9 @@ class Imager:
 
     def images(self) -> Images:
         """Image every frame. The first image of a geometry plans the engine's skeletons, which a
-        radar does once: the other frames' times count, or where there is none and a plan may
-        matter, that of the first frame imaged again; what the first image took more is the plan's,
-        and its certificate's."""
+        radar does only once, so the times of the other frames count; with a single frame and a
+        method that may plan, the first frame is imaged again. The extra time of the first image is
+        that of the plan and of its certificate."""
         from handbench.radar.imaging.certificate import certified
 
         task, times, results = self.task, list[float](), list[Reconstruction]()
@@ -117,8 +117,8 @@ class Imager:
         )
 
     def until_settled(self, seconds: list[float]) -> list[float]:
-        """These times of the frames, and more of them, imaged again in turns until their median has
-        settled or SETTLE_S have gone by."""
+        """The frames' times, with repetitions in turns until their median has settled or SETTLE_S
+        have passed."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
             with timed(found):
@@ -128,25 +128,24 @@ class Imager:
 
 @contextmanager
 def timed(seconds: list[float]) -> Iterator[None]:
-    """Append the seconds that the block takes."""
+    """Append the duration of the block, in seconds."""
     start = time.perf_counter()
     yield
     seconds.append(time.perf_counter() - start)
 
 
 def settled(seconds: list[float]) -> bool:
-    """True where the median's 95 % interval, between two order statistics, lies within SETTLED of
-    it."""
+    """True if the median's 95 % interval, between two order statistics, is within SETTLED of it."""
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
-    outer = int(binom.ppf(0.025, n, 0.5))  # so many may lie below the interval
+    outer = int(binom.ppf(0.025, n, 0.5))  # so many may be below the interval
     if outer < 1:
         return False
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
 
 
-ALIKE = "alike.npz"
+TREATED = "treated.npz"
 FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
 THRESHOLD = "threshold_db"
 
@@ -154,11 +153,11 @@ THRESHOLD = "threshold_db"
 def write_treated(
     folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
 ) -> None:
-    """Write the maps of every treatment → ALIKE. image: makes the capture's depth map by a
-    configuration of the method; own: the one by its own `settings`."""
+    """Write the maps of every treatment → TREATED. image: makes the capture's depth map by a
+    configuration of the method; own: the map by the method's own `settings`."""
     from handbench.radar.methods.fsk import (
         masked_mean,
-    )  # and numba, which whoever only reads the maps does without
+    )  # imports numba, which readers of the maps do not need
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
@@ -166,7 +165,7 @@ def write_treated(
     filters = [name for name in known if name.endswith(FILTERS)]
     kept = dict.fromkeys(
         (name for name in known if name.startswith(DROPS)), False
-    )  # no pixel is left out in doubt
+    )  # no pixel is left out as uncertain
     for treatment, size_px in SMOOTHING.items():
         for opened in (False, True):
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
@@ -180,14 +179,18 @@ def write_treated(
             arrays[f"{treatment}_{'open_' * opened}z_m"] = z_m.astype(np.float32)
             if opened:
                 arrays[f"{treatment}_open_db"] = depth.amplitude_db
-    write_npz(folder / ALIKE, **arrays)
+    write_npz(folder / TREATED, **arrays)
 
 
-def read_treated(folder: Path) -> dict[str, Alike] | None:
-    """The maps by treatment; None where none were made."""
-    if not (folder / ALIKE).exists():
+def read_treated(folder: Path) -> dict[str, TreatedDepths] | None:
+    """The maps by treatment; None if none were made."""
+    if not (folder / TREATED).exists():
         return None
     kept = read_npz(
-        folder / ALIKE, tuple(f"{t}_{field}" for t in SMOOTHING for field in Alike._fields)
+        folder / TREATED,
+        tuple(f"{t}_{field}" for t in SMOOTHING for field in TreatedDepths._fields),
     )
-    return {t: Alike(*(kept[f"{t}_{field}"] for field in Alike._fields)) for t in SMOOTHING}
+    return {
+        t: TreatedDepths(*(kept[f"{t}_{field}"] for field in TreatedDepths._fields))
+        for t in SMOOTHING
+    }

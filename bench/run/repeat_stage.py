@@ -1,4 +1,4 @@
-"""The stage that images a capture's repeats by one method: how far the depths scatter."""
+"""The stage that images a capture's repeats by one method, to measure the scatter of the depths."""
 
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,8 @@ def repeat(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Depth of the strongest scatterer in each frame, and every pixel's deviation over them →
-    REPEATS, imaged on the client's device; the frames' times → TIMING."""
+    """Write REPEATS: the strongest scatterer's depth in each frame, and every pixel's deviation
+    over them, imaged on the client's device; the frames' times → TIMING."""
     with use_device(device), others() as busy:
         found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in found.results]
@@ -51,7 +51,7 @@ def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
-    """Read the files that `repeat` wrote: the strongest scatterer's depths [n]; every pixel's
-    deviation in place of errors."""
+    """Read REPEATS: the strongest scatterer's depths [n], and every pixel's deviation as an error
+    map."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
     return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

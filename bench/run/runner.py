@@ -1,7 +1,7 @@
 """The main job: every capture × method of a benchmark, from photographs and echoes to the table.
 
-Results do not depend on the executor: the table is made of the stages' folders. A stage that fails
-is reported and recorded, and the run goes on without it.
+Results do not depend on the executor: the table is made from the stages' folders. A stage that
+fails is reported and recorded, and the run goes on without it.
 """
 
 from concurrent.futures import Executor, Future
@@ -15,14 +15,14 @@ import tomlkit
 
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import DOUBTS, TRUE_TRANSFORM
+from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
 from handbench.bench.results import Failure
 from handbench.bench.run import executors, planned_cost, write_result
 from handbench.bench.run import jobs as plan
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.calibrate_stage import REGISTRATION
 from handbench.bench.run.executors import HASH
-from handbench.bench.run.outcome import Capture, Line, Outcome, failing
+from handbench.bench.run.outcome import Line, Outcome, RunCapture, recorded_failure
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING
 from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.simulate_stage import CAPTURE
@@ -31,7 +31,7 @@ from handbench.calibration.transforms import Transform, load_transform
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from handbench.support.folder import claimed
+from handbench.support.folder import locked
 from handbench.support.progress import say
 from handbench.support.store import Stage, Stamp, cached
 
@@ -44,13 +44,9 @@ def run(
     scheduler: str | None = None,
     command: str | None = None,
 ) -> results.Result:
-    """Run a benchmark whose paths start from `base` into a result folder; stages done before are
-    taken from there.
-
-    scheduler: address of a Dask scheduler whose workers find both folders under the same paths;
-    None: run here.
-    command: what repeats the run, for the report.
-    """
+    """Run a benchmark into a result folder; its paths start from `base`. Stages that the folder has
+    already are reused. scheduler: address of a Dask scheduler whose workers find both folders under
+    the same paths; None: run here. command: the command that repeats the run, for the report."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
@@ -61,7 +57,7 @@ def run(
             ahead.bytes_,
         )
     with (
-        claimed(folder) as work,
+        locked(folder) as work,
         executors.executor(scheduler, ahead.core_s, ahead.bytes_) as executor,
     ):
         _check_room(folder, config, overwrite)
@@ -74,12 +70,12 @@ def run(
         job.score()
         job.found.facts |= {} if command is None else {"command": command}
         write_result.write(folder, job.found, config)
-        del job  # it would lie in memory beside what is read
+        del job  # frees its memory before the result is read
     return results.load(folder)
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> None:
-    """Refuse to mix with another benchmark's results."""
+    """Refuse a folder with the results of another benchmark."""
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
@@ -88,9 +84,10 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
         )
 
 
-class Done(NamedTuple):
-    """The outcome of a stage. key: stands for what it made; failure: the error that the user can
-    mend, if any; task: its line of `TASKS`, and machine: what made it, where a folder was made."""
+class StageOutcome(NamedTuple):
+    """The outcome of a stage. key: hash of the stage's inputs and code; failure: an error that the
+    user can mend, if any; task: its line of `TASKS`, and machine: the machine that made it, if a
+    folder was made."""
 
     key: str = ""
     failure: Failure | None = None
@@ -99,23 +96,23 @@ class Done(NamedTuple):
 
 
 class Run:
-    """A benchmark at work: its steps, in the order of `run`; paths start from `base`, the stages'
-    folders lie under `work`. found: what the steps have found; targets: the calibration's
-    captures."""
+    """A running benchmark; its methods are the steps, in the order of `run`. Paths start from
+    `base`; the stages' folders are in `work`. found: what the steps found; targets: the
+    calibration's captures."""
 
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
         self.found = Outcome(bench, [], [])
-        self.targets: list[Capture] = []
+        self.targets: list[RunCapture] = []
         self.registration: Transform | None = None
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
     def open(self) -> None:
-        """Open or simulate the captures: those of the benchmark that can be, and all of the
-        calibration's."""
+        """Open or simulate the captures: those of the benchmark, where failures are recorded, and
+        all of the calibration's."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
-            with failing(self.found.failures, source.scene or source.path or "", "open"):
+            with recorded_failure(self.found.failures, source.scene or source.path or "", "open"):
                 frames = self.bench.frames_of(source)
                 stage = plan.opening(
                     self.bench, self.base, source, frames, photos="accuracy" in source.measures
@@ -142,28 +139,28 @@ class Run:
             )
             about = open_capture(folder).about
             if isinstance(origin, Source):
-                self.found.captures.append(Capture(folder, done.key, about, origin.measures))
+                self.found.captures.append(RunCapture(folder, done.key, about, origin.measures))
                 self.found.inputs[about.name] = done.key
             else:
-                self.targets.append(Capture(folder, done.key, about))
+                self.targets.append(RunCapture(folder, done.key, about))
 
     def inspect(self) -> None:
-        """Look the captures over for mistakes; the doubts are said when they are found, and a fact
+        """Check the captures for mistakes. Warnings are printed when found and recorded as a fact
         of the result."""
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
         files = {
-            stage.capture: stage.folder(self.work) / DOUBTS
+            stage.capture: stage.folder(self.work) / INSPECTION
             for stage, done in ended
             if done.failure is None
         }
-        doubts = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
-        if told := {name: texts for name, texts in doubts.items() if texts}:
-            self.found.facts["doubts"] = told
+        every = {name: read_json(file, "doubts")["doubts"] for name, file in files.items()}
+        if warnings := {name: texts for name, texts in every.items() if texts}:
+            self.found.facts["doubts"] = warnings
 
     def photographed(self) -> list[Stage]:
-        """The rounds of the photographs, sparse and dense; returned are the stages that then
-        register the sensors, without whose captures nothing goes on, and make the meshes."""
+        """Run the photographs' rounds, sparse and dense. Returns the stages that then register the
+        sensors, which must not fail, and make the meshes."""
         clouds, targets = (
             [plan.clouds(self.bench, target, self.work) for target in self.targets],
             len(self.targets),
@@ -174,7 +171,7 @@ class Run:
             else []
         )
         for capture in self._accurate():
-            with failing(self.found.failures, capture.name, "photographs"):
+            with recorded_failure(self.found.failures, capture.name, "photographs"):
                 if (meshed := plan.meshing(self.bench, capture, self.work)) is not None:
                     clouds.append(meshed)
         for round_ in range(2):
@@ -189,12 +186,12 @@ class Run:
         """The stages that image every capture by every method."""
         stages: list[Stage] = []
         for capture, entry in product(self.found.captures, self.bench.method):
-            with failing(self.found.failures, capture.name, "reconstruct", entry.id):
+            with recorded_failure(self.found.failures, capture.name, "reconstruct", entry.id):
                 stages += plan.imaging(self.bench, self.base, capture, entry)
         return stages
 
-    def collect(self, stages: list[Stage], ended: list[Done]) -> None:
-        """Collect what the stages of `photographed` and `imaging` have left in their folders."""
+    def collect(self, stages: list[Stage], ended: list[StageOutcome]) -> None:
+        """Collect the results of the stages of `photographed` and `imaging` from their folders."""
         for stage, done in zip(stages, ended, strict=True):
             folder = stage.folder(self.work)
             if stage.name == "calibrate":
@@ -218,8 +215,8 @@ class Run:
             self.found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
     def _register(self, transform: Transform) -> None:
-        """Take radar_from_photo from the benchmark's target captures; how far it is from the true
-        one is a fact."""
+        """Take radar_from_photo from the benchmark's target captures; its distance from the true
+        one, if known, is recorded as a fact."""
         self.registration = transform
         self.found.inputs |= {f"calibration {target.name}": target.key for target in self.targets}
         self.found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
@@ -231,17 +228,17 @@ class Run:
             )
 
     def find_references(self) -> None:
-        """Find what the captures' depth maps are compared with."""
+        """Find the references of the captures' depth maps."""
         without = {failure.capture for failure in self.found.failures if not failure.method}
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
-            with failing(self.found.failures, name, "references"):
+            with recorded_failure(self.found.failures, name, "references"):
                 made = self.meshes.get(name)
                 self.found.references[name] = plan.references(
                     capture, self.registration, made, self.found
                 )
 
     def score(self) -> None:
-        """Compare the depth maps of the captures that have references with these."""
+        """Compare the depth maps of all captures with their references."""
         stages = []
         for capture in (c for c in self.found.captures if c.name in self.found.references):
             imaged = (
@@ -256,14 +253,14 @@ class Run:
             if done.failure is None:
                 self.found.scores[stage.capture] = stage.folder(self.work)
 
-    def _accurate(self) -> list[Capture]:
+    def _accurate(self) -> list[RunCapture]:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
-    def perform(self, stages: list[Stage]) -> list[Done]:
-        """Have stages carried out that do not depend on each other; their outcomes are returned and
-        recorded in the order of the list. Executors have few jobs at a time, so that neither side
-        holds the whole run."""
-        ended: dict[int, Done] = {}
+    def perform(self, stages: list[Stage]) -> list[StageOutcome]:
+        """Carry out stages that do not depend on each other; their outcomes are returned and
+        recorded in the order of the list. Executors get a few jobs at a time, so that no side holds
+        the entire run."""
+        ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
             finished: SimpleQueue[Future[Any]] = SimpleQueue()
@@ -287,9 +284,8 @@ class Run:
                 self.found.machines.setdefault(each.machine.get("host", ""), each.machine)
         return done
 
-    def _outcome(self, stage: Stage, future: Future[Any]) -> Done:
-        """The outcome of a stage that has ended, which is said; the facts of the machine that made
-        it are kept."""
+    def _outcome(self, stage: Stage, future: Future[Any]) -> StageOutcome:
+        """Print and return the outcome of a stage that has ended; facts of its machine are kept."""
         try:
             made = future.result()
         except HandbenchError as error:
@@ -297,20 +293,20 @@ class Run:
                 capture=stage.capture, method=stage.method, stage=stage.name, message=str(error)
             )
             say(failed.line)
-            return Done(failure=failed)
+            return StageOutcome(failure=failed)
         if stage.name == HASH:
-            return Done(made)
+            return StageOutcome(made)
         stamp, there = made
         say(f"{stage.label}: " + ("cached" if there else f"{stamp.seconds:.1f} s"))
-        return Done(
+        return StageOutcome(
             stage.key,
             task=_task(stage, stamp, there, stage.folder(self.work)),
             machine=stamp.machine,
         )
 
 
-def _require_calibration(*ended: Done) -> None:
-    """HandbenchError where a stage of the calibration failed: without it nothing has a
+def _require_calibration(*ended: StageOutcome) -> None:
+    """Raise a HandbenchError if a stage of the calibration failed: without it nothing has a
     reference."""
     for done in ended:
         if done.failure is not None:

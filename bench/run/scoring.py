@@ -1,11 +1,11 @@
-"""The stage that scores a capture: its depth maps against its references; and what it leaves, read
-when asked for.
+"""The stage that scores a capture, its depth maps against its references; and readers of its files:
 
-errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
-references/   REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with its
-              registration's covariance
-scores.csv    the capture's lines of `SCORES`
-curves.npz    methods [method]; REFERENCE__TREATMENT: `Treated.curve_mm` of each [method, share]
+errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder references/
+REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with the covariance of
+              its registration
+scores.csv    the capture's lines of `SCORES` curves.npz    methods [method]; REFERENCE__TREATMENT:
+`TreatedFigures.curve_mm` of each
+              [method, share]
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,12 +18,12 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
-from handbench.bench.evaluation.alike import SMOOTHING
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import treat
+from handbench.bench.evaluation.equal_treatment import treated_figures
 from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
 from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
@@ -48,8 +48,8 @@ def make(
     protocol: str,
 ) -> None:
     """Compare a capture's depth maps, by method, with its references, each a mesh file and the
-    transform that carries it into the radar frame, by a protocol. A reference that cannot be read
-    is a HandbenchError."""
+    transform that carries it into the radar frame, by a protocol. Raises HandbenchError for a
+    reference that cannot be read."""
     chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
     name, scores = data.about.name, list[Line]()
     on_grid: dict[
@@ -76,7 +76,7 @@ def make(
                     {key: figures[key] for key in OF_EACH_FRAME},
                 )
     first = next(iter(on_grid), "")
-    alike = {
+    depths = {
         m: treated
         for m, file in maps.items()
         if grids[m] == first and (treated := read_treated(file.parent))
@@ -84,32 +84,32 @@ def make(
     curves: dict[str, np.ndarray] = {}
     for reference in references:
         for treatment in SMOOTHING:
-            found_alike = treat(
-                {m: of[treatment] for m, of in alike.items()}, on_grid[first][reference].z_m
+            of_methods = treated_figures(
+                {m: of[treatment] for m, of in depths.items()}, on_grid[first][reference].z_m
             )
-            for method, of in found_alike.items():
+            for method, of in of_methods.items():
                 scores += _lines((name, method, reference, treatment), 0, of.figures)
             curves[curve_name(reference, treatment)] = np.array(
-                [of.curve_mm for of in found_alike.values()]
+                [of.curve_mm for of in of_methods.values()]
             )
     write(folder / SCORED, frame(SCORES, scores), SCORES)
-    write_npz(folder / CURVES, methods=np.array(list(alike), dtype="U"), **curves)
+    write_npz(folder / CURVES, methods=np.array(list(depths), dtype="U"), **curves)
 
 
 def curve_name(reference: str, treatment: str) -> str:
-    """The name of an array of CURVES."""
+    """The name of an array in CURVES."""
     return f"{reference}__{treatment}"
 
 
 def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Iterator[Line]:
-    """Lines of SCORES; about: capture, method, reference and treatment."""
+    """Lines of SCORES. about: capture, method, reference and treatment."""
     return ((*about, frame, metric, value) for metric, value in figures.items())
 
 
 def _on_grid(
     references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid
 ) -> dict[str, Reference]:
-    """Every reference's depth on a grid, in their order."""
+    """The depth of every reference on a grid, in the references' order."""
     found = {
         name: reference_of_file(*files, grid, exact=name == "truth")
         for name, files in references.items()
@@ -121,7 +121,7 @@ def _on_grid(
 
 
 def completed_by(reference: Reference, truth: Reference) -> Reference:
-    """The reference, where it has no surface by the true one, which has no error."""
+    """The reference, with its missing surface filled in from the true one, which has no error."""
     own = np.isfinite(reference.z_m)
     met = truth.met if reference.met is None or truth.met is None else reference.met | truth.met
     return reference._replace(
@@ -137,8 +137,8 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
 def _further_frames(
     depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
 ) -> Iterator[np.ndarray]:
-    """The depths [ny, nx] that the protocol scores of every frame but the first, whose map is
-    `depth`."""
+    """The depths [ny, nx] that the protocol scores, of every frame after the first. depth: the
+    first frame's map."""
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
@@ -147,8 +147,8 @@ def _further_frames(
 def read_reference(
     folder: Path, capture: str, method: str, reference: str, transform: Transform
 ) -> Reference:
-    """The reference with which `make` compared a method's depth map; transform: the one that
-    carried it there."""
+    """Read the reference that `make` compared with a method's depth map. transform: the one that
+    carried it to the radar frame."""
     grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
@@ -159,7 +159,7 @@ def read_reference(
 
 
 def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:
-    """Keep a reference on the grid of this `grid_name`."""
+    """Write a reference on the grid with this `grid_name`."""
     known = reference.registration
     uncertain = (
         (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
@@ -169,7 +169,7 @@ def write_reference(folder: Path, name: str, grid: str, reference: Reference) ->
 
 
 def grid_name(x_m: np.ndarray, y_m: np.ndarray) -> str:
-    """A name of the pixel centres x_m [nx], y_m [ny]."""
+    """A name for the pixel centres x_m [nx], y_m [ny]."""
     return sha256(
         b"|".join(np.asarray(axis_m, np.float64).tobytes() for axis_m in (x_m, y_m))
     ).hexdigest()[:16]

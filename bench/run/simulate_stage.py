@@ -12,6 +12,7 @@ CAPTURE = "capture"
 
 
 def simulate(folder: Path, scene: dict[str, Any], base: str, frames: int) -> None:
-    """A scene, whose files lie in `base`, as the capture folder CAPTURE."""
+    """Simulate a scene into the capture folder CAPTURE. base: the folder of the files that it
+    names."""
     file = parse(SceneFile, scene, f"scene of {base}")
     simulate_capture(build(file, Path(base)), folder / CAPTURE, frames)

@@ -1,7 +1,6 @@
 """The knobs that a trade-off sweeps: the [tradeoff] table of a benchmark file.
 
-An imaging entry names a method, what of its configuration is fixed (`config`) and what takes
-several values (`sweep`):
+An imaging entry has a method, fixed settings (`config`) and settings with several values (`sweep`):
 
     [[tradeoff.imaging]]
     method = "broadband"
@@ -9,8 +8,8 @@ several values (`sweep`):
     sweep = { "z.step_m" = [1e-3, 2e-3] }
     every_nth_antenna = [1, 2]
 
-Each key of `sweep` is a parameter, with dots into tables; the list beside it holds its values, one
-setting each, and several keys multiply. A value may itself be a list (tones_hz = [[…], […]]).
+Each key of `sweep` is a parameter, with dots into tables, and its list holds the values, one
+setting each; several keys multiply. A value may itself be a list (tones_hz = [[…], […]]).
 Parameters that change together share a key, with commas: "x.step_m,y.step_m".
 """
 
@@ -42,8 +41,8 @@ DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 @dataclass(frozen=True)
 class ImagingSetting:
-    """One setting: a method with what its configuration changes; varied: the knobs that it is named
-    after, as broadband-tolerance-1e-3."""
+    """One setting: a method with the settings that it changes. varied: the knobs in its name, as in
+    broadband-tolerance-1e-3."""
 
     name: str
     title: str
@@ -54,8 +53,8 @@ class ImagingSetting:
 
 
 class ImagingEntry(Config):
-    """A method's settings; every_nth_antenna: alternatives, each sparing transmitters and receivers
-    alike."""
+    """Settings of one method. every_nth_antenna: alternatives, each for transmitters and
+    receivers."""
 
     method: str
     title: str = ""
@@ -80,8 +79,9 @@ class ImagingEntry(Config):
 
 
 class GroundTruthKnobs(Config):
-    """views: photographs, evenly out of all; long_px: their longer side, to which they are shrunk
-    (never enlarged); quality: of the depth maps, as `handbench groundtruth --quality`."""
+    """Knobs of the reconstruction. views: number of photographs, evenly chosen; long_px: their
+    longer side after shrinking (they are never enlarged); quality: of the depth maps, as in
+    `handbench groundtruth --quality`."""
 
     views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
     long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
@@ -89,11 +89,15 @@ class GroundTruthKnobs(Config):
 
 
 class SimulationKnobs(Config):
-    """scenes: of bench/scenes/finger_scenes.py, dipoles along the cylinders. Facets' and mirrors'
-    edges that fit into the shortest wavelength, at least, and how much farther apart than in every
-    simulation the antennas are for which two bounces are traced. without: lists of effects that are
-    left out of all; [] leaves out none. tolerance_mm: of `effects = "auto"`. The first of each is
-    combined with the others' first, and facets with all of `without`."""
+    """Knobs of the simulation. scenes: of bench/scenes/finger_scenes.py, with dipoles along the
+    cylinders.
+
+    facets_per_wavelength, mirrors_per_wavelength: how many edges of facets and of mirrors, at
+    least, fit into the shortest wavelength; nodes_apart: spacing of the antennas for which two
+    bounces are traced, relative to other simulations. without: lists of effects that are left out
+    of all scenes; [] leaves out none. tolerance_mm: of `effects = "auto"`. The first value of each
+    knob is combined with the first of the others, and facets with every entry of `without`.
+    """
 
     scenes: tuple[str, ...] = Field(
         ("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1
@@ -122,8 +126,8 @@ class SimulationKnobs(Config):
 
 
 class RegistrationKnobs(Config):
-    """captures: how many are combined; trials: rigs, each with a target that is made anew within
-    its tolerances."""
+    """Knobs of the registration. captures: how many are combined; trials: number of rigs, each with
+    a target drawn within its tolerances."""
 
     captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
         default=(1, 2, 4), min_length=1
@@ -131,11 +135,11 @@ class RegistrationKnobs(Config):
     trials: int = Field(default=3, ge=1, le=MOST_RIGS)
 
 
-class Sweep(Config):
-    """The whole table. repeats: timed rounds, in turns over all settings; step_s: the sensor's time
-    for one tone of all antennas, which an acquisition takes for each; reference: the imaging
-    setting that ratios are to (none: the first); exact_planes: planes of the volume that are summed
-    exactly, to be scaled."""
+class TradeoffSweep(Config):
+    """The entire table. repeats: timed rounds, in turns over all settings; step_s: the sensor's
+    time for one tone of all antennas, from which acquisition times follow; reference: the imaging
+    setting of the ratios (none: the first); exact_planes: number of planes of the volume that are
+    summed exactly and scaled to all."""
 
     repeats: int = Field(default=3, ge=1, le=100)
     step_s: float = Field(default=1e-3, ge=0)
@@ -148,9 +152,9 @@ class Sweep(Config):
     registration: RegistrationKnobs = Field(default_factory=RegistrationKnobs)
 
 
-def completed(sweep: Sweep | None) -> Sweep:
-    """The sweep with what it leaves out: without imaging entries those of the default one, and
-    their reference."""
+def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
+    """The sweep with missing parts filled in: without imaging entries those of the default sweep,
+    and their reference."""
     if sweep is None:
         return default()
     if sweep.imaging:
@@ -161,15 +165,17 @@ def completed(sweep: Sweep | None) -> Sweep:
 
 
 @cache
-def default() -> Sweep:
-    """The sweep of a benchmark that declares none."""
-    return load(Sweep, DEFAULT, "a sweep")
+def default() -> TradeoffSweep:
+    """The sweep of benchmarks that declare none."""
+    return load(TradeoffSweep, DEFAULT, "a sweep")
 
 
-def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
-    """All settings of the imaging section, checked. known: method → what the benchmark's own entry
-    of it changes, which holds unless the sweep says otherwise. A setting that the method does not
-    take is a HandbenchError."""
+def imaging_settings(
+    sweep: TradeoffSweep, known: dict[str, dict[str, Any]]
+) -> list[ImagingSetting]:
+    """All settings of the imaging section, checked. known: method → settings of the benchmark's own
+    entry, which apply unless the sweep overrides them. Raises HandbenchError for a setting that the
+    method does not have."""
     settings: list[ImagingSetting] = []
     for setting in (
         s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))
@@ -179,14 +185,14 @@ def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[Ima
             for s in settings
             if s.name == setting.name or s.name.startswith(f"{setting.name}-no-")
         ]
-        told = setting.method, setting.config, setting.every_nth_antenna
-        if any(told == (s.method, s.config, s.every_nth_antenna) for s in namesakes):
+        changes = setting.method, setting.config, setting.every_nth_antenna
+        if any(changes == (s.method, s.config, s.every_nth_antenna) for s in namesakes):
             raise HandbenchError(
                 f"tradeoff.imaging: '{setting.name}' is listed twice; list it once"
             )
         number = (
             f"-no-{len(namesakes) + 1}" if namesakes else ""
-        )  # tables are told apart by no name
+        )  # tables show nothing but the name
         settings.append(replace(setting, name=_checked(setting.name + number)))
     names = [setting.name for setting in settings]
     if sweep.reference is not None and sweep.reference not in names:
@@ -197,7 +203,7 @@ def imaging_settings(sweep: Sweep, known: dict[str, dict[str, Any]]) -> list[Ima
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:
-    """Method → what a benchmark's own entry of it changes."""
+    """Method → settings of the benchmark's own entry."""
     return {entry.id: entry.config for entry in entries}
 
 
@@ -218,7 +224,7 @@ def _of_entry(entry: ImagingEntry, known: dict[str, Any]) -> list[ImagingSetting
                 )
         chosen.configure(config, where)
         varied = {**fixed, **swept, **({"every_nth_antenna": every} if every > 1 else {})}
-        name = "-".join([entry.method, *("-".join(_told(*knob)) for knob in varied.items())])
+        name = "-".join([entry.method, *("-".join(_abbreviated(*knob)) for knob in varied.items())])
         title = ", ".join(
             [entry.title or TITLES.get(entry.method, entry.method), *map(_words, varied.items())]
         )
@@ -234,8 +240,8 @@ def _checked(name: str) -> str:
 
 
 def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]) -> dict[str, Any]:
-    """The configuration with one parameter changed; a table is completed from `resolved`, with all
-    defaults."""
+    """The configuration with one parameter changed; a partial table is completed from `resolved`,
+    which has all defaults."""
     first, *inner = key.split(".")
     if not inner:
         return {**config, key: value}
@@ -251,11 +257,12 @@ def _words(knob: tuple[str, Any]) -> str:
     key, value = knob
     if key == "every_nth_antenna":
         return f"1 of {value} antennas"
-    return " ".join(_told(key, value)).replace("_", " ")
+    return " ".join(_abbreviated(key, value)).replace("_", " ")
 
 
-def _told(keys: str, value: Any) -> tuple[str, str]:
-    """A knob and its value in short: z.step 2mm; of several that change together xyz.step."""
+def _abbreviated(keys: str, value: Any) -> tuple[str, str]:
+    """A knob and its value in short form, as z.step 2mm; several that change together, as
+    xyz.step."""
     names = [key.strip() for key in keys.split(",")]
     leaf = names[0].rpartition(".")[2]
     together = len(names) > 1 and all(name.endswith(f".{leaf}") for name in names)

@@ -1,5 +1,4 @@
-"""The result folder of a run: the scores of its captures put together, the table that they make,
-all maps."""
+"""The result folder of a run: the captures' scores, the table made of them, and all maps."""
 
 import shutil
 from itertools import product
@@ -13,7 +12,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT
 from handbench.bench.evaluation.floor import budget, floor_interval
 from handbench.bench.evaluation.intervals import note
-from handbench.bench.evaluation.metrics import TITLES, averaged, over_frames, pool
+from handbench.bench.evaluation.metrics import TITLES, mean_figures, over_frames, pool
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.sample_size import variance_facts
 from handbench.bench.evaluation.scoring_protocols import protocol
@@ -32,12 +31,12 @@ from handbench.bench.results import (
     About,
     CaptureFacts,
     MethodFacts,
-    Surface,
+    SurfaceMap,
     metric_facts,
 )
-from handbench.bench.results.derived import ALIKE_COMPARED, STRONGEST, equally_treated
+from handbench.bench.results.derived import EQUAL_COMPARED, STRONGEST, equal_treatment_scores
 from handbench.bench.run import scoring
-from handbench.bench.run.outcome import Basis, Outcome, basis, errors, surfaces
+from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, errors, surfaces
 from handbench.bench.run.repeat_stage import read_repeats
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import calibrated_machine
@@ -58,11 +57,11 @@ PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score everything, then write the result folder; earlier results give way only when the new
-    ones stand, and result.json, which says that the folder is complete, comes last."""
-    on = basis(outcome)
+    """Score everything, then write the result folder. Earlier results are replaced only when the
+    new ones are complete; result.json, which marks the folder as complete, is written last."""
+    on = common_subset(outcome)
     if outcome.failures:
-        say(f"the table stands on {on.text}")
+        say(f"the table is made of {on.text}")
     found = scores(outcome, on)
     table = tabulate(outcome, on, found)
     drop(folder, FILES)
@@ -78,14 +77,14 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             if entry is on.methods[0]:  # references are drawn on the first method's grid
                 on_grid = [name], entry.id, reference
                 (error,), (known,) = errors(outcome, *on_grid), surfaces(outcome, *on_grid)
-                surface = Surface(error.x_m, error.y_m, known.z_m, known.sigma_m)
+                surface = SurfaceMap(error.x_m, error.y_m, known.z_m, known.sigma_m)
                 results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
         if capture.name in outcome.views:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
     facts = capture_facts(outcome, on)
-    reference, treated = equally_treated(
+    reference, treated = equal_treatment_scores(
         found, [each for each in facts if "accuracy" in each.measures]
     )
     curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
@@ -99,10 +98,10 @@ def _copy(source: Path, path: Path) -> None:
         shutil.copyfile(source, temporary)
 
 
-def scores(outcome: Outcome, on: Basis) -> pd.DataFrame:
-    """`SCORES` of the captures and methods that the table stands on: those of each capture's stage;
-    of the precision each repeat's depth and each capture's median deviation of a pixel; the time of
-    each image."""
+def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
+    """`SCORES` of the captures and methods of the table: the scores of each capture's stage; for
+    the precision, each repeat's depth and each capture's median deviation of a pixel; and the time
+    of each image."""
     methods, repeated = (
         [entry.id for entry in on.methods],
         [capture.name for capture in on.repeated],
@@ -128,7 +127,7 @@ def scores(outcome: Outcome, on: Basis) -> pd.DataFrame:
     return found[found.method.isin(methods)].reset_index(drop=True)
 
 
-def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
+def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.DataFrame:
     """The result's `TABLE`, one block per reference."""
     rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
@@ -141,7 +140,7 @@ def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
         for entry in (entry for entry in on.methods if entry.id in figures):
             method, captures = entry.id, figures[entry.id]
             floor, on_grid = None, (outcome, list(captures.index), method, reference)
-            if floor_mm := averaged(captures)["floor_mm"]:
+            if floor_mm := mean_figures(captures)["floor_mm"]:
                 floor = floor_interval(errors(*on_grid), surfaces(*on_grid), seed, floor_mm)
             rows.append(accuracy_rows(method, reference, captures, chosen, floor))
             rows.append(
@@ -170,7 +169,7 @@ def tabulate(outcome: Outcome, on: Basis, scores: pd.DataFrame) -> pd.DataFrame:
 def _over_frames(
     values: dict[Any, pd.DataFrame], method: str, reference: str
 ) -> list[dict[str, Any]]:
-    """Each capture's `over_frames`; values: lines of `SCORES` by method and metric."""
+    """Each capture's `over_frames`. values: lines of `SCORES` by method and metric."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
@@ -180,10 +179,10 @@ def _over_frames(
 
 
 def mean_curves(
-    outcome: Outcome, on: Basis, reference: str, treated: dict[str, ByMethod]
+    outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
 ) -> list[tuple[Any, ...]]:
-    """Lines of `CURVES`: the means of the captures' curves, as far as all of them reach; treated:
-    see `equally_treated`."""
+    """Lines of `CURVES`: means of the captures' curves, up to the share that all of them reach.
+    treated: see `equal_treatment_scores`."""
     lines: list[tuple[Any, ...]] = []
     for treatment, methods in treated.items():
         key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
@@ -199,8 +198,8 @@ def mean_curves(
     return lines
 
 
-def capture_facts(outcome: Outcome, on: Basis) -> tuple[CaptureFacts, ...]:
-    """The captures that the table stands on."""
+def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:
+    """Facts of the captures in the table."""
     return tuple(
         CaptureFacts(
             name=capture.name,
@@ -215,9 +214,12 @@ def capture_facts(outcome: Outcome, on: Basis) -> tuple[CaptureFacts, ...]:
 
 
 def about(
-    outcome: Outcome, on: Basis, captures: tuple[CaptureFacts, ...], treated: dict[str, ByMethod]
+    outcome: Outcome,
+    on: CommonSubset,
+    captures: tuple[CaptureFacts, ...],
+    treated: dict[str, ByMethod],
 ) -> About:
-    """Content of result.json; treated: see `equally_treated`."""
+    """Content of result.json. treated: see `equal_treatment_scores`."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(
@@ -262,20 +264,20 @@ def about(
 
 
 def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Variance components of the figures compared under equal treatment; nothing where there are
-    too few captures."""
+    """Variance components of the figures compared under equal treatment; empty for too few
+    captures."""
     found = {
         f"{metric}, {treatment}": variance_facts(
             {method: of[metric].to_numpy() for method, of in methods.items()}
         )
         for treatment, methods in treated.items()
-        for metric in ALIKE_COMPARED
+        for metric in EQUAL_COMPARED
     }
     return {name: parts for name, parts in found.items() if parts}
 
 
 def _machines(outcome: Outcome) -> dict[str, Any]:
-    """This machine and, where others did some of the work, they too."""
+    """Facts of this machine and of all others that did some of the work."""
     here = calibrated_machine()
     others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

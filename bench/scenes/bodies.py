@@ -19,12 +19,12 @@ Albedo = Callable[
 ]  # points [n, 3] in the photo frame to reflectance [n, 3]
 
 PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
-FRONT_M = 1e-5  # the plate's front is told from its rim with this tolerance
+FRONT_M = 1e-5  # tolerance that separates the plate's front from its rim
 GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 
 @dataclass(frozen=True)
-class Body:
+class PhotoBody:
     """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals
     [n, 3], reflectance; whether it is skin, which shines, and whether it carries the board's
     markers."""
@@ -37,7 +37,7 @@ class Body:
     board: bool = False
 
 
-def bodies(scene: Scene) -> list[Body]:
+def bodies(scene: Scene) -> list[PhotoBody]:
     """Target, plate and, if the scene has one, block."""
     photo_from_radar = scene.radar_from_photo.inverse()
     matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
@@ -66,7 +66,8 @@ def bodies(scene: Scene) -> list[Body]:
 
 
 def texture_seed(scene: Scene) -> int:
-    """Textures take small numbers above their seed: keep those of neighbouring scenes apart."""
+    """Seed of a scene's textures. They add small numbers to it, so seeds of neighbouring scenes are
+    spaced."""
     return 1000 * (scene.file.seed + 1)
 
 
@@ -85,10 +86,10 @@ def _target_texture(scene: Scene) -> Albedo:
     )
 
 
-def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> Body:
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> PhotoBody:
     surface = mesh(vertices_m, faces)
     surface.compute_vertex_normals()
-    return Body(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
+    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
 
 
 def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
@@ -98,7 +99,7 @@ def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
     printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
 
     def albedo(points_m: np.ndarray) -> np.ndarray:
-        # A texel's centre lies half a texel inside its edge.
+        # A texel's centre is half a texel inside its edge.
         column = ((points_m[:, 0] + PLATE_M[0] / 2) / TEXEL_M - 0.5).astype(np.float32)
         row = ((PLATE_M[1] / 2 - points_m[:, 1]) / TEXEL_M - 0.5).astype(np.float32)
         grey = np.empty(len(points_m), dtype=np.float32)

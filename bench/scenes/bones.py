@@ -1,9 +1,8 @@
-"""The hand's bones: where they lie on the palm, how thick the flesh is, forward kinematics; and a
-letter as a person holds it, with joint angles at which the digits touch where the mean hand's do,
-and nowhere else.
+"""The hand's bones: positions on the palm, radii of the flesh, forward kinematics; and a person's
+pose of a letter: joint angles at which the digits touch where the mean hand's do, and nowhere else.
 
 Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the
-palm faces -z, so that the thumb lies on the -x side. The hand frame has the same origin; the pose's
+palm faces -z, so that the thumb is on the -x side. The hand frame has the same origin; the pose's
 turn carries palm into hand coordinates (without a turn both are one). Metres.
 """
 
@@ -42,7 +41,7 @@ RADII_MM = {
     "little": (8.4, 7.6, 6.7, 5.4),
     "thumb": (11.0, 10.0, 7.8),
 }
-WRIST_SKIN_M = -0.010  # along a metacarpal: what lies behind its start is the wrist, with thin skin
+WRIST_SKIN_M = -0.010  # along a metacarpal: behind its start is the wrist, with thin skin
 # far above rounding: outside a bent joint, the joint is the nearest point of both of its bones
 AS_NEAR_M = 1e-9
 
@@ -50,7 +49,7 @@ AS_NEAR_M = 1e-9
 @dataclass(frozen=True)
 class Bone:
     """A bone from its proximal joint along the unit vector `axis`; `palmar` is the unit direction
-    that it bends to."""
+    of its flexion."""
 
     start_m: np.ndarray
     axis: np.ndarray
@@ -63,7 +62,8 @@ class Bone:
         return self.start_m + self.length_m * self.axis
 
     def at(self, along_m: float, palmar_m: float = 0.0, lateral_m: float = 0.0) -> np.ndarray:
-        """The point [3] `along_m` from the proximal joint, moved towards the palm and sideways."""
+        """The point [3] at `along_m` from the proximal joint, moved towards the palm and
+        sideways."""
         lateral = np.cross(self.axis, self.palmar)
         return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
 
@@ -96,7 +96,7 @@ def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
 
 
 def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
-    """Bones of every digit, metacarpal first, in the palm frame: as if the pose had no turn."""
+    """Bones of every digit, metacarpal first, in the palm frame, without the pose's turn."""
     fingers = {name: _finger(name, getattr(pose, name), person) for name in FINGERS}
     return {"thumb": _thumb(pose.thumb, person)} | fingers
 
@@ -110,8 +110,7 @@ def hand_from_palm(pose: Pose) -> np.ndarray:
 
 def forearm_from_palm(wrist: WristPose) -> np.ndarray:
     """The rotation [3, 3] that bends the forearm about the wrist, in (radial, distal, palmar)
-    coordinates: it moves against the hand, so that a flexed wrist brings the forearm to the palm's
-    side."""
+    coordinates. The forearm moves against the hand: a flexed wrist brings it to the palm's side."""
     flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
     c, s = np.cos(deviation), np.sin(deviation)
     deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -126,9 +125,9 @@ def forearm_direction(pose: Pose) -> np.ndarray:
 
 
 def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
-    """Mask [n] of the points [n, 3] of the skin (hand frame) that lie on the palm's side of the
-    nearest bone, the inner one of two that are as near. The palm's side of all metacarpals is the
-    middle one's: the ball of the thumb belongs to the palm."""
+    """Mask [n] of the points [n, 3] of the skin (hand frame) on the palm's side of the nearest
+    bone, or of the inner one of two at the same distance. For all metacarpals the palm's side is
+    that of the middle one, so that the ball of the thumb belongs to the palm."""
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
     bones = skeleton(pose, person)
@@ -194,7 +193,7 @@ TOUCHING_M = 2e-3
 CONTACT_M, ANGLE_DEG = (
     2e-4,
     5.0,
-)  # deviations from contact and from the letter's angles that weigh alike
+)  # deviations from contact and from the letter's angles with the same weight
 BALLS = 6  # of each bone
 ANGLES: dict[str, tuple[str, ...]] = {
     name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS
@@ -204,8 +203,9 @@ Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
 
 @cache
-def held(pose: Pose, number: int) -> Pose:
-    """The pose as a person, by number, holds it; the mean hand's is the pose itself."""
+def person_pose(pose: Pose, number: int) -> Pose:
+    """The pose with joint angles fitted to a person's hand, by number; 0, the mean hand, keeps the
+    pose."""
     if number == 0:
         return pose
     from scipy.optimize import least_squares
@@ -236,7 +236,7 @@ def held(pose: Pose, number: int) -> Pose:
 
 
 def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
-    """The smallest and the largest that an angle can be."""
+    """The smallest and the largest value of an angle."""
     bounds = type(getattr(pose, digit)).model_fields[angle].metadata
     return next(b.ge for b in bounds if hasattr(b, "ge")), next(
         b.le for b in bounds if hasattr(b, "le")
@@ -254,8 +254,8 @@ def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
 
 
 def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
-    """Distances between the flesh of thumb and fingers, neighbouring fingers beyond their webs, and
-    palm; negative: inside each other."""
+    """Distances between the flesh of thumb and fingers, of neighbouring fingers beyond their webs,
+    and of fingers and palm; negative: they overlap."""
     bones = skeleton_of_palm(pose, of)
     radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
     flesh = {

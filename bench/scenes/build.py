@@ -39,9 +39,9 @@ STANDS = (
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its true geometry. `target` is None but for a calibration target; `cameras` is
-    empty without photographs; `box_m` [2, 3] is the crop box in the photo frame: the target without
-    plate and block; `block_m` [2, 3], likewise in the photo frame, is what the forearm stands on
+    """A scene with its true geometry. `target` is only set for a calibration target; `cameras` is
+    empty without photographs; `box_m` [2, 3] is the crop box in the photo frame, around the target
+    without plate and block; `block_m` [2, 3], in the photo frame, is the block under the forearm
     (None for other targets and raised forearms)."""
 
     file: SceneFile
@@ -57,20 +57,20 @@ class Scene:
 
     @property
     def balls_m(self) -> np.ndarray:
-        """Centres [n, 3] of the calibration target's balls in the radar frame; of other targets
-        none."""
+        """Centres [n, 3] of the calibration target's balls in the radar frame; empty for other
+        targets."""
         if self.target is None:
             return np.empty((0, 3))
         return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file and build the scene; other files that it names lie in its folder."""
+    """Read a scene file and build the scene; other files that it names are in the same folder."""
     return build(load(SceneFile, path, "a scene description"), Path(path).parent)
 
 
 def build(file: SceneFile, folder: str | Path = ".") -> Scene:
-    """The scene of a parsed scene file; files that it names are looked up in `folder`."""
+    """Build the scene of a parsed scene file; `folder` has the files that it names."""
     target = None
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
@@ -131,7 +131,7 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
 
 
 def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
-    """Files and folders beside the scene file that it names: their content belongs to the scene."""
+    """Files and folders that the scene file names; their content counts as part of the scene."""
     folder = Path(folder)
     names = [getattr(file.target, key, None) for key in ("file", "path")]
     names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
@@ -149,7 +149,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
         case HandTarget():
             from handbench.bench.scenes.hand import (
                 hand_mesh,
-            )  # and numba, which whoever only reads scenes does without
+            )  # imports numba, which readers of scenes do not need
 
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():
@@ -167,7 +167,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
 
 
 def spheres(target: Target) -> TriangleMesh:
-    """The foam spheres' surfaces as one mesh in the target's frame, flat to 0.01 mm."""
+    """Surfaces of the foam spheres as one mesh in the target's frame, accurate to 0.01 mm."""
     whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     for element in target.element:
         sphere = sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60)
@@ -177,7 +177,7 @@ def spheres(target: Target) -> TriangleMesh:
 
 
 def _block(target_m: np.ndarray) -> np.ndarray:
-    """A block [2, 3] under the forearm, in the photo frame; the forearm sinks into it a little."""
+    """A block [2, 3] under the forearm, in the photo frame; the forearm overlaps it a little."""
     lowest_m = target_m[:, 1].min()
     x, z = target_m[target_m[:, 1] < lowest_m + 0.02][:, [0, 2]].mean(axis=0)
     top = lowest_m + FOREARM_IN_BLOCK_M

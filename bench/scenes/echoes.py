@@ -1,5 +1,5 @@
-"""The radar half of a scene: bodies, balls and causes for `radar.effects`, and the echoes that come
-of them."""
+"""The radar half of a scene: bodies, balls and causes for `radar.effects`, and the resulting
+echoes."""
 
 import numpy as np
 
@@ -21,8 +21,8 @@ ROOM_STEP_M = 5e-3
 
 
 def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
-    """The scene's echoes with the effects that its file asks for; frames differ in what is random
-    in time alone."""
+    """Simulate the scene's echoes with the effects of its file. Frames differ only in what changes
+    at random over time."""
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
     on = {row.effect for row in chosen if row.on}
@@ -37,13 +37,13 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
 def choices(
     scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """The effects' rows: which are on, and why."""
+    """Rows of the effects: which are on, and why."""
     file = scene.file
     return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
 
 
 def echo_scene(scene: Scene) -> EchoScene:
-    """The scene as the radar meets it."""
+    """The scene as input of the radar simulation."""
     measured_hz = scene.file.sensor.frequencies_hz
     frequencies_hz, first = np.unique(measured_hz, return_index=True)
     return EchoScene(
@@ -61,7 +61,7 @@ def echo_scene(scene: Scene) -> EchoScene:
 
 
 def _target(scene: Scene) -> Body | None:
-    """The target's body; the foam spheres of a calibration target come with its balls."""
+    """The target's body; the foam spheres of a calibration target belong to its balls."""
     target = scene.file.target
     if isinstance(target, CalibrationTarget):
         return None
@@ -85,7 +85,7 @@ def _balls(scene: Scene) -> tuple[Ball, ...]:
 
 
 def _room(scene: Scene) -> tuple[Body, ...]:
-    """Back plate and block, where the radar sees them."""
+    """Back plate and block, if the radar sees them."""
     reflectivity_db = scene.file.stand.reflectivity_db
     if reflectivity_db is None:
         return ()
@@ -98,7 +98,8 @@ def _room(scene: Scene) -> tuple[Body, ...]:
 
 
 def antenna_array(scene: Scene) -> AntennaArray:
-    """The scene's array: built in, or a folder beside the scene file with tx_m.csv and rx_m.csv."""
+    """The scene's array: built in, or a folder next to the scene file with tx_m.csv and
+    rx_m.csv."""
     if scene.file.sensor.array == BUILT_IN_ARRAY:
         return qar50()
     folder = inside(

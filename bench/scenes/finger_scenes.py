@@ -1,5 +1,5 @@
 """Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic.
-Maxwell's equations have exact solutions for them, which the tests hold simulations against."""
+For these, Maxwell's equations have exact solutions; tests compare simulations with them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from handbench.radar.simulation.scene import Body, Material
 from handbench.support.rays import TriangleMesh, load_open3d
 
-HALF_LENGTH_M = 0.16  # of the meshes; no specular point of the array lies beyond a third of it
+HALF_LENGTH_M = 0.16  # of the meshes; the array's specular points are within a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
 FINGER_M, PALM_M = 8e-3, 25e-3  # radii
 MATERIALS = {
@@ -31,7 +31,7 @@ class Cylinder:
     radius_m: float
 
     def mesh(self) -> TriangleMesh:
-        """Its mesh, the ends closed."""
+        """Mesh of the cylinder, with closed ends."""
         around = int(np.ceil(2 * np.pi * self.radius_m / AROUND_M))
         along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
         made = cylinder_mesh(self.radius_m, 2 * HALF_LENGTH_M, around, along)
@@ -39,20 +39,20 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Sphere:
-    """A sphere in the radar frame; coat_m: thickness of its outermost layer, of a dielectric of its
-    own."""
+class CoatedSphere:
+    """A sphere in the radar frame. coat_m: thickness of its outer layer, which has its own
+    dielectric."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
     coat_m: float = 0.0
 
     def mesh(self) -> TriangleMesh:
-        """Its mesh."""
+        """Mesh of the sphere."""
         return sphere_mesh(self.radius_m, AROUND_M / 2).translate(self.centre_m)
 
 
-Shape = Cylinder | Sphere
+Shape = Cylinder | CoatedSphere
 
 
 def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
@@ -60,7 +60,7 @@ def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
 
 
 def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """A finger whose axis is 34 mm before the palm's front."""
+    """A finger whose axis is 34 mm in front of the palm's front."""
     return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
 
 
@@ -72,7 +72,7 @@ SCENES: dict[str, tuple[Shape, ...]] = {
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
     **{
-        f"sphere of {1e3 * r_m:.0f} mm": (Sphere((0.0, 0.0, 0.29), r_m),)
+        f"sphere of {1e3 * r_m:.0f} mm": (CoatedSphere((0.0, 0.0, 0.29), r_m),)
         for r_m in (10e-3, 5e-3, 2e-3)
     },
 }
@@ -87,7 +87,7 @@ NAMED = {  # "SCENE, MATERIAL": both
 
 
 def body(shapes: Sequence[Shape], material: str) -> Body:
-    """Cylinders, with closed ends, and spheres as one body of meshes."""
+    """Cylinders, with closed ends, and spheres as one body."""
     made = load_open3d().geometry.TriangleMesh()
     for shape in shapes:
         made += shape.mesh()

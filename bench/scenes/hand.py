@@ -1,5 +1,4 @@
-"""A parametric hand: skin as the zero set of round cones laid over a posed skeleton, melted
-together."""
+"""A parametric hand: skin as the zero set of round cones over a posed skeleton, smoothly joined."""
 
 import itertools
 from functools import lru_cache, reduce
@@ -44,7 +43,7 @@ WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
-    """The skin of a right hand in the hand frame (origin at the palm's centre; without a turn +y
+    """Mesh of a right hand's skin in the hand frame (origin at the palm's centre; without a turn +y
     towards the fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges
     of about `edge_m`."""
     vertices_m, faces = _skin(pose, edge_m, person)
@@ -55,7 +54,7 @@ def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> Triang
 
 @lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
 def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n, 3] in the palm frame and triangles [m, 3]; not to be changed."""
+    """Vertices [n, 3] in the palm frame and triangles [m, 3]; shared, not to be changed."""
     return zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
 
 
@@ -98,8 +97,8 @@ def palm_field(pose: Pose, person: Person) -> Field:
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
-    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, on the
-    person's own, moved with the bent wrist."""
+    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, moved
+    to the person's forearm and with its bent wrist."""
     wrist_mm = WRIST_MM * np.array(person.palm)
     return forearm_from_palm(wrist) @ (np.asarray(point_mm) * person.palm - wrist_mm) + wrist_mm
 
@@ -107,8 +106,8 @@ def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
 def _web_blend_m(
     points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float
 ) -> np.ndarray:
-    """Blend [n] of a digit with its neighbours: a web around its knuckle, mere contact further
-    out."""
+    """Blend radius [n] of a digit with its neighbours: a web around its knuckle, contact only
+    further out."""
     distance_mm = 1e3 * np.linalg.norm(points - knuckle_m, axis=1) / scale
     t = np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0, 1)
     fade = 1 - t**3 * (t * (6 * t - 15) + 10)
@@ -116,7 +115,8 @@ def _web_blend_m(
 
 
 def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
-    """Neighbouring phalanges melt; others (a curled tip against its own base) only touch."""
+    """A digit: neighbouring phalanges are blended; others (a curled tip against its base) only
+    touch."""
     parts = [
         _phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)
     ]
@@ -133,7 +133,7 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 
 
 def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
-    """A shaft that is waisted between its joints, with a pad on the palm's side."""
+    """A shaft that is narrower between its joints, with a pad on the palm's side."""
     length = bone.length_m
     waist = 0.97 * (base_m + end_m) / 2
     return smooth_union(

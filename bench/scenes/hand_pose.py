@@ -1,7 +1,7 @@
 """Hand poses as joint angles, and the 24 static letters of the American manual alphabet (all but J
-and Z), which letters.toml holds.
+and Z), from letters.toml.
 
-The bounds are those of a supple healthy hand: what no hand can do is refused.
+The bounds of the angles are those of a supple healthy hand; other values are refused.
 """
 
 import tomllib
@@ -57,11 +57,8 @@ class WristPose(Config):
 
 class Pose(Config):
     """All joint angles of a right hand; the defaults are an open, flat hand whose palm faces the
-    radar.
-
-    `turn_deg` turns hand and forearm about the palm's centre, about the fixed x, y and z axes in
-    this order: what shoulder, elbow and the forearm's rotation do.
-    """
+    radar. `turn_deg` turns hand and forearm about the palm's centre, about the fixed x, y and z
+    axes in this order, as shoulder, elbow and forearm do."""
 
     thumb: ThumbPose = ThumbPose()
     index: FingerPose = FingerPose(spread_deg=4.0)

@@ -71,7 +71,7 @@ def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) ->
 
 
 def smooth_union(fields: list[Field], blend_m: float) -> Field:
-    """All fields melted into one body."""
+    """Smooth union of all fields."""
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = fields[0](points)
@@ -83,7 +83,7 @@ def smooth_union(fields: list[Field], blend_m: float) -> Field:
 
 
 def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """The field at points [n, 3], in chunks that stay in the cache, on all cores."""
+    """The field at points [n, 3], evaluated in chunks that fit the cache, on all cores."""
     values = np.empty(len(points_m))
 
     def work(start: int) -> None:
@@ -135,11 +135,8 @@ def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`,
-    outward-oriented.
-
-    Marching cubes, isotropic remeshing, then every vertex onto the zero set; relaxing evens the
-    triangles and undoes the few folds that this makes in narrow grooves.
-    """
+    outward-oriented: marching cubes, isotropic remeshing, and every vertex moved onto the zero set.
+    Relaxation evens the triangles and removes the few folds that this makes in narrow grooves."""
     from skimage import measure
 
     marching_cubes: Callable[..., tuple[np.ndarray, ...]] = measure.marching_cubes
@@ -163,8 +160,8 @@ def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
 
 
 def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """For every vertex of a closed mesh the mean [n, 3] of the vertices that an edge joins it
-    to."""
+    """For every vertex of a closed mesh, the mean [n, 3] of the vertices connected to it by an
+    edge."""
     total, count = np.zeros_like(vertices_m), np.zeros(len(vertices_m))
     for a, b in (
         (0, 1),
@@ -179,7 +176,7 @@ def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def remesh(
     vertices_m: np.ndarray, faces: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The largest component with triangles as equilateral as they can be, edges of about
+    """The largest component, remeshed with nearly equilateral triangles and edges of about
     `edge_m`."""
     import pymeshlab
 

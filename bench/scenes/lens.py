@@ -39,8 +39,9 @@ class ThinLens:
         self, camera: Camera, directions: np.ndarray, u: float, v: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Starting point [3] and unit directions [n, 3] of rays through the point (u, v) of the
-        aperture, in its radii, that end on the pixels of the rays `directions` [n, 3] through its
-        centre: both meet in the plane in focus (Cook, Porter & Carpenter 1984)."""
+        aperture, in aperture radii. Each ends on the pixel of one of the rays `directions` [n, 3]
+        through the aperture's centre: both meet in the plane in focus (Cook, Porter & Carpenter
+        1984)."""
         right, down, forward = camera.rotation
         shift_m = self.aperture_m / 2 * (u * right + v * down)
         rays = directions * (self.focus_m / (directions @ forward))[:, None] - shift_m
@@ -48,12 +49,9 @@ class ThinLens:
 
 
 def blur_by_discs(image: np.ndarray, diameter_px: np.ndarray) -> np.ndarray:
-    """Image [height, width, 3], each pixel of which becomes the mean over a disc of its own
-    diameter [height, width].
-
-    Between the stack's diameters, two blurred pictures are mixed so that the variance of the blur
-    is the disc's: it grows with the diameter squared.
-    """
+    """Blur an image [height, width, 3]: each pixel becomes the mean over a disc with its own
+    diameter [height, width]. Between the diameters of the computed stack, two blurred images are
+    mixed so that the variance of the blur, which grows with the diameter squared, is the disc's."""
     import cv2
 
     count = 1 + int(np.ceil(np.log(max(diameter_px.max(), 1)) / np.log(LEVEL_STEP)))
@@ -68,9 +66,9 @@ def blur_by_discs(image: np.ndarray, diameter_px: np.ndarray) -> np.ndarray:
 
 
 def near_edges(edge: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
-    """Pixels [height, width] whose disc may reach over an edge: those closer to one of `edge`
-    [height, width] than the largest radius [height, width] beside it, rounded up to a power of two;
-    none where that is below half a pixel."""
+    """Pixels [height, width] whose disc may reach over an edge: those closer to a pixel of `edge`
+    [height, width] than the largest radius [height, width] near it, rounded up to a power of two;
+    none if that is below half a pixel."""
     import cv2
 
     reach_px = np.where(

@@ -1,13 +1,16 @@
-"""The studio's light: three disc lamps and an ambient glow, baked into the bodies' vertices with
-their shadows; highlights, what a rough surface mirrors of a lamp (Cook & Torrance 1982; for skin,
-Weyrich et al. 2006); and a projector of speckle: random bright dots that stand still in space, so
-that every camera sees the same ones."""
+"""The studio's light, and its effects on a hand.
+
+Three disc lamps and an ambient glow are baked into the bodies' vertices with their shadows.
+Highlights are a rough surface's mirror images of the lamps (Cook & Torrance 1982; for skin, Weyrich
+et al. 2006). A projector of speckle makes random bright dots that are fixed in space, so that every
+camera sees the same ones.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import Body
+from handbench.bench.scenes.bodies import PhotoBody
 from handbench.bench.scenes.textures import solid_noise
 from handbench.support.compiled import njit
 from handbench.support.errors import HandbenchError
@@ -18,7 +21,8 @@ from handbench.support.rays import RaycastingScene, load_open3d
 @dataclass(frozen=True)
 class Lamp:
     """A disc that faces the board: centre (photo frame) and radius, metres; its irradiance at the
-    board's centre, over π, so that a white surface's radiance is 1 where the irradiance is 1."""
+    board's centre, divided by π, so that a white surface has radiance 1 where the irradiance is
+    1."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -26,7 +30,7 @@ class Lamp:
 
     @property
     def reach_m(self) -> float:
-        """Distance to the board's centre, where the irradiance is stated."""
+        """Distance to the board's centre, where the irradiance is defined."""
         return float(np.linalg.norm(self.centre_m))
 
     def samples_m(self) -> np.ndarray:
@@ -54,15 +58,16 @@ SHADOW_OFFSET_M = 2e-4
 
 @dataclass(frozen=True)
 class Light:
-    """Light at a body's vertices: irradiance [n] (over π) and the visible share [n, lamps] of each
-    lamp, 0 to 1."""
+    """Light at a body's vertices: irradiance [n] (divided by π) and the visible share [n, lamps] of
+    each lamp, 0 to 1."""
 
     irradiance: np.ndarray
     open: np.ndarray
 
 
-def bake(rays: RaycastingScene, body: Body) -> Light:
-    """Light at a body's vertices: the lamps with soft shadows and an occluded ambient light."""
+def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
+    """Compute the light at a body's vertices: lamps with soft shadows, and an occluded ambient
+    light."""
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))
     seen = np.zeros((len(origins_m), len(LAMPS)), dtype=np.float32)
@@ -89,7 +94,7 @@ def bake(rays: RaycastingScene, body: Body) -> Light:
 def clear(
     rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """1 where nothing stands between an origin [n, 3] and origin + towards [n, 3], else 0; asked
+    """1 if nothing is between an origin [n, 3] and origin + towards [n, 3], else 0. Rays are cast
     only where `wanted` [n]."""
     tensor = load_open3d().core.Tensor
     result = np.zeros(len(origins_m))
@@ -122,12 +127,10 @@ NEAREST_M = 0.05  # from the target's origin
 
 
 class Projector:
-    """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame).
-
-    contrast: of the dots there, (max - min) / (max + min); it is the projector's share of the
-    light, and the lamps are dimmed to the rest, so that the mean brightness stays. dot_m: size of
-    dots at the target's origin.
-    """
+    """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame). contrast:
+    of the dots there, (max - min) / (max + min); it is the projector's share of the light, and the
+    lamps are dimmed so that the mean brightness stays the same. dot_m: size of the dots at the
+    target's origin."""
 
     def __init__(
         self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int
@@ -136,7 +139,7 @@ class Projector:
         self.throw_m = float(np.linalg.norm(aim_m - position_m))
         if self.throw_m < NEAREST_M:
             raise HandbenchError(
-                f"photos.speckle_from_m: lies {1e3 * self.throw_m:.0f} mm from the target's "
+                f"photos.speckle_from_m: is {1e3 * self.throw_m:.0f} mm from the target's "
                 "origin; expected at least "
                 f"{1e3 * NEAREST_M:.0f} mm"
             )
@@ -146,9 +149,8 @@ class Projector:
         self.down = np.cross(self.axis, self.right)
 
     def pattern(self, points_m: np.ndarray) -> np.ndarray:
-        """Brightness [n] of the picture that is projected onto points [n, 3]: 0 to 1, 1/2 in the
-        mean. It depends on the direction from the projector alone; what lies behind the projector
-        stays dark."""
+        """Brightness [n] of the pattern projected onto points [n, 3]: 0 to 1, mean 1/2. It depends
+        only on the direction from the projector; points behind the projector are dark."""
         relative_m = points_m - self.position_m
         along = relative_m @ self.axis / self.throw_m
         before = along > 0
@@ -170,9 +172,9 @@ class Projector:
     def beam(
         self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool
     ) -> np.ndarray:
-        """Light [n] on its way to points [n, 3] with normals [n, 3], zero in shadows: the
-        irradiance over π that it would give a surface that faces it at the throw's distance; even:
-        without dots."""
+        """The projector's light [n] on its way to points [n, 3] with normals [n, 3], zero in
+        shadows: the irradiance, divided by π, of a surface that faces it at the throw's distance.
+        even: without dots."""
         picture = 0.5 if even else self.pattern(points_m)
         lit = self.incidence(points_m, normals) > 0
         unshadowed = clear(
@@ -197,14 +199,12 @@ def ggx(
     roughness: float,
     reflectance: float,
 ) -> float:
-    """Mirrored part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light
-    and the eye (both above 0), and of the half vector with the eye (tilt).
-
-    D F V with D = α² / (π ((n·h)² (α² - 1) + 1)²), the spread of facets whose normals lie near the
-    half vector h (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, facets
-    that hide one another, height-correlated, over 4 (n·l) (n·v) (Heitz 2014). roughness: α;
-    reflectance: R.
-    """
+    """Specular part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light
+    and the eye (both above 0), and of the half vector with the eye (tilt). D F V with D = α² / (π
+    ((n·h)² (α² - 1) + 1)²), the distribution of facets whose normals are near the half vector h
+    (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, the height-correlated
+    masking of facets by each other, divided by 4 (n·l) (n·v) (Heitz 2014). roughness: α;
+    reflectance: R."""
     square = roughness**2
     spread = square / (np.pi * (to_half**2 * (square - 1) + 1) ** 2)
     fresnel = reflectance + (1 - reflectance) * (1 - tilt) ** 5
@@ -221,9 +221,9 @@ def mirrored(
     reach_m: float,
     roughness: float,
 ) -> np.ndarray:
-    """Radiance [n] that skin at points [n, 3] with unit normals [n, 3] sends along `eyes` [n, 3]
-    (unit, away from it) under an unshadowed lamp, samples [k, 3], whose irradiance over π is 1 at
-    the distance `reach_m`."""
+    """Radiance [n] that skin at points [n, 3] with unit normals [n, 3] reflects specularly towards
+    `eyes` [n, 3] (unit vectors to the camera), under an unshadowed lamp with samples [k, 3], whose
+    irradiance divided by π is 1 at the distance `reach_m`."""
     result = np.empty(len(points_m), dtype=np.float32)
 
     def work(first: int) -> None:

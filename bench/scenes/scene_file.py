@@ -1,12 +1,11 @@
-"""The content of a scene file: target, radar, cameras and stand, and the effects that its echoes
-show."""
+"""The content of a scene file: target, radar, cameras and stand, and the effects in its echoes."""
 
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from handbench.bench.scenes.bones import held
+from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
@@ -24,7 +23,7 @@ Offset = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Placed(Config):
-    """Placement of the target's own frame in the radar frame, and its motion."""
+    """A target's placement in the radar frame, and its motion."""
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, 0.0)
@@ -41,7 +40,7 @@ class _Placed(Config):
 
 
 class _Solid(_Placed):
-    """A target of one material, whose surface has relief that its mesh does not show."""
+    """A target of one material. Its surface has a relief that its mesh does not show."""
 
     material: Material = Material()
     roughness: Roughness = Roughness()
@@ -51,7 +50,7 @@ _POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "
 
 
 class HandTarget(_Solid):
-    """A parametric hand, in the pose of a letter or with joint angles of its own ([target.pose]);
+    """A parametric hand, in the pose of a letter or with given joint angles ([target.pose]);
     `distance_m` is the range of its palm's mid-plane; `person`: whose hand, by number; 0 is the
     mean hand."""
 
@@ -71,17 +70,19 @@ class HandTarget(_Solid):
 
     @property
     def angles(self) -> Pose:
-        """The joint angles, as the person holds the pose."""
-        return held(POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person)
+        """The joint angles with which the person makes the pose."""
+        return person_pose(
+            POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person
+        )
 
     @property
     def build(self) -> Person:
-        """The person's hand beside the mean one."""
+        """The person's proportions relative to the mean hand."""
         return person(self.person)
 
 
 class CalibrationTarget(_Placed):
-    """The calibration target; `file` (beside the scene file) replaces the default one."""
+    """The calibration target; `file` (next to the scene file) replaces the default one."""
 
     kind: Literal["calibration_target"]
     file: str | None = None
@@ -89,7 +90,7 @@ class CalibrationTarget(_Placed):
 
 
 class MeshTarget(_Solid):
-    """Any closed mesh from a file beside the scene file."""
+    """Any closed mesh from a file next to the scene file."""
 
     kind: Literal["mesh"]
     path: str
@@ -105,7 +106,7 @@ class SphereTarget(_Solid):
 
 
 class PlateTarget(_Solid):
-    """A flat plate; its front, which faces the radar squarely, lies in the target's x and y."""
+    """A flat plate that faces the radar; its front is the target's x-y plane."""
 
     kind: Literal["plate"]
     width_m: float = Field(default=0.12, gt=0, le=1)
@@ -138,7 +139,7 @@ class Sweep(Config):
 
 class Sensor(SensorFaults):
     """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured
-    in this order, one every `step_time_s`; and what is imperfect about it."""
+    in this order, one every `step_time_s`; and its imperfections."""
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
@@ -164,7 +165,7 @@ class Sensor(SensorFaults):
 
 class Photos(Config):
     """The photographs to take. effects: "all" and "auto" both mean every effect that the keys below
-    name; tolerance_mm changes nothing."""
+    name; tolerance_mm has no effect."""
 
     effects: Literal["all", "auto"] = "all"
     tolerance_mm: float = Field(default=0.01, gt=0)
@@ -194,7 +195,7 @@ class Photos(Config):
     )  # of red and blue against green, stops
     motion_px: float = Field(
         default=0.0, ge=0, le=100
-    )  # path of the moving camera, in a direction of its own
+    )  # path of the moving camera, in a random direction
     speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
     speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame
@@ -202,8 +203,8 @@ class Photos(Config):
 
 
 class Mount(Config):
-    """The stand: pose of the board's frame in the radar frame, before which the board faces the
-    radar squarely."""
+    """The stand: pose of the board's frame in the radar frame, relative to a board that faces the
+    radar."""
 
     offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
@@ -214,8 +215,8 @@ class Mount(Config):
 
 
 class Stand(Config):
-    """The stand as the radar sees it: reflectivity of its plate and block (None: absorber covers
-    them); empty: an empty-room capture is written too (empty.h5); subtract: and taken from the
+    """The stand in the echoes. Reflectivity of its plate and block (None: covered by absorber);
+    empty: also write a capture of the empty room (empty.h5); subtract: and subtract it from the
     echoes."""
 
     reflectivity_db: float | None = Field(default=None, le=0)
@@ -224,7 +225,7 @@ class Stand(Config):
 
 
 def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names; a ValueError where one is no effect, or listed twice."""
+    """Return the names. Raises ValueError for a name that is no effect, or listed twice."""
     try:
         check_names(names)
     except HandbenchError as error:
@@ -233,9 +234,9 @@ def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class SceneFile(Config):
-    """The content of a scene file. effects: "auto" leaves out what together changes depths by less
-    than tolerance_mm, or a list of names; depth_step_hz: the step between tones at which depths are
-    told."""
+    """The content of a scene file. effects: "auto" leaves out effects that together change depths
+    by less than tolerance_mm; or a list of names. depth_step_hz: the step between tones that
+    determines depths."""
 
     version: Literal[1]
     name: Name
@@ -272,8 +273,8 @@ class SceneFile(Config):
         return self
 
     def of_person(self, number: int) -> "SceneFile":
-        """The scene with a person's hand, placed as that person stands, with a name and a seed of
-        its own. Another target than a hand is a HandbenchError."""
+        """The scene with a person's hand and placement, and with its own name and seed. Raises
+        HandbenchError for a target that is not a hand."""
         if not isinstance(self.target, HandTarget):
             raise HandbenchError(
                 f"scene '{self.name}': has the target '{self.target.kind}', but persons are "
@@ -300,7 +301,7 @@ class SceneFile(Config):
 
     @property
     def causes(self) -> Causes:
-        """Everything that effects may come from."""
+        """All causes of effects in the scene."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)

@@ -1,4 +1,4 @@
-"""Targets with a closed form: sphere, plate and dihedral, as closed meshes in the target's frame,
+"""Targets with a closed form (sphere, plate and dihedral) as closed meshes in the target's frame,
 metres."""
 
 import numpy as np
@@ -20,7 +20,7 @@ def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
 
 
 def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
-    """A closed cylinder about the y axis, in so many steps around and along it."""
+    """A closed cylinder about the y axis. around, along: numbers of steps."""
     made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
     return mesh(
         np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles)

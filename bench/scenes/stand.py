@@ -1,5 +1,5 @@
-"""The stand around the target in the photographs, a printed back plate with its ArUco board, and a
-block; and eight calibrated cameras on the radar's side, around the radar.
+"""The stand around the target in the photographs (a printed back plate with its ArUco board, and a
+block) and the rig of eight calibrated cameras around the radar.
 
 Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the
 cameras. Metres.
@@ -39,7 +39,7 @@ def stand_board() -> Board:
 
 def plate_print(seed: int) -> np.ndarray:
     """Reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at the top:
-    a high-contrast pattern of blots from 0.5 to 12 mm, left white around the markers."""
+    a high-contrast pattern of blots from 0.5 to 12 mm, white around the markers."""
     import cv2
 
     shape = round(PLATE_M[1] / TEXEL_M), round(PLATE_M[0] / TEXEL_M)
@@ -59,7 +59,7 @@ def plate_print(seed: int) -> np.ndarray:
 
 
 def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) -> np.ndarray:
-    """Smooth noise of unit variance whose blots are about `scale_m` wide."""
+    """Smooth noise of unit variance with blots about `scale_m` wide."""
     import cv2
 
     cells = [max(4, round(side * TEXEL_M / (0.4 * scale_m))) for side in shape]

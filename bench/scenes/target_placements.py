@@ -1,5 +1,5 @@
-"""Placements of the calibration target, made as well as its description says; and the cloud of
-points that eight cameras would reconstruct of it, with errors like theirs."""
+"""Placements of the calibration target, manufactured within its tolerances; and the point cloud
+that eight cameras would reconstruct of it, with realistic errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,12 +16,12 @@ from handbench.support.config import parse
 
 TURN_DEG = 30.0  # of the target, about each axis, at most
 PHASE_NOISE_RAD = 0.0281  # of the paper's table
-MADE = "made.toml"  # the target as it was really made, beside the scene
+MADE = "made.toml"  # the target as manufactured, next to the scene
 
 
 @dataclass(frozen=True)
 class Placement:
-    """One placement. scene: as it stands; described: what the user believes the target to be."""
+    """One placement. scene: the true one; described: the target as its description says."""
 
     number: int
     scene: Scene
@@ -29,13 +29,13 @@ class Placement:
 
 
 def placement(number: int, folder: Path, **more: Any) -> Placement:
-    """Placement `number`: distance 0.26 to 0.32 m, 20 mm aside, turned by ±30° about each axis; the
-    board's frame and the antennas' polarisation drawn too, and the target's making within its
-    description's tolerances. more: further tables of the scene file."""
+    """Draw placement `number`: distance 0.26 to 0.32 m, 20 mm sideways, turned by ±30° about each
+    axis; the board's frame, the antennas' polarisation and the target's errors of manufacture are
+    drawn too. more: further tables of the scene file."""
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
-    save_target(folder / MADE, made(described, rng))
+    save_target(folder / MADE, manufactured_target(described, rng))
     values = {
         "version": 1,
         "name": f"target-{number}",
@@ -61,7 +61,7 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
-    """One rig and one target, which stands elsewhere in each of `count` captures."""
+    """One rig and one target, at different places in `count` captures."""
     first = placement(number, folder / str(number))
     found = [first]
     for other in range(number + 1, number + count):
@@ -71,8 +71,8 @@ def placements(number: int, count: int, folder: Path) -> list[Placement]:
     return found
 
 
-def made(target: Target, rng: np.random.Generator) -> Target:
-    """The target as a workshop makes it, drawn from the tolerances of its description."""
+def manufactured_target(target: Target, rng: np.random.Generator) -> Target:
+    """A target as manufactured, with errors drawn from the tolerances of its description."""
     return target.model_copy(
         update={
             "foam_permittivity": max(
@@ -105,12 +105,12 @@ STEEPEST = 0.35  # cosine at which a camera sees too little of a surface
 CAMERAS = 8
 
 
-def seen_cloud(
+def optical_cloud(
     placed: Placement, seen: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that two cameras or more see,
-    behind no other sphere, and the plate's. seen: indices of the elements that are not covered, all
-    by default."""
+    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that at least two cameras see,
+    not hidden by another sphere, and those of the plate. seen: indices of the elements that are not
+    covered; default: all."""
     scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
     rng = np.random.default_rng([placed.number, 8])
@@ -130,7 +130,7 @@ def seen_cloud(
         outward, on_it = outward[views >= 2], on_it[views >= 2]
         cells = np.unique(np.floor(on_it / PATCH_M), axis=0, return_inverse=True)[
             1
-        ].ravel()  # neighbours err alike
+        ].ravel()  # errors of neighbours are correlated
         error_m = (
             NOISE_M * rng.standard_normal(len(on_it))
             + PATCH_NOISE_M * rng.standard_normal(cells.max(initial=0) + 1)[cells]
@@ -153,8 +153,8 @@ def _sees(
     centres_m: np.ndarray,
     radii_m: np.ndarray,
 ) -> np.ndarray:
-    """True where a camera sees each point [n] of a sphere: not too steeply, and past all
-    spheres."""
+    """True where a camera sees a point [n] of a sphere: not too obliquely, and not hidden by a
+    sphere."""
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

@@ -1,6 +1,5 @@
 """Solid textures: reflectance as a function of a body's own coordinates, so that all photographs
-see the same one; and the marks that photographs show on a hand: flexion creases, the lines of the
-palm, nails."""
+see the same texture; and marks on a hand: flexion creases, the lines of the palm, nails."""
 
 import itertools
 from collections.abc import Callable
@@ -43,7 +42,7 @@ def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
 
 
 def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Reflectance [n, 3] of styrofoam: beads with darker seams, each of its own brightness."""
+    """Reflectance [n, 3] of styrofoam: beads of different brightness with darker seams."""
     seam, tone = cells(points_m, BEAD_M, seed)
     shade = 0.16 * tone - 0.35 * np.exp(-((seam / (0.12 * BEAD_M)) ** 2))
     shade += 0.06 * solid_noise(points_m, 0.6e-3, seed + 1)
@@ -67,8 +66,8 @@ def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndar
 
 
 def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random cells of about `size_m`: distance to the nearest wall [n], metres, and the cell's tone
-    [n] in ±1."""
+    """Random (Worley) cells of about `size_m`, at points [n, 3]: the distance to the nearest wall
+    [n], metres, and a random brightness of the cell [n] in ±1."""
     seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
     return size_m * seam, tone
 
@@ -169,8 +168,8 @@ NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 @dataclass(frozen=True)
 class Crease:
-    """A fold of skin: the plane through `centre_m` across `axis`, on the `palmar` side, within
-    `reach_m`."""
+    """A fold of the skin: in the plane through `centre_m` perpendicular to `axis`, on the `palmar`
+    side, within `reach_m`."""
 
     centre_m: np.ndarray
     axis: np.ndarray

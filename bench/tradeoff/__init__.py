@@ -1,2 +1,2 @@
-"""The trade-off of `handbench tradeoff`: accuracy against time, of settings measured side by side
-in one run."""
+"""The trade-off of `handbench tradeoff`: accuracy and time of many settings, measured in one
+run."""

@@ -1,5 +1,5 @@
-"""Photographs × their size × quality of the depth maps: how near the measured surface comes to the
-true one."""
+"""The ground-truth section: number of photographs × their size × quality of the depth maps, and the
+distance of the measured surface to the true one."""
 
 import tempfile
 from collections.abc import Iterator
@@ -15,8 +15,15 @@ from handbench.bench.datasets.simulated import JPEG_QUALITY
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import Failure
-from handbench.bench.run.outcome import failing
-from handbench.bench.tradeoff.settings import Inputs, Measured, added, in_rounds, line, section
+from handbench.bench.run.outcome import recorded_failure
+from handbench.bench.tradeoff.settings import (
+    MeasuredSection,
+    TradeoffInputs,
+    added_memory,
+    in_rounds,
+    line,
+    section,
+)
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras, save_cameras
 from handbench.groundtruth.dense.kernels import compile_kernels, run_every_kernel
@@ -36,11 +43,10 @@ TITLE = "{views} views, {long_px} px, {quality}"
 Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny, nx]
 
 
-def measure_groundtruth(inputs: Inputs) -> Measured:
-    """Reconstruct the first capture that has photographs and a known true surface by every setting.
-    A setting that is refused has neither error nor time. Settings that differ in quality alone
-    share the cameras' poses, whose time counts for each. Raises HandbenchError where there is no
-    such capture."""
+def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
+    """Reconstruct the first capture with photographs and a true surface by every setting. A refused
+    setting has no error and no time. Settings that differ only in quality share the cameras' poses,
+    whose time counts for each. Raises HandbenchError if there is no such capture."""
     for recorded in (open_capture(each.folder) for each in inputs.captures):
         pictures, surface, transform = (
             recorded.photos,
@@ -76,7 +82,10 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
             folder, failures = Path(scratch) / "{views}-{long_px}".format(**choice), list[Failure]()
             if not folder.exists():
                 shrink(spread(photos, choice["views"]), choice["long_px"], folder)
-            with failing(failures, capture, "groundtruth", NAME.format(**choice)), added() as cost:
+            with (
+                recorded_failure(failures, capture, "groundtruth", NAME.format(**choice)),
+                added_memory() as cost,
+            ):
                 options = Options(
                     quality=choice["quality"], box_m=box_m, seed=inputs.bench.seed, dense="cpu"
                 )
@@ -101,14 +110,14 @@ def measure_groundtruth(inputs: Inputs) -> Measured:
         }
         seconds = [figures.pop("seconds")] if figures else []
         lines.append(line(about, name, title, choice, seconds=seconds, **figures))
-    return Measured(about, lines)
+    return MeasuredSection(about, lines)
 
 
 def radar_side(
     surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
 ) -> Grid:
-    """The places of the true surface that rays along +z meet first, in the radar frame, one per
-    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx], NaN beside the surface and outside the crop
+    """First intersections of rays along +z with the true surface, in the radar frame, one for each
+    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx]. NaN outside the surface and outside the crop
     box [2, 3] of the photo frame."""
     low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
@@ -123,18 +132,18 @@ def radar_side(
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """`count` of the photographs, evenly through their order, which on a rig goes round the
+    """`count` of the photographs, evenly spaced in their order, which on a rig goes around the
     target."""
     return tuple(photos[i * len(photos) // count] for i in range(count))
 
 
 def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
-    """Write the photographs, their longer side `long_px` pixels at most, with what lies beside
-    them: their cameras, whose intrinsics shrink alike, and the board."""
+    """Write the photographs, reduced to a longer side of at most `long_px` pixels, with the other
+    files of their folder: the cameras, with intrinsics scaled by the same factor, and the board."""
     from PIL import Image
 
     folder.mkdir(parents=True)
-    beside, sizes = photos[0].path.parent, {}
+    source, sizes = photos[0].path.parent, {}
     for photo in photos:
         scale = min(1.0, long_px / max(photo.width, photo.height))
         sizes[photo.name] = size = round(scale * photo.width), round(scale * photo.height)
@@ -144,9 +153,9 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
         with Image.open(photo.path) as image:
             small = image.convert("RGB").resize(size, Image.Resampling.LANCZOS)
             small.save(folder / photo.name, quality=JPEG_QUALITY)
-    if (beside / CAMERAS).is_file():
+    if (source / CAMERAS).is_file():
         cameras = []
-        for camera in (camera for camera in load_cameras(beside / CAMERAS) if camera.name in sizes):
+        for camera in (camera for camera in load_cameras(source / CAMERAS) if camera.name in sizes):
             model, (width, height) = camera.colmap(), sizes[camera.name]
             model.rescale(width, height)
             params = tuple(map(float, model.params))
@@ -154,13 +163,13 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
                 camera.model_copy(update={"width": width, "height": height, "params": params})
             )
         save_cameras(folder / CAMERAS, tuple(cameras))
-    if (beside / BOARD).is_file():
-        (folder / BOARD).symlink_to((beside / BOARD).resolve())
+    if (source / BOARD).is_file():
+        (folder / BOARD).symlink_to((source / BOARD).resolve())
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:
-    """Distances of a reconstruction's observed points (radar frame) to the true surface, in place
-    of errors along z."""
+    """Distances of a reconstruction's observed points (radar frame) to the true surface, as an
+    error map in place of errors along z."""
     x_m, y_m, z_m = side
     found_m = reference_on_grid(surface, x_m, y_m).z_m
     points_m = np.stack([*np.meshgrid(x_m, y_m), found_m], axis=-1)

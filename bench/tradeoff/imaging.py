@@ -1,20 +1,19 @@
-"""Imaging: every setting's error and time, each frame after one that makes its plan; and the
-paper's claim that 3-FSK needs about a thousandth of broadband's operations, counted and measured.
+"""The imaging section: every setting's error and time; and the paper's claim that 3-FSK needs about
+a thousandth of broadband's operations, counted and measured.
 
-Counted are complex multiplications, each with its addition, of the sums as the formulas have them.
-An image at a point sums samples times phases over tones and channels (C = transmitters ×
-receivers):
+Counted are complex multiplications, each with its addition, of the sums in the formulas. An image
+at a point sums samples times phases over tones and channels (C = transmitters × receivers):
 
     broadband, narrowband   tones × voxels × C
     2-FSK                   2 × pixels × C for each pass of z_e; the paper makes 2
     3-FSK                   2-FSK, then 3 × points × C for each refinement; points: the pixels
                             above the threshold
 
-What follows the images (phases, filters, projection) is no sum over channels, thousands of times
-less, and not counted. What a frame has really summed, passes and points as the echoes brought them,
-`radar.imaging.api.watch` counts; the engine reaches the same images with fewer operations, of which
-it keeps no count. Measured is against two baselines: the exact sum, of both methods alike and as a
-few planes of the volume, scaled; and this engine.
+The steps after the images (phases, filters, projection) do not sum over channels, take thousands of
+times fewer operations, and are not counted. `radar.imaging.api.watch` counts the operations of a
+frame, with the passes and points of its echoes. The engine makes the same images with fewer
+operations, which are not counted. Times are measured against two baselines: the exact sum for both
+methods (for the volume, a few planes, scaled); and this engine.
 """
 
 import ctypes
@@ -30,18 +29,18 @@ import pandas as pd
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.intervals import figure_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, averaged, pool
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, mean_figures, pool
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_file
 from handbench.bench.results import Claim, Section, Setting
 from handbench.bench.run.benchmark_file import MethodEntry
-from handbench.bench.run.outcome import Capture, Outcome, basis, failing
+from handbench.bench.run.outcome import Outcome, RunCapture, common_subset, recorded_failure
 from handbench.bench.run.sweep import ImagingSetting, imaging_settings, known_configs
 from handbench.bench.tradeoff.settings import (
-    Inputs,
-    Measured,
-    added,
+    MeasuredSection,
+    TradeoffInputs,
+    added_memory,
     in_rounds,
     line,
     section,
@@ -63,9 +62,9 @@ FSK, VOLUME = "3fsk", "broadband"
 TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
 
-def measure_imaging(inputs: Inputs) -> Measured:
-    """Time and score all settings. What one of them cannot do is left out as in a run's table:
-    captures are common to all settings that stay. Raises HandbenchError where nothing stays."""
+def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
+    """Time and score all settings. Failures are left out as in a run's table: captures are common
+    to all settings that remain. Raises HandbenchError if nothing remains."""
     sweep, scored = inputs.sweep, protocol(inputs.bench.protocol)
     settings = {s.name: s for s in imaging_settings(sweep, known_configs(inputs.bench.method))}
     failures = list(inputs.found.failures)
@@ -73,19 +72,19 @@ def measure_imaging(inputs: Inputs) -> Measured:
 
     @cache
     def reference(capture: str, x_m: tuple[float, ...], y_m: tuple[float, ...]) -> Reference:
-        """On a grid: settings that share one share its depth."""
+        """The reference's depth on a grid, computed once per grid."""
         mesh, transform = inputs.found.references[capture][inputs.reference]
         grid = PixelGrid(np.array(x_m), np.array(y_m))
         return reference_of_file(mesh, transform, grid, exact=inputs.reference == "truth")
 
     def frames_of(setting: ImagingSetting) -> Iterator[dict[str, Any]]:
-        """A line for each capture that the setting can image; what fails is not tried again."""
+        """One line per capture that the setting can image; a failed capture is not tried again."""
         with fresh_plans():
             for capture in inputs.captures:
                 key = capture.name, setting.name
                 if key in {(failure.capture, failure.method) for failure in failures}:
                     continue
-                with failing(failures, capture.name, "reconstruct", setting.name):
+                with recorded_failure(failures, capture.name, "reconstruct", setting.name):
                     depth, times = _frame(capture, setting)
                     if key not in figures:  # it has them in the first round
                         on_grid = reference(capture.name, tuple(depth.x_m), tuple(depth.y_m))
@@ -99,7 +98,7 @@ def measure_imaging(inputs: Inputs) -> Measured:
     bench = inputs.bench.model_copy(
         update={"method": tuple(MethodEntry(id=name) for name in settings)}
     )
-    on = basis(Outcome(bench, inputs.captures, [], failures))
+    on = common_subset(Outcome(bench, inputs.captures, [], failures))
     standing, names = (
         [settings[entry.id] for entry in on.methods],
         {capture.name for capture in on.captures},
@@ -111,16 +110,16 @@ def measure_imaging(inputs: Inputs) -> Measured:
     lines = [_line(about, s, pd.DataFrame(frames[s.name]), names, sweep.step_s) for s in standing]
     facts: dict[str, Any] = {"basis": on.text}
     facts |= {"left_out": [failure.line for failure in failures]} if failures else {}
-    return Measured(
+    return MeasuredSection(
         about, lines, facts, _claims(standing, lines, on.captures[0], inputs), tuple(standing)
     )
 
 
-def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
-    """As the runner times a frame: imaged once for the plan, then again. The depth map; seconds and
-    the imaging among them, when its plan was there; plan_s: what the frame before it took longer;
-    memory_mb: by how much that one raised the resident memory at most; terms and tones that were
-    imaged."""
+def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
+    """Time a frame as the runner does: image it once to make the plan, then again. Returns the
+    depth map and: seconds, and the imaging among them, with the plan made already; plan_s: the
+    extra time of the first image; memory_mb: by how much the first image raised the resident memory
+    at most; terms and tones of the images."""
     config = configuration(capture.folder, setting.method, setting.config)
     echoes = open_capture(capture.folder).echoes(1)
     task = prepare(
@@ -128,9 +127,9 @@ def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[st
     )
     with suppress(
         OSError, AttributeError
-    ):  # glibc alone gives memory back that a frame would take without growing
+    ):  # only glibc returns memory that a frame could reuse without growing
         ctypes.CDLL(None).malloc_trim(0)
-    with added() as cost:
+    with added_memory() as cost:
         _, first_s = timed(task.image)
     with watch() as laps:
         result, seconds = timed(task.image)
@@ -147,9 +146,9 @@ def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[st
 def _line(
     about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: set[str], step_s: float
 ) -> Setting:
-    """One setting's line, of the median over the captures `names` in each round; the medians of the
-    parts add up to the median of the whole. Of a round's plans, which captures may share or need
-    one each, the longest counts."""
+    """One setting's line, from the median over the captures `names` in each round; the medians of
+    the parts add up to the median of the total. Captures may share a plan or need one each; the
+    longest plan of a round counts."""
     used = frames[frames.capture.isin(names)]
     rounds = used.groupby("round")
     part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
@@ -158,7 +157,7 @@ def _line(
         float(part.seconds.median()),
         int(part.tones.max()),
     )
-    figures = averaged(captures[list(pool([]))].astype(float))
+    figures = mean_figures(captures[list(pool([]))].astype(float))
     imaging_s = min(float(part.imaging_s.median()), seconds)
     knobs = {
         "method": setting.method,
@@ -187,11 +186,14 @@ def _line(
 
 
 def _claims(
-    settings: Sequence[ImagingSetting], lines: Sequence[Setting], capture: Capture, inputs: Inputs
+    settings: Sequence[ImagingSetting],
+    lines: Sequence[Setting],
+    capture: RunCapture,
+    inputs: TradeoffInputs,
 ) -> tuple[Claim, ...]:
-    """The claim by exact sums of both, by the engine, and by 3-FSK of the engine against the exact
-    volume; none where the sweep lacks one of the two methods. Exact sums of one capture, in turns;
-    of the volume its middle planes."""
+    """The factor between both methods by exact sums of both, by the engine for both, and by 3-FSK
+    of the engine against the exact volume; empty if the sweep lacks one of the methods. Exact sums
+    use one capture, in turns; of the volume, its middle planes are summed."""
     chosen = {id: s for id in (FSK, VOLUME) if (s := _most_accurate(settings, id)) is not None}
     if len(chosen) < 2:
         return ()
@@ -249,14 +251,14 @@ def _claims(
 
 
 def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSetting | None:
-    """The method's setting with all antennas that changes least: the finest tolerance of those with
-    fewest knobs."""
+    """The method's setting with all antennas, the fewest knobs and, among these, the finest
+    tolerance."""
     own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
     return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)
 
 
 def counted_factor(volume: BroadbandConfig, fsk: ThreeToneConfig) -> float:
-    """The points that a volume's plain sum visits, tone by tone, over those of the paper's 3-FSK
-    with every pixel above the threshold, 2 tones a pass, then 3."""
+    """Number of operations of a volume's plain sum, divided by that of the paper's 3-FSK with every
+    pixel above the threshold: 2 passes of 2 tones, then 3 tones."""
     images = 2 * PASSES + 3 * fsk.fine_refinements
     return len(volume.tones_hz()) * prod(volume.grid().shape) / (images * prod(fsk.grid().shape))

@@ -1,4 +1,4 @@
-"""The sweep: sections one after the other, and the folder that they fill."""
+"""The sweep: its sections one after the other, and the trade-off folder."""
 
 import os
 import shutil
@@ -19,21 +19,27 @@ from handbench.bench.results import (
     write_tradeoff,
 )
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
-from handbench.bench.run.executors import Here
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.executors import LocalExecutor
+from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.planned_cost import of_sweep
 from handbench.bench.run.runner import Run
-from handbench.bench.run.sweep import Sweep, completed, imaging_settings, known_configs
+from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, imaging_settings, known_configs
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.imaging import measure_imaging
-from handbench.bench.tradeoff.settings import Inputs, Measured, front, rank, with_acquisition
+from handbench.bench.tradeoff.settings import (
+    MeasuredSection,
+    TradeoffInputs,
+    front,
+    rank,
+    with_acquisition,
+)
 from handbench.bench.tradeoff.simulated_sections import measure_registration, measure_simulation
 from handbench.radar.imaging.device import describe
 from handbench.support.config import parse
 from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
-from handbench.support.folder import claimed, drop
+from handbench.support.folder import drop, locked
 from handbench.support.progress import say
 from handbench.support.store import versions
 
@@ -59,24 +65,24 @@ def run(
     sections: tuple[str, ...] | None = None,
     overwrite: bool = False,
 ) -> Tradeoff:
-    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder that holds
-    the same trade-off of the same inputs and versions is read, not measured again, unless
-    `overwrite` asks for it."""
-    sweep = completed(bench.tradeoff)
+    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder with the
+    same trade-off of the same inputs and versions is read, not measured again, unless
+    `overwrite`."""
+    sweep = complete_sweep(bench.tradeoff)
     if sections is not None:
-        sweep = parse(Sweep, {**sweep.model_dump(), "sections": sections}, "--sections")
+        sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
     bench = bench.model_copy(update={"tradeoff": sweep})
     settings = imaging_settings(
         sweep, known_configs(bench.method)
-    )  # what is wrong is said before anything is measured
+    )  # errors are reported before anything is measured
     if "imaging" in sweep.sections:
         work_ahead = of_sweep(bench, base, settings, sweep.repeats)
         what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
         require_time(work_ahead.core_s, what, work_ahead.bytes_)
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    with claimed(folder) as work:
+    with locked(folder) as work:
         same = _check_room(folder, config, overwrite)
-        inputs = opened(bench, base, work)
+        inputs = open_inputs(bench, base, work)
         if same and not overwrite and (folder / "tradeoff.json").exists():
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
@@ -85,14 +91,14 @@ def run(
                     "measures anew"
                 )
                 return before
-        measured, facts = _measured(inputs)
+        measured, facts = _measure_sections(inputs)
         _write(folder, config, inputs, measured, facts)
     return load_tradeoff(folder)
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """True where the folder's configuration is this one; another's trade-off and a run's results
-    are not mixed with."""
+    """True if the folder has this configuration. Refuses the trade-off of another configuration,
+    and a run's results."""
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"
@@ -105,11 +111,11 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     return same
 
 
-def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
-    """Open or simulate the captures, as a run without methods does; photographs become meshes only
-    where they have to score, which is where a capture has no true surface. Of scenes alone, which
-    tell theirs, one is photographed, if ground truth is swept. Raises HandbenchError where nothing
-    is left to score."""
+def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
+    """Open or simulate the captures, as a run without methods does. Photographs become meshes only
+    if they are needed for scoring, which is if a capture has no true surface. If all captures are
+    scenes, which have one, only the first is photographed, and only if ground truth is swept.
+    Raises HandbenchError if no capture can be scored."""
     assert bench.tradeoff is not None
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
@@ -119,11 +125,15 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
             *(s.model_copy(update={"photos": False}) for s in sources[count:]),
         )
     whole = bench.model_copy(update={"capture": sources, "method": (), "tradeoff": None})
-    alone, base, work = whole.model_copy(update={"calibration": ()}), base.resolve(), work.resolve()
-    job, reference = Run(alone, base, work, Here()), "truth"
+    uncalibrated, base, work = (
+        whole.model_copy(update={"calibration": ()}),
+        base.resolve(),
+        work.resolve(),
+    )
+    job, reference = Run(uncalibrated, base, work, LocalExecutor()), "truth"
     job.open()
     if any(open_capture(capture.folder).truth is None for capture in job.found.captures):
-        job, reference = Run(whole, base, work, Here()), "photogrammetry"
+        job, reference = Run(whole, base, work, LocalExecutor()), "photogrammetry"
         job.open()
     job.inspect()
     if reference != "truth":
@@ -136,16 +146,16 @@ def opened(bench: BenchFile, base: Path, work: Path) -> Inputs:
     found.failures += [
         Failure(capture=name, stage="references", message=message) for name in without
     ]
-    inputs = Inputs(bench, base, work, found, reference, job.targets)
+    inputs = TradeoffInputs(bench, base, work, found, reference, job.targets)
     if not inputs.captures:
         raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
     return inputs
 
 
-def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
-    """The sections in order, ranked, and facts about them; one that fails is said and recorded,
-    unless all do."""
-    found: list[Measured] = []
+def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], dict[str, Any]]:
+    """Measure and rank the sections in order; returns them with facts about them. A section that
+    fails is reported and recorded; if all fail, a HandbenchError is raised."""
+    found: list[MeasuredSection] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
         try:
@@ -175,9 +185,14 @@ def _measured(inputs: Inputs) -> tuple[list[Measured], dict[str, Any]]:
 
 
 def _write(
-    folder: Path, config: str, inputs: Inputs, measured: list[Measured], facts: dict[str, Any]
+    folder: Path,
+    config: str,
+    inputs: TradeoffInputs,
+    measured: list[MeasuredSection],
+    facts: dict[str, Any],
 ) -> None:
-    """Earlier figures give way only when the new ones stand; tradeoff.json comes last."""
+    """Write the folder. Earlier figures are removed only when the new ones are complete;
+    tradeoff.json is written last."""
     drop(folder, FILES)
     write_config(folder, config)
     for one in measured:
@@ -198,16 +213,17 @@ def _write(
 
 
 def setting_path(folder: Path, name: str) -> Path:
-    """The place of a setting in a trade-off folder."""
+    """The path of a setting's file in a trade-off folder."""
     return folder / SETTINGS / f"{name}.toml"
 
 
-def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
-    """Write settings/NAME.toml and, in the same folder since a benchmark reads nothing outside of
-    its own, the captures and the calibration's targets: the same files under another name (hard
-    links), copies where the file system has none."""
+def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSection) -> None:
+    """Write settings/NAME.toml. A benchmark reads only its own folder, so the captures and the
+    calibration's targets are put there too, as hard links, or as copies if the file system has
+    none."""
     captures, targets = (
-        _linked(some, folder / SETTINGS, inputs) for some in (inputs.captures, inputs.targets)
+        _link_captures(some, folder / SETTINGS, inputs)
+        for some in (inputs.captures, inputs.targets)
     )
     for setting in imaging.runnable:
         entry = MethodEntry(
@@ -220,19 +236,21 @@ def _write_settings(folder: Path, inputs: Inputs, imaging: Measured) -> None:
             "method": (entry,),
         }
         others = {"phase_noise_rad": None, "dataset": None, "tradeoff": None}
-        alone = inputs.bench.model_copy(update={**given, **others}).model_dump(
+        benchmark = inputs.bench.model_copy(update={**given, **others}).model_dump(
             mode="json", exclude_none=True
         )
         comment = (
             f"# {setting.title}: a setting of a trade-off, with its captures. Run it with "
             "`handbench run`.\n"
         )
-        write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(alone))
+        write_text(setting_path(folder, setting.name), comment + tomlkit.dumps(benchmark))
 
 
-def _linked(captures: Iterable[Capture], into: Path, inputs: Inputs) -> tuple[Source, ...]:
-    """The captures' places in the folder: under its own path, which some data sets take names from,
-    one that was recorded; under its name one that was simulated."""
+def _link_captures(
+    captures: Iterable[RunCapture], into: Path, inputs: TradeoffInputs
+) -> tuple[Source, ...]:
+    """Link the captures into a folder. A recorded capture keeps its path, from which some data sets
+    take names; a simulated one gets its name."""
     sources = []
     for capture in captures:
         folder = capture.folder.resolve()

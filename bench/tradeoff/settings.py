@@ -1,14 +1,13 @@
-"""The settings of a trade-off: how they are measured, in rounds and side by side, which are worth
-their time, and which of them to take.
+"""The settings of a trade-off: measuring them in rounds, the front, and the choice of a setting.
 
-On the front are the settings that nothing else beats: nothing is at least as fast, accurate and
-complete, and better in one. A map that shows twice as much of a hand is not beaten by a more
-accurate one of half of it.
+The front consists of the settings that no other beats: no other is at least as fast, as accurate
+and as complete, and better in one of these. A map that shows twice as much of a hand is not beaten
+by a more accurate one of half of it.
 
-To take is the cheapest that is accurate enough, or the most accurate that is fast enough. A setting
-is held to the upper end of its error's interval, and to a tenth more than the slowest of its
-rounds, so that a later run of it, which is one more draw, keeps what this one promised. Too few
-captures have no interval: the error is then that of these.
+The answer to a question is the cheapest setting that is accurate enough, or the most accurate one
+that is fast enough. A setting is judged by the upper end of its error's interval, and by a tenth
+more than its slowest round, so that a later run keeps the promise. Too few captures have no
+interval; then the error itself is used.
 """
 
 import json
@@ -27,8 +26,8 @@ from handbench.bench.evaluation.intervals import Interval
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results import HEADLINE, Claim, Section, Setting, Tradeoff
 from handbench.bench.run.benchmark_file import BenchFile
-from handbench.bench.run.outcome import Capture, Outcome
-from handbench.bench.run.sweep import ImagingSetting, SectionName, Sweep
+from handbench.bench.run.outcome import Outcome, RunCapture
+from handbench.bench.run.sweep import ImagingSetting, SectionName, TradeoffSweep
 from handbench.support.cost import Cost, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
@@ -39,27 +38,27 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """The inputs of every section. bench: the benchmark, with its sweep, whose paths start from
-    `base`; work: the folder of kept stages; found: captures, references and failures of a run
-    without methods; reference: the name of what scores all; targets: the calibration's captures,
-    where photographs have to score."""
+class TradeoffInputs:
+    """Inputs of every section. bench: the benchmark, with its sweep, whose paths start from `base`;
+    work: the store's folder; found: captures, references and failures of a run without methods;
+    reference: the name of the reference; targets: the calibration's captures, if photographs are
+    scored against."""
 
     bench: BenchFile
     base: Path
     work: Path
     found: Outcome
     reference: str = "truth"
-    targets: list[Capture] = field(default_factory=list)
+    targets: list[RunCapture] = field(default_factory=list)
 
     @property
-    def sweep(self) -> Sweep:
+    def sweep(self) -> TradeoffSweep:
         """The benchmark's sweep."""
         assert self.bench.tradeoff is not None  # `run` has completed it
         return self.bench.tradeoff
 
     @property
-    def captures(self) -> list[Capture]:
+    def captures(self) -> list[RunCapture]:
         """The captures that have the reference."""
         return [
             c
@@ -69,9 +68,9 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A section with the lines of its settings. Of the imaging section: facts of what was left out,
-    and why; claims; the settings that can be run."""
+class MeasuredSection:
+    """A section with the lines of its settings; for imaging also: facts on what was left out,
+    claims, and the settings that can be run."""
 
     section: Section
     lines: list[Setting]
@@ -81,7 +80,7 @@ class Measured:
 
 
 def section(name: SectionName, reference: str, words: dict[str, Any]) -> Section:
-    """The section of sections.toml; words: fill in its definition."""
+    """The section of sections.toml. words: values for its definition."""
     about = tomllib.loads(Path(__file__).with_name("sections.toml").read_text("utf-8"))[name]
     about["definition"] = about["definition"].format(**words)
     return Section(name=name, reference=reference, **about)
@@ -93,13 +92,13 @@ def in_rounds(
     measure: Callable[[T], Iterable[dict[str, Any]]],
     title: str,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Measure every setting once a round, so that a machine that gets slower does so for all of
-    them.
+    """Measure every setting once per round, so that a machine that slows down affects all of them
+    equally.
 
     Args:
         settings: by name.
         rounds: how often.
-        measure: gives a setting's lines, one or several (of captures, for instance), or none where
+        measure: returns a setting's lines, one or several (of captures, for instance), or none if
             it is refused.
         title: of the progress.
 
@@ -114,14 +113,14 @@ def in_rounds(
 
 
 def timed(work: Callable[[], Value]) -> tuple[Value, float]:
-    """The result of `work` and its seconds."""
+    """Call `work`; returns its result and its seconds."""
     start = time.perf_counter()
     return work(), time.perf_counter() - start
 
 
 @contextmanager
-def added() -> Iterator[Cost]:
-    """Measure a block; of the memory what was added to the resident one."""
+def added_memory() -> Iterator[Cost]:
+    """Measure the cost of a block; its memory is what the block added to the resident memory."""
     before_mb = Process().memory_info().rss / 1e6
     with measured() as cost:
         yield cost
@@ -138,7 +137,8 @@ def line(
     seconds: Sequence[float] = (),
     **known: float | None,
 ) -> Setting:
-    """The setting's line; one time has no range, and no time is None. Its rank, `rank` fills in."""
+    """A setting's line. A single time has no range; without times it has none. `rank` fills in its
+    rank."""
     low, high = interval or (None, None)
     times = {"seconds": float(np.median(seconds)) if len(seconds) else None}
     if len(seconds) > 1:
@@ -149,8 +149,8 @@ def line(
 
 
 def dominates(one: Setting, other: Setting) -> bool:
-    """True where `one` is at least as fast, accurate and complete as `other`, and better in one;
-    False where either lacks an error or a time."""
+    """True if `one` is at least as fast, accurate and complete as `other`, and better in one of
+    these; False if either lacks an error or a time."""
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     if None in (*ours, *theirs) or ours == theirs:
         return False
@@ -158,8 +158,8 @@ def dominates(one: Setting, other: Setting) -> bool:
 
 
 def front(settings: Iterable[Setting]) -> list[Setting]:
-    """The settings that nothing dominates, fastest first; one without error or time is never among
-    them."""
+    """The settings that no other dominates, fastest first, without those that have no error or no
+    time."""
     known = [s for s in settings if s.error is not None and s.seconds is not None]
     return sorted(
         (s for s in known if not any(dominates(t, s) for t in known)),
@@ -168,9 +168,9 @@ def front(settings: Iterable[Setting]) -> list[Setting]:
 
 
 def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
-    """The settings of one section with ratio (to the reference's seconds), on_front,
-    on_method_front and dominated_by filled in. Of several that dominate a setting the most accurate
-    one of the front is named."""
+    """Fill in ratio (to the reference's seconds), on_front, on_method_front and dominated_by of one
+    section's settings. If several settings dominate one, the most accurate one on the front is
+    named."""
     best = front(settings)
     own = [
         s
@@ -189,7 +189,7 @@ def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
 
 
 def with_acquisition(settings: Iterable[Setting]) -> list[Setting]:
-    """The settings whose acquisition is known, with its time counted."""
+    """The settings with a known acquisition time, which is added to their seconds."""
     known = [(s, s.acquisition_s) for s in settings if s.acquisition_s is not None]
     times = ("seconds", "seconds_low", "seconds_high")
     return [
@@ -205,8 +205,9 @@ def answer(
     count_acquisition: bool = False,
 ) -> tuple[Setting, str]:
     """The imaging setting for a largest error (the cheapest), a longest time (the most accurate),
-    or both (the cheapest), with its acquisition among its seconds where that is counted; and the
-    question in words. Raises HandbenchError where none keeps to it, naming the nearest."""
+    or both (the cheapest), and the question in words. If acquisition is counted, it is part of
+    the setting's seconds. Raises HandbenchError if no setting keeps to the limits, naming the
+    nearest."""
     settings = [
         s for s in tradeoff.section("imaging") if s.error is not None and s.seconds is not None
     ]
@@ -223,8 +224,7 @@ def answer(
     asked = " and ".join(limits)
 
     def excess(s: Setting) -> float:
-        """By what factor the setting goes beyond the limits at worst; at most 1: it keeps to
-        them."""
+        """The largest factor by which the setting exceeds a limit; at most 1: it keeps to all."""
         error_mm = s.error if s.high is None else s.high
         factors = [error_mm / max_error_mm] if max_error_mm is not None else []
         return max(

@@ -1,6 +1,6 @@
-"""The sections that simulate scenes of their own. Simulation: sampling × which effects are on, held
-to the finest sampling with all effects. Registration: how many captures of the calibration target
-are combined, and the transform's error where hands are."""
+"""The sections that simulate their own scenes. Simulation: sampling × effects that are on, compared
+with the finest sampling and all effects. Registration: number of captures of the calibration target
+that are combined, and the transform's error where hands are."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -14,12 +14,19 @@ import pandas as pd
 
 from handbench.bench.evaluation.intervals import Interval, mean_interval
 from handbench.bench.results import Failure
-from handbench.bench.run.outcome import failing
+from handbench.bench.run.outcome import recorded_failure
 from handbench.bench.run.sweep import MOST_RIGS, ORDINARY, SimulationKnobs
 from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.finger_scenes import NAMED, SCENES, body
-from handbench.bench.scenes.target_placements import Placement, placements, seen_cloud
-from handbench.bench.tradeoff.settings import Inputs, Measured, in_rounds, line, section, timed
+from handbench.bench.scenes.target_placements import Placement, optical_cloud, placements
+from handbench.bench.tradeoff.settings import (
+    MeasuredSection,
+    TradeoffInputs,
+    in_rounds,
+    line,
+    section,
+    timed,
+)
 from handbench.calibration.registration import register
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.transforms import Transform
@@ -39,9 +46,9 @@ NEAR_M = 0.03  # depths are compared as far along the cylinders, where their end
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way to simulate: the samplings, and the effects by what is left out or, by a tolerance,
-    as auto chooses."""
+class SimulationVariant:
+    """One way to simulate: the samplings, and the effects, either by those left out or by "auto"
+    with a tolerance."""
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
@@ -51,16 +58,21 @@ class Way:
 
     @property
     def words(self) -> str:
-        """The sampling, where it is not the ordinary one, and the effects."""
+        """The sampling, if it is not the default, and the effects."""
         words = {
             "facets_per_wavelength": "{:g} facets per wavelength",
             "mirrors_per_wavelength": "{:g} mirrors per wavelength",
             "nodes_apart": "nodes {:g} times as far apart",
         }
-        said = [text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs]
+        sampling = [
+            text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs
+        ]
         effects = f"without {', '.join(self.without)}" if self.without else "all effects"
         return ", ".join(
-            [*said, effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm"]
+            [
+                *sampling,
+                effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm",
+            ]
         )
 
     @property
@@ -70,11 +82,15 @@ class Way:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """Its values that are not the ordinary ones."""
-        return {key: value for key, value in asdict(self).items() if value != getattr(Way, key)}
+        """Values that are not the defaults."""
+        return {
+            key: value
+            for key, value in asdict(self).items()
+            if value != getattr(SimulationVariant, key)
+        }
 
     def simulate(self, target: Body) -> RadarCapture:
-        """The echoes of one frame."""
+        """Simulate the echoes of one frame."""
         scene = EchoScene(
             qar50(),
             TONES_HZ,
@@ -87,7 +103,7 @@ class Way:
         return simulate_scene(scene, self.choices(scene)).capture
 
     def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
-        """The rows of the effects."""
+        """Rows of the effects."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
         left = [
@@ -100,15 +116,15 @@ class Way:
         )
 
 
-def measure_simulation(inputs: Inputs) -> Measured:
-    """Simulate the scenes every way, in turns; the reference, the finest of all samplings with all
-    effects, once."""
+def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
+    """Simulate the scenes by every variant, in turns; the reference, with the finest sampling and
+    all effects, once."""
     knobs = inputs.sweep.simulation
     bodies = [
         body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)
     ]
-    listed = {way.name: way for way in ways(knobs)}
-    finest = Way(
+    listed = {way.name: way for way in variants(knobs)}
+    finest = SimulationVariant(
         max(knobs.facets_per_wavelength), max(knobs.mirrors_per_wavelength), min(knobs.nodes_apart)
     )
     compile_kernels()
@@ -116,10 +132,10 @@ def measure_simulation(inputs: Inputs) -> Measured:
         depths_m(finest.simulate(target)) for target in track(bodies, "simulation, the finest")
     ]
 
-    def simulated(way: Way) -> Iterator[dict[str, float]]:
+    def simulated(way: SimulationVariant) -> Iterator[dict[str, float]]:
         for target, reference_m in zip(bodies, finest_m, strict=True):
             capture, seconds = timed(lambda target=target: way.simulate(target))
-            error_mm, both = compared(depths_m(capture), reference_m)
+            error_mm, both = map_difference(depths_m(capture), reference_m)
             yield {"seconds": seconds, "error": error_mm, "seen_percent": 100 * both}
 
     found = in_rounds(listed, inputs.sweep.repeats, simulated, "simulation")
@@ -132,11 +148,11 @@ def measure_simulation(inputs: Inputs) -> Measured:
         lines.append(
             line(about, name, way.words, way.knobs, seconds=rounds.seconds.to_list(), **figures)
         )
-    return Measured(about, lines)
+    return MeasuredSection(about, lines)
 
 
-def ways(knobs: SimulationKnobs) -> list[Way]:
-    """Each once."""
+def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
+    """All variants of the knobs, without duplicates."""
     facets, mirrors, nodes = (
         knobs.facets_per_wavelength,
         knobs.mirrors_per_wavelength,
@@ -144,25 +160,27 @@ def ways(knobs: SimulationKnobs) -> list[Way]:
     )
     first = facets[0], mirrors[0], nodes[0]
     listed = [
-        Way(n, min(n, mirrors[0]), nodes[0], names) for n, names in product(facets, knobs.without)
+        SimulationVariant(n, min(n, mirrors[0]), nodes[0], names)
+        for n, names in product(facets, knobs.without)
     ]
     usual = knobs.without[0] if knobs.without else ()
-    listed += [Way(first[0], n, first[2], usual) for n in mirrors] + [
-        Way(*first[:2], n, usual) for n in nodes
+    listed += [SimulationVariant(first[0], n, first[2], usual) for n in mirrors] + [
+        SimulationVariant(*first[:2], n, usual) for n in nodes
     ]
-    listed += [Way(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
+    listed += [SimulationVariant(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
     return list(dict.fromkeys(listed))
 
 
 def depths_m(capture: RadarCapture) -> np.ndarray:
-    """Depths of the 3-FSK map where the cylinders' ends do not count."""
+    """Depths of the 3-FSK map in the middle of the cylinders, away from their ends."""
     chosen = method(METHOD)
     depth = chosen.run(capture, chosen.configure({}, "simulation"), 0).depth
     return depth.z_m[np.abs(depth.y_m) < NEAR_M]
 
 
-def compared(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
-    """Mean |Δz| in mm of the pixels that both maps have, and these over those that either has."""
+def map_difference(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
+    """Mean |Δz| in mm over the pixels that both maps have, and the number of these divided by the
+    number of pixels that either map has."""
     here, there = np.isfinite(ours_m), np.isfinite(reference_m)
     both, either = here & there, here | there
     off_mm = 1e3 * np.abs(ours_m - reference_m)[both]
@@ -177,9 +195,9 @@ VOLUME_M = np.array(
 
 
 @dataclass(frozen=True)
-class Registered:
-    """The measurement of a rig's capture of the target
-    (`calibration.registration.register.measure`), and in how many seconds."""
+class TargetMeasurement:
+    """The measurement of a target in one capture (`calibration.registration.register.measure`),
+    with its seconds."""
 
     placed: Placement
     pairs: Pairs
@@ -187,20 +205,20 @@ class Registered:
     seconds: float
 
 
-def measure_registration(inputs: Inputs) -> Measured:
-    """Capture the target `max(captures)` times before each of `trials` rigs, and combine as many as
-    each setting says; every capture takes part in one combination of each number at most."""
+def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
+    """Capture the target `max(captures)` times with each of `trials` rigs, and combine as many
+    captures as each setting has. For each number, a capture is part of at most one combination."""
     knobs = inputs.sweep.registration
     compile_kernels()
     failures: list[Failure] = []
-    rigs: dict[int, list[Registered]] = {}
+    rigs: dict[int, list[TargetMeasurement]] = {}
     with tempfile.TemporaryDirectory(dir=inputs.work, prefix=".registration-") as folder:
         for trial in track(range(knobs.trials), "registration", knobs.trials):
             number = MOST_RIGS * (MOST_RIGS * inputs.bench.seed + trial)
             rigs[number] = []
             for placed in placements(number, max(knobs.captures), Path(folder)):
-                with failing(failures, f"placement {placed.number}", "registration"):
-                    rigs[number].append(registered(placed))
+                with recorded_failure(failures, f"placement {placed.number}", "registration"):
+                    rigs[number].append(measure_placement(placed))
     sensor = placed.scene.file.sensor
 
     def combined(count: int) -> Iterator[dict[str, float]]:
@@ -208,8 +226,10 @@ def measure_registration(inputs: Inputs) -> Measured:
             for i in range(0, len(measured) - count + 1, count):
                 group = measured[i : i + count]
                 square_m2, seconds = np.nan, sum(one.seconds for one in group)
-                with failing(failures, f"placement {group[0].placed.number}", "registration"):
-                    found, own_s = timed(lambda group=group: combination(group))
+                with recorded_failure(
+                    failures, f"placement {group[0].placed.number}", "registration"
+                ):
+                    found, own_s = timed(lambda group=group: combine_captures(group))
                     square_m2 = float(
                         (errors_m(found, group[0].placed.scene.radar_from_photo) ** 2).mean()
                     )
@@ -234,19 +254,19 @@ def measure_registration(inputs: Inputs) -> Measured:
         taken_s = count * len(sensor.frequencies_hz) * sensor.step_time_s
         given = {"captures": count}, error_mm, rms_interval_mm(of_rigs_m2), made.seconds.to_list()
         lines.append(line(about, name, title, *given, acquisition_s=taken_s))
-    return Measured(about, lines)
+    return MeasuredSection(about, lines)
 
 
-def registered(placed: Placement) -> Registered:
-    """Simulate a placement's echoes and the cloud of its photographs, and measure the target in
-    both."""
-    cloud, heard = seen_cloud(placed), echoes(placed.scene).capture
-    (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, heard, placed.described))
-    return Registered(placed, pairs, common_m2, seconds)
+def measure_placement(placed: Placement) -> TargetMeasurement:
+    """Simulate the echoes and the photographs' point cloud of a placement, and measure the target
+    in both."""
+    cloud, capture = optical_cloud(placed), echoes(placed.scene).capture
+    (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, capture, placed.described))
+    return TargetMeasurement(placed, pairs, common_m2, seconds)
 
 
-def combination(group: Sequence[Registered]) -> Transform:
-    """Several captures of one rig as one transform."""
+def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
+    """Combine several captures of one rig into one transform."""
     common_m2 = np.mean([one.common_m2 for one in group], axis=0)
     sigma_m = group[0].placed.described.ball_offset_sigma_m
     return register.combine(
@@ -255,13 +275,13 @@ def combination(group: Sequence[Registered]) -> Transform:
 
 
 def errors_m(found: Transform, true: Transform) -> np.ndarray:
-    """Distances [n] between the places to which both transforms carry the points of VOLUME_M, where
-    hands are."""
+    """Distances [n] between the images of the points of VOLUME_M, where hands are, under both
+    transforms."""
     return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
 
 
 def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
-    """95 % interval of a root mean square from the mean squares [n] of independent rigs, m²; None
+    """95 % interval of a root mean square from the mean squares [n], m², of independent rigs; None
     for too few."""
     found = mean_interval(1e6 * square_m2)
     return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)

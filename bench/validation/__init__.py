@@ -1,1 +1,1 @@
-"""Problems of inputs, found before hours are spent."""
+"""Checks of inputs, which find problems before hours of computation."""

@@ -16,15 +16,22 @@ from handbench.bench.run.benchmark_file import (
     MethodEntry,
     Origin,
     Source,
-    checked,
+    checked_entry,
 )
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import (
-    CaptureFacts,
+    CheckedCapture,
     capture_problems,
     method_problems,
 )
-from handbench.bench.validation.problems import Found, Location, Problem, Sheet, attempt, parsed
+from handbench.bench.validation.problems import (
+    Found,
+    Location,
+    ParsedFile,
+    Problem,
+    attempt,
+    parse_model,
+)
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import load_positions
@@ -38,11 +45,11 @@ Table = TypeVar("Table", bound=Config)
 SHOWN = 5  # names in a list, at most
 
 
-def scene_problems(path: Path) -> Found[CaptureFacts]:
+def scene_problems(path: Path) -> Found[CheckedCapture]:
     """Problems of a scene file and of the files that it names."""
-    found, scene = yield from parsed(SceneFile, path, "a scene description")
+    found, scene = yield from parse_model(SceneFile, path, "a scene description")
     if scene is None:
-        return CaptureFacts()
+        return CheckedCapture()
     readers: dict[str, Callable[[Path], Any]] = {"file": load_target, "path": read_triangles}
     for key, read in readers.items():
         name = getattr(scene.target, key, None)
@@ -59,12 +66,12 @@ def scene_problems(path: Path) -> Found[CaptureFacts]:
         )
         for file in () if array is None else (array / "tx_m.csv", array / "rx_m.csv"):
             yield from found.attempt(at, partial(load_positions, file))
-    return CaptureFacts(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
+    return CheckedCapture(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
 
 
-def benchmark_problems(found: Sheet) -> Iterator[Problem]:
-    """A benchmark's own keys; every method with its configuration; every capture and scene, and
-    whether the methods can image it and something can score it."""
+def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
+    """Check a benchmark's keys; every method with its configuration; every capture and scene,
+    whether the methods can image it, and whether it can be scored."""
     yield from found.complaints(BenchFile, found.values)
     methods = yield from _methods(found)
     calibrated = "calibration" in found.values
@@ -105,9 +112,9 @@ def benchmark_problems(found: Sheet) -> Iterator[Problem]:
     yield from _maps(found, scored, methods)
 
 
-def _tables(found: Sheet, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
-    """The tables of a key, each with its place, also where there is but one. What is wrong by
-    itself is left out: the complaints about the file as a whole name it."""
+def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
+    """The tables of a key, each with its place; a single table counts as a list. Malformed tables
+    are left out, because the complaints about the entire file name them."""
     given = found.values.get(key, [])
     tables = {
         (key, index): table
@@ -130,12 +137,12 @@ def _tables(found: Sheet, key: str, model: type[Table]) -> Iterator[tuple[Locati
                     )
 
 
-def _methods(found: Sheet) -> Found[list[MethodEntry]]:
-    """The entries of handbench's own methods, of those that are well formed."""
+def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
+    """The well-formed entries of handbench's own methods."""
     own = []
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
-            yield from found.attempt(at, partial(checked, entry, found.file))
+            yield from found.attempt(at, partial(checked_entry, entry, found.file))
         elif (
             yield from method_problems(found, entry.id, entry.config, (*at, "id"), (*at, "config"))
         ) is not None:
@@ -144,15 +151,15 @@ def _methods(found: Sheet) -> Found[list[MethodEntry]]:
 
 
 def _source(
-    found: Sheet, at: Location, source: Origin, scored: bool = True
-) -> Found[CaptureFacts | None]:
-    """The scene or the capture that a benchmark names."""
+    found: ParsedFile, at: Location, source: Origin, scored: bool = True
+) -> Found[CheckedCapture | None]:
+    """Check the scene or the capture that a benchmark names."""
     key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
     path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
     if path is None:
         return None
     if not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
-        yield found.problem((*at, key), f"{name} is missing beside the benchmark; check the path")
+        yield found.problem((*at, key), f"{name} is missing next to the benchmark; check the path")
         return None
     if key == "path":
         return (yield from capture_problems(path, scored))
@@ -164,9 +171,13 @@ def _source(
 
 
 def _imaged(
-    found: Sheet, at: Location, source: Source, facts: CaptureFacts, methods: Sequence[MethodEntry]
+    found: ParsedFile,
+    at: Location,
+    source: Source,
+    facts: CheckedCapture,
+    methods: Sequence[MethodEntry],
 ) -> Iterator[Problem]:
-    """Problems of captures that lack the tones or the frames that a method takes."""
+    """Problems of captures that lack the tones or the frames that a method needs."""
     name = facts.about.name if facts.about else ""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if facts.frames is None else facts.frames
@@ -188,15 +199,15 @@ def _imaged(
 
 
 def _maps(
-    found: Sheet, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
+    found: ParsedFile, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
 ) -> Iterator[Problem]:
-    """Captures of which a folder of depth maps has none, and depth maps that a run would refuse."""
+    """Captures without a depth map in a folder of maps, and depth maps that a run would refuse."""
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.maps is None:
             continue
         try:
             folder = inside(found.file.parent, entry.maps, "maps")
-        except HandbenchError:  # told where the entry is checked
+        except HandbenchError:  # reported where the entry is checked
             continue
         if not folder.is_dir():
             continue

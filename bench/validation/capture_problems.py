@@ -32,11 +32,11 @@ from handbench.bench.validation.checks import (
 from handbench.bench.validation.problems import (
     Found,
     Location,
+    ParsedFile,
     Problem,
-    Sheet,
     attempt,
     findings,
-    parsed,
+    parse_model,
     warnings_at,
 )
 from handbench.calibration.array.array_file import with_calibration
@@ -63,10 +63,10 @@ LOOKED_AT, FEWEST_SEEN = (
 
 
 @dataclass(frozen=True)
-class CaptureFacts:
-    """Facts of a capture that a benchmark must know: its description (None: not readable),
-    frequencies [f], number of frames (None: as many as asked for), whether it can be scored,
-    without and with a transform from elsewhere, and what it lacks to calibrate with."""
+class CheckedCapture:
+    """Facts of a capture for the checks of its benchmark: its description (None: unreadable),
+    frequencies [f], number of frames (None: any), whether it can be scored, with and without a
+    transform from elsewhere, and what it lacks for a calibration."""
 
     about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
@@ -75,14 +75,14 @@ class CaptureFacts:
     lacks: tuple[str, ...] = ()
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
-        """The reason why a method, configured as its sensor and `asked` want it, cannot image the
-        capture's tones."""
+        """The reason why a method, configured by the capture's description and by `asked`, cannot
+        image the capture's tones; None if it can."""
         if self.about is None or self.frequencies_hz is None:
             return None
         try:
             config = configured(self.about, id, asked)
         except HandbenchError:
-            return None  # a problem of its own
+            return None  # a separate problem
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
             require_tones(
@@ -99,15 +99,15 @@ def is_native(folder: Path) -> bool:
 
 
 def is_of_photographs(folder: Path) -> bool:
-    """True if pictures lie in the folder itself, and no capture does."""
+    """True if the folder itself has pictures and is not a capture."""
     return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(
         folder
     )
 
 
-def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureFacts]:
-    """All problems of a capture, of any form; what is missing is one only where something needs it.
-    scored: whether a reference is needed; None: its absence is a warning."""
+def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
+    """All problems of a capture of any form. A missing file is a problem only if something needs
+    it. scored: whether a reference is needed; None: a missing one is a warning."""
     native = is_native(folder)
     capture = (
         NativeCapture(folder)
@@ -115,7 +115,7 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
         else (yield from attempt(folder, lambda: open_capture(folder)))
     )
     if capture is None:
-        return CaptureFacts()
+        return CheckedCapture()
     about = yield from (_described(folder) if native else attempt(folder, lambda: capture.about))
     echoes = yield from _echoes(folder / ECHOES if native else folder, capture)
     mesh = yield from attempt(folder, capture.mesh)
@@ -143,44 +143,46 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CaptureF
         (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
     )
     carried = transform is not None or file != folder
-    return CaptureFacts(
+    return CheckedCapture(
         about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks
     )
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
-    """A capture.toml, and the problems of the files, the lengths and the methods that it names."""
-    sheet, about = yield from parsed(CaptureFile, folder / DESCRIPTION, "a capture description")
-    if not isinstance(sheet.values, dict):
+    """A capture.toml, and the problems of the files, lengths and methods that it names."""
+    parsed, about = yield from parse_model(
+        CaptureFile, folder / DESCRIPTION, "a capture description"
+    )
+    if not isinstance(parsed.values, dict):
         return None
-    contains = sheet.values.get("contains")
+    contains = parsed.values.get("contains")
     for index, name in enumerate(contains if isinstance(contains, list) else ()):
         at = ("contains", index)
         if not isinstance(name, str):
             continue
-        path = yield from sheet.attempt(at, partial(inside, folder, name, "contains"))
+        path = yield from parsed.attempt(at, partial(inside, folder, name, "contains"))
         if path is not None and not path.exists():
-            yield sheet.problem(at, f"{name} is missing, but is said to be there; copy it again")
+            yield parsed.problem(at, f"{name} is listed, but missing; copy it again")
     if about is not None and about.distance_m is not None:
-        place, far_m = sheet.at(("distance_m",)), abs(about.distance_m)
+        place, far_m = parsed.at(("distance_m",)), abs(about.distance_m)
         yield from findings(place, "length", name="distance_m is", far_m=far_m, most_m=FAR_M)
     if about is not None and about.box_m is not None:
-        place, far_m = sheet.at(("box_m",)), max(map(abs, about.box_m))
+        place, far_m = parsed.at(("box_m",)), max(map(abs, about.box_m))
         yield from findings(place, "box", box_m=list(about.box_m))
         yield from findings(place, "length", name="box_m reaches", far_m=far_m, most_m=FAR_M)
-    methods = sheet.values.get("methods")
+    methods = parsed.values.get("methods")
     for id, values in methods.items() if isinstance(methods, dict) else ():
-        yield from method_problems(sheet, id, values, ("methods", id), ("methods", id))
+        yield from method_problems(parsed, id, values, ("methods", id), ("methods", id))
     return about
 
 
 def method_problems(
-    sheet: Sheet, id: str, values: Any, at_id: Location, at_values: Location
+    parsed: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
-    """An id that no method has, and what is wrong with its configuration."""
-    chosen = yield from sheet.attempt(at_id, lambda: method(id))
+    """Problems of a method's id and of its configuration."""
+    chosen = yield from parsed.attempt(at_id, lambda: method(id))
     return (
-        None if chosen is None else (yield from sheet.complaints(chosen.config, values, at_values))
+        None if chosen is None else (yield from parsed.complaints(chosen.config, values, at_values))
     )
 
 
@@ -204,7 +206,7 @@ def surface_problems(file: Path) -> Found[Surface | None]:
 
 
 def _target(file: Path) -> Iterator[Problem]:
-    found, target = yield from parsed(Target, file, "a calibration target description")
+    found, target = yield from parse_model(Target, file, "a calibration target description")
     for index, element in enumerate(target.element if target is not None else ()):
         for key, most_m in (("centre_m", FAR_M), ("sphere_radius_m", 1.0), ("ball_radius_m", 1.0)):
             far_m = float(np.abs(getattr(element, key)).max())
@@ -213,16 +215,16 @@ def _target(file: Path) -> Iterator[Problem]:
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
-    """All problems of a folder of photographs, its cameras.json and its board.toml; scaled: one of
+    """All problems of a folder of photographs, its cameras.json and its board.toml. scaled: one of
     these must give the scale."""
     photos = yield from attempt(folder, lambda: find_photos(folder))
     described, cameras = folder / "board.toml", folder / "cameras.json"
     board, known = None, None
     if described.exists():
-        _, board = yield from parsed(Board, described, "an ArUco board description")
+        _, board = yield from parse_model(Board, described, "an ArUco board description")
     posed = 0
     if cameras.exists():
-        _, read = yield from parsed(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
+        _, read = yield from parse_model(CameraFile, cameras, 'a cameras file {"cameras": [...]}')
         posed = (
             sum(camera.R is not None and camera.t is not None for camera in read.cameras)
             if read
@@ -239,9 +241,9 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> list[str]:
-    """A warning about the board's unit: its corners lie out of reach, or the first photograph that
-    shows it, with a camera's focal length or the photograph's own, was taken from further or nearer
-    than cameras stand about a hand."""
+    """A warning about the board's unit: its corners are out of reach, or the first photograph that
+    shows it was taken from an implausible distance, by a camera's focal length or the photograph's
+    own. A warning about its pattern where the photographs show another."""
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px, pattern_in
 
     corners_m = {

@@ -1,10 +1,10 @@
-"""Every check of a thing that can be read, in one list: its subject, its name, when it applies, its
+"""A list of all checks: the kind of thing that each applies to, its name, its condition, and its
 advice.
 
-The facts of a thing (an array, a depth map, a photograph of a board, …) are a dictionary of plain
-values; a check's `found` and its advice, a format string, take them by name. Files that cannot be
-read need no check: their readers say why. doubts.py and mistakes.py form the facts that take
-images; benchmark_problems.py checks that captures, methods and depth maps go together.
+The facts about a thing (an array, a depth map, a photograph of a board, …) are a dictionary of
+plain values; a check's `found` and its advice, a format string, take them by name. Unreadable files
+need no check: their readers report why. capture_warnings.py and mistakes.py compute facts that need
+images; benchmark_problems.py checks that captures, methods and depth maps fit together.
 """
 
 from __future__ import annotations
@@ -40,10 +40,7 @@ CROWDED_PERCENT, WIDE_M = (
 )  # of an image that nothing near a hand fills, if it is that wide and high
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
-NEAREST_M, FARTHEST_M = (
-    0.05,
-    2.0,
-)  # that photographs of a hand are taken from, from the board beside it
+NEAREST_M, FARTHEST_M = (0.05, 2.0)  # of cameras that photograph a hand, from the board next to it
 SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board"
 # of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
 SHARPER_DB = 3.0
@@ -53,8 +50,8 @@ Facts = Mapping[str, Any]
 
 
 class Check(NamedTuple):
-    """A check of one kind of thing: found(facts) is true where the advice applies; fails: a run
-    would fail, too."""
+    """A check of one kind of thing. found: called with the facts, true if the advice applies;
+    fails: a run would fail, too."""
 
     of: str
     name: str
@@ -80,7 +77,7 @@ CHECKS = (
         "array",
         "positions in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "an antenna lies {far_m:g} m from the origin: are its positions millimetres? multiply "
+        "an antenna is {far_m:g} m from the origin: are its positions millimetres? multiply "
         "them by 1e-3",
     ),
     Check(
@@ -110,7 +107,7 @@ CHECKS = (
         "array",
         "plane along z",
         lambda f: f["looks_along"],
-        "the array lies in the plane of {beside} and z, so that it looks along {looks_along}: z "
+        "the array is in the plane of {beside} and z, so that it looks along {looks_along}: z "
         "is to point away from "
         "it; exchange the axes",
     ),
@@ -143,7 +140,7 @@ CHECKS = (
         "mesh",
         "holes",
         lambda f: f["rim_percent"] > OPEN_PERCENT,
-        "{rim_percent:.0f} % of its edges belong to one triangle alone: fill its holes, or merge "
+        "{rim_percent:.0f} % of its edges belong to only one triangle: fill its holes, or merge "
         "equal vertices",
     ),
     Check(
@@ -175,7 +172,7 @@ CHECKS = (
         "depth map",
         "depths in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        f"depths lie further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
+        f"depths are further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
     ),
     Check(
         "depth map",
@@ -188,13 +185,13 @@ CHECKS = (
         "figures",
         "nothing before the surface",
         lambda f: f["mean_mm"] is None,
-        f"no pixel of the map lies before or behind the surface: {CURE}",
+        f"no pixel of the map is in front of or behind the surface: {CURE}",
     ),
     Check(
         "figures",
         "relative accuracy",
         lambda f: f["mean_mm"] is not None and not 0 <= f["accuracy"] <= 100,
-        f"the relative accuracy is {{accuracy:.4g}} %, which lies outside 0 to 100 %: {CURE}",
+        f"the relative accuracy is {{accuracy:.4g}} %, which is outside 0 to 100 %: {CURE}",
     ),
     Check(
         "figures",
@@ -207,7 +204,7 @@ CHECKS = (
     ),
     Check(
         "figures",
-        "mean error beside the distance",
+        "mean error next to the distance",
         lambda f: (
             f["mean_mm"] is not None
             and 0 <= f["accuracy"] < 100 - FAR_PERCENT
@@ -234,7 +231,7 @@ CHECKS = (
         "board",
         "in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "a corner lies {far_m:g} m away; are these millimetres?",
+        "a corner is {far_m:g} m away; are these millimetres?",
     ),
     Check(
         "box",
@@ -290,14 +287,14 @@ CHECKS = (
 
 
 def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
-    """The advice of every check of this kind of thing that finds something in the facts."""
+    """The advice of all checks of this kind whose condition holds for the facts."""
     return (
         check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts)
     )
 
 
 def echo_warnings(capture: RadarCapture) -> Iterator[str]:
-    """Warnings about a capture by itself: its antennas, its tones, its pairs."""
+    """Warnings about a capture's echoes: its antennas, its tones, its pairs."""
     yield from array_warnings(capture)
     yield from pair_warnings(capture)
 
@@ -341,8 +338,7 @@ def surface_warnings(surface: Surface) -> Iterator[str]:
 
 
 def mesh_warnings(surface: Surface) -> Iterator[str]:
-    """Warnings about a surface by itself: inside out, if it is closed; full of holes, if it is
-    not."""
+    """Warnings about a surface: inside out, if it is closed; full of holes, if it is not."""
     edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
     facts = {
@@ -353,7 +349,7 @@ def mesh_warnings(surface: Surface) -> Iterator[str]:
 
 
 def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[str]:
-    """Warnings about radar_from_photo, and about where it carries the mesh."""
+    """Warnings about radar_from_photo, and about the place to which it carries the mesh."""
     facts = {
         "offset_m": float(np.abs(transform.matrix[:3, 3]).max()),
         "scale": transform.scale,
@@ -363,18 +359,18 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 
 def map_warnings(depth: DepthMap) -> Iterator[str]:
-    """Warnings about a depth map by itself."""
+    """Warnings about a depth map without a reference."""
     facts = {
         "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
         "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
         "far_m": float(np.nanmax(np.abs(depth.z_m), initial=0.0)),
-        "flagged_percent": 100 * (flagged(depth) or 0.0),
+        "flagged_percent": 100 * (flagged_share(depth) or 0.0),
     }
     return warnings_of("depth map", facts)
 
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
-    """Warnings about the figures of a map against a surface."""
+    """Warnings about a depth map's figures against a surface."""
     mean_mm, accuracy, z = (
         values["mae_mm"],
         values["relative_accuracy_percent"],
@@ -394,7 +390,8 @@ def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -
 
 
 def result_warnings(result: Result) -> Iterator[str]:
-    """Warnings that a run has recorded, what failed, and figures that no image has."""
+    """Warnings about a result: those that the run recorded, its failures, and figures that are
+    implausible for any image."""
     for capture, texts in result.about.facts.get("doubts", {}).items():
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
@@ -411,9 +408,9 @@ def result_warnings(result: Result) -> Iterator[str]:
         yield from warnings_of("result", facts)
 
 
-def flagged(depth: DepthMap) -> float | None:
-    """Share of the pixels on target whose p_gross is above FLAGGED; None without p_gross, or
-    without pixels."""
+def flagged_share(depth: DepthMap) -> float | None:
+    """Share of the pixels on target with a p_gross above FLAGGED; None without p_gross or without
+    pixels."""
     seen = np.isfinite(depth.z_m)
     return (
         None

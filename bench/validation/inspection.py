@@ -1,4 +1,4 @@
-"""Everything that can be wrong with any file that handbench reads, found before hours are spent."""
+"""Inspection of any file that handbench reads, for all problems at once."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -22,7 +22,7 @@ from handbench.bench.validation.capture_problems import (
     surface_problems,
 )
 from handbench.bench.validation.checks import map_warnings, mesh_warnings, result_warnings
-from handbench.bench.validation.problems import Found, Problem, attempt, sheet, warnings_at
+from handbench.bench.validation.problems import Found, Problem, attempt, parse_lines, warnings_at
 from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import Target
 from handbench.calibration.transforms import load_transform
@@ -36,17 +36,14 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_json
 from handbench.support.progress import track
 
-# A key that tells what a TOML file is, if it is neither benchmark nor scene.
+# A key that identifies a TOML file that is neither benchmark nor scene.
 DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "charuco": Board}
 
 
 def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
-    """Print every problem of every input, FILE:LINE: problem; what to do, and at last how many
-    there are.
-
-    mesh, transform: the surface of a depth map, and what carries it into the radar frame. Raises
-    HandbenchError if there is a problem that is more than a warning.
-    """
+    """Print every problem of every input, FILE:LINE: problem; what to do, and their number at the
+    end. mesh, transform: the surface of a depth map, and what carries it into the radar frame.
+    Raises HandbenchError if there is a problem that is more than a warning."""
     problems = warnings = 0
     for name in inputs:
         found = dict.fromkeys(inspect(name, mesh, transform))
@@ -67,33 +64,35 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
 def inspect(
     name: str, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """Everything that is wrong with an input; where no run would fail, what its captures' images
-    show, as warnings."""
+    """All problems of an input; if no run would fail, also warnings from images of its captures."""
     found = list(problems_of(name, None, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
         return
     texts = {problem.text for problem in found}
     for folder in (yield from _captures(Path(name))):
-        doubts = yield from attempt(folder, partial(_doubts, folder))
+        warnings = yield from attempt(folder, partial(_image_warnings, folder))
         yield from (
-            problem for problem in warnings_at(folder, doubts or ()) if problem.text not in texts
+            problem for problem in warnings_at(folder, warnings or ()) if problem.text not in texts
         )
 
 
-def _doubts(folder: Path) -> list[str]:
-    from handbench.bench.validation.doubts import of_capture  # which images
+def _image_warnings(folder: Path) -> list[str]:
+    from handbench.bench.validation.capture_warnings import warnings_of_capture  # which images
 
-    return list(of_capture(open_capture(folder)))
+    return list(warnings_of_capture(open_capture(folder)))
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
-    """The capture folders of an input: a folder of them, or a benchmark's, which is loaded as a run
+    """The capture folders of an input: a folder of them, or those of a benchmark, loaded as a run
     does."""
     if path.is_dir():
         return () if is_of_photographs(path) or _is_result(path) else captures(path)
     file = find_benchmark(str(path))
-    if file.suffix != ".toml" or "method" not in (yield from sheet(file, "a benchmark")).values:
+    if (
+        file.suffix != ".toml"
+        or "method" not in (yield from parse_lines(file, "a benchmark")).values
+    ):
         return ()
     loaded = yield from attempt(file, lambda: load_benchmark(str(path)))
     if loaded is None:
@@ -158,7 +157,7 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
-    """A depth map by itself, and against a surface."""
+    """Check a depth map, also against a surface if one is given."""
     depth = yield from attempt(path, partial(load_depthmap, path))
     if depth is None:
         return
@@ -176,13 +175,13 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
     surface = None if mesh is None else (yield from attempt(mesh, partial(read_surface, mesh)))
     carried = yield from attempt(transform or path, partial(load_any_transform, transform))
     if surface is not None and carried is not None:
-        from handbench.bench.validation.mistakes import misplaced
+        from handbench.bench.validation.mistakes import misplacement_warnings
 
-        yield from warnings_at(path, misplaced(depth, surface.moved(carried)))
+        yield from warnings_at(path, misplacement_warnings(depth, surface.moved(carried)))
 
 
 def _read_json(path: Path) -> Any:
-    """Cameras, an array's calibration, or a transform."""
+    """Read cameras, an array's calibration, or a transform."""
     content = read_json(path, "cameras, an array's calibration or a transform")
     keys = content.keys() if isinstance(content, dict) else set()
     if "cameras" in keys:
@@ -193,8 +192,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _description(path: Path) -> Iterator[Problem]:
-    """A scene, a target, a board or a benchmark."""
-    found = yield from sheet(path, "a benchmark or a scene")
+    """Check a scene, a target, a board or a benchmark."""
+    found = yield from parse_lines(path, "a benchmark or a scene")
     if found.values is None:
         return
     kind = next((kind for key, kind in DESCRIPTIONS.items() if key in found.values), None)

@@ -1,14 +1,13 @@
-"""Mistakes that images show: conjugated echoes, and frames and lengths that a surface tells.
+"""Mistakes that images show: conjugated echoes, and, with a surface, wrong frames and lengths.
 
-Of the coarse images of the echoes as they are and conjugated the sharper one wins, by Σ|I|⁴ /
-(Σ|I|²)² (Muller & Buffington, J. Opt. Soc. Am. 64 (1974) 1200). Sharpness does not tell a mirrored
-array, exchanged axes or antennas, or a wrong length; tones in reverse order it tells only where
-nothing beyond the image echoes.
+Coarse images are made of the echoes as they are and conjugated; the sharper one wins, by Σ|I|⁴ /
+(Σ|I|²)² (Muller & Buffington, J. Opt. Soc. Am. 64 (1974) 1200). Sharpness does not show a mirrored
+array, exchanged axes or antennas, or a wrong length; it shows tones in reverse order only if
+nothing echoes from outside the image.
 
-A surface tells these: it is moved as it would have to be if it were mirrored, exchanged or in
-another unit, and the pixels of a depth map that come to lie on it are counted. What is a mistake of
-the surface may as well be one of the antennas' positions: only one of both can be seen from where
-they differ.
+A surface shows these: it is mirrored, its axes are exchanged, or its unit is changed, and the
+pixels of a depth map that are then on it are counted. The mistake may be in the surface or in the
+antennas' positions; their difference does not show in which.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +28,7 @@ ANTENNAS, POSITIONS, TONES = (
     400,
     32,
 )  # at most, of a kind and of a scan: more do not change which is sharpest
-# an array deeper than this share of its width may stand around its target, where none is looked for
+# an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
 WIDE, NEAR, FAR = (
     0.85,
@@ -37,7 +36,7 @@ WIDE, NEAR, FAR = (
     8.0,
 )  # the box imaged, in apertures: to either side, and along z from and to
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
-NEAR_M = 3e-3  # a pixel that close lies on the surface
+NEAR_M = 3e-3  # a pixel that close is on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most
 CERTAIN, GAINED = (
     0.3,
@@ -49,9 +48,9 @@ ROUGH_MM, FALLEN = (
 )  # median error of what may be improved, and how many times smaller it then is
 
 
-def conjugated(capture: RadarCapture) -> list[str]:
-    """The sentence that a capture's echoes are conjugated, with its cure, if its first frame
-    focuses better so; none of arrays that may stand around what they see."""
+def conjugation_warnings(capture: RadarCapture) -> list[str]:
+    """A warning that a capture's echoes are conjugated, with the remedy, if its first frame then
+    focuses better; none for arrays that may surround the target."""
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
     if not capture.samples[0].any() or deep_m > SHALLOW * max(across_m):
         return []
@@ -65,9 +64,9 @@ def sharpness_db(capture: RadarCapture) -> float:
     """Sharpness of a coarse image of the first frame."""
     from handbench.radar.imaging.api import (
         image_volume,
-    )  # compiled, which a map beside a surface does without
+    )  # compiled, which comparing a map with a surface does not need
 
-    few = _few(capture)
+    few = _reduced(capture)
     volume = image_volume(
         few.samples[0], few.frequencies_hz, few.aperture, _box(few), None
     )  # a plan takes longer
@@ -75,15 +74,15 @@ def sharpness_db(capture: RadarCapture) -> float:
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 
 
-def _few(capture: RadarCapture) -> RadarCapture:
-    """The first frame as in vacuum, with few tones, in rising order, and few antennas, all of which
-    were measured."""
+def _reduced(capture: RadarCapture) -> RadarCapture:
+    """The first frame as in vacuum, with a few tones in rising order and a few antennas whose pairs
+    were all measured."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
     tones, array = order[evenly(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
     if isinstance(array, AntennaArray):
-        heard = np.ones(array.channels, bool) if array.measured is None else array.measured
-        t, r = (np.flatnonzero(heard.any(axis=axis)) for axis in (1, 0))
+        measured = np.ones(array.channels, bool) if array.measured is None else array.measured
+        t, r = (np.flatnonzero(measured.any(axis=axis)) for axis in (1, 0))
         t, r = t[evenly(len(t), ANTENNAS)], r[evenly(len(r), ANTENNAS)]
         samples, places = (
             samples[:, :, t[:, None], r],
@@ -105,7 +104,7 @@ def _few(capture: RadarCapture) -> RadarCapture:
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:
-    """Coarse voxels before the aperture, which the echoes of anything near are in."""
+    """Coarse voxels in front of the aperture that contain the echoes of anything near."""
     places = places_m(capture)
     middle_m, size_m = (
         (places.min(axis=0) + places.max(axis=0)) / 2,
@@ -121,25 +120,26 @@ def _box(capture: RadarCapture) -> VoxelGrid:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A depth map on a surface: the share of its strongest pixels that lie within NEAR_M of it, and
-    the median of |Δz| of those that have any surface before them."""
+class SurfaceFit:
+    """The fit of a depth map to a surface: the share of its strongest pixels within NEAR_M of it,
+    and the median of |Δz| over those whose ray meets the surface."""
 
     share: float
     median_mm: float
 
     @property
     def covers(self) -> bool:
-        """True if most pixels lie on the surface: no other could have many times as many."""
+        """True if most pixels are on the surface, so that no other fit could have many times as
+        many."""
         return GAINED * self.share >= 1
 
     @property
     def improvable(self) -> bool:
-        """False if nothing undone could explain it much better."""
+        """False if no correction could fit much better."""
         return not self.covers or self.median_mm > ROUGH_MM
 
-    def explains(self, as_is: "Fit") -> bool:
-        """True if this, with a mistake undone, is so much better that the mistake is likely."""
+    def explains(self, as_is: "SurfaceFit") -> bool:
+        """True if this fit, after a correction, is so much better that the mistake is likely."""
         nearer = self.share > as_is.share and FALLEN * self.median_mm < as_is.median_mm > ROUGH_MM
         return self.share >= CERTAIN and (nearer or self.share >= GAINED * as_is.share)
 
@@ -164,16 +164,16 @@ UNDONE = {
 }
 
 
-def misplaced(depth: DepthMap, surface: Surface) -> list[str]:
-    """The mistake, if any, without which a depth map lies much better on a surface (radar frame),
-    with both errors."""
+def misplacement_warnings(depth: DepthMap, surface: Surface) -> list[str]:
+    """The mistake, if any, without which a depth map fits a surface (radar frame) much better, with
+    both errors."""
     as_is = fit(depth, surface)
     return best(depth, surface, as_is)[1] if as_is.improvable else []
 
 
-def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str]]:
-    """The share of pixels on the surface without the mistake that explains most, and the sentence
-    about it; share 0 and none where none does."""
+def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, list[str]]:
+    """The largest share of pixels on the surface after a correction, and the sentence about that
+    mistake; share 0 and no sentence if no correction helps."""
     fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, found = max(fits.items(), key=lambda each: each[1].share)
     if not found.explains(as_is):
@@ -182,31 +182,31 @@ def best(depth: DepthMap, surface: Surface, as_is: Fit) -> tuple[float, list[str
     text = (
         f"the surface, or the antennas' positions, may be {name}: undone, the median error falls "
         f"{before}"
-        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels lie on "
+        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels are on "
         "the surface, not "
         f"{100 * as_is.share:.0f} %"
     )
     return found.share, [text]
 
 
-def fit(depth: DepthMap, surface: Surface) -> Fit:
+def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
     """The fit of a depth map to a surface."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:
         z_m = depth_on_grid(surface.mesh, depth.x_m, depth.y_m).ravel()[strongest]
     except HandbenchError:  # larger than anything before a radar
-        return Fit(0.0, np.inf)
+        return SurfaceFit(0.0, np.inf)
     off_m = np.abs(depth.z_m.ravel()[strongest] - z_m)
     met = off_m[np.isfinite(off_m)]
-    return Fit(
+    return SurfaceFit(
         float((met < NEAR_M).sum() / max(len(off_m), 1)),
         float(1e3 * np.median(met)) if len(met) else np.inf,
     )
 
 
 def moved(surface: Surface, matrix: np.ndarray) -> Surface:
-    """The surface where a matrix [3 or 4, 3 or 4] brings it, its normals outside."""
+    """The surface transformed by a matrix [3 or 4, 3 or 4], with outward normals."""
     vertices_m = surface.vertices_m @ matrix[:3, :3].T
     faces = surface.faces if np.linalg.det(matrix) > 0 else surface.faces[:, ::-1]
     return Surface(vertices_m, faces, surface.sigma_m, surface.observed)

@@ -1,6 +1,6 @@
-"""Problems of files, each with its line: what `checks.CHECKS` finds, and all that a strict
-configuration complains of, not the first alone; and the line numbers of the keys of TOML and JSON,
-which their parsers do not tell."""
+"""Problems of files, each with its line: findings of `checks.CHECKS`, and all complaints of a
+strict configuration, not only the first; and line numbers of the keys of TOML and JSON, which their
+parsers do not report."""
 
 import re
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -26,9 +26,8 @@ TOKEN = re.compile(
 
 
 def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
-    """The line, counted from 1, of every key and of every item of a list, by its place as
-    ("method", 1, "config"). `text` is known to be good TOML (else JSON); nothing is said of what is
-    not understood."""
+    """The line, counted from 1, of every key and list item, by its place, as ("method", 1,
+    "config"). `text` is valid TOML (else JSON); constructs that are not understood are left out."""
     try:
         return _Scanner(text).toml() if toml else _Scanner(text).json()
     except (IndexError, RecursionError):
@@ -36,7 +35,7 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
 
 
 def line_of(lines: dict[Location, int], location: Location) -> int | None:
-    """The line of a place, or of the nearest one around it that has one."""
+    """The line of a place, or of the nearest place around it that has one."""
     return next(
         (lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None
     )
@@ -124,7 +123,7 @@ class _Scanner:
         return self.tokens[self.at][0]
 
     def _skip_newlines(self) -> bool:
-        """Go on to the next token that is no line's end; False at the end of the file."""
+        """Skip to the next token that is not a line end; False at the end of the file."""
         while self.at < len(self.tokens) and self._token() == "\n":
             self.at += 1
         return self.at < len(self.tokens)
@@ -142,7 +141,8 @@ Place = Callable[
 
 @dataclass(frozen=True)
 class Problem:
-    """A fault in a file with its remedy; a warning is about what is possible, but hardly meant."""
+    """A fault in a file with its remedy. A warning is about values that are possible but
+    unlikely."""
 
     file: Path
     line: int | None
@@ -155,7 +155,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ParsedFile:
     """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its
     keys."""
 
@@ -164,7 +164,7 @@ class Sheet:
     lines: dict[Location, int]
 
     def at(self, location: Location) -> Place:
-        """The place of a key: a text and whether it is a warning become a problem there."""
+        """Convert findings (a text, and whether it is a warning) to problems at a key."""
         return partial(Problem, self.file, line_of(self.lines, location))
 
     def problem(self, location: Location, text: str) -> Problem:
@@ -172,7 +172,7 @@ class Sheet:
         return self.at(location)(text, False)
 
     def attempt(self, location: Location, read: Callable[[], Read]) -> Found[Read | None]:
-        """The result of read(), or its complaint, at a key."""
+        """The result of read(); its HandbenchError becomes a problem at a key."""
         try:
             return read()
         except HandbenchError as error:
@@ -182,7 +182,7 @@ class Sheet:
     def complaints(
         self, model: type[Model], values: Any, prefix: Location = ()
     ) -> Found[Model | None]:
-        """All complaints about `values`, which stand at `prefix`; returns them as a `model` if
+        """All complaints about `values`, whose place is `prefix`; returns them as a `model` if
         there are none."""
         try:
             return model.model_validate(values)
@@ -195,8 +195,8 @@ class Sheet:
 
 
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """The result of read(), or its complaint about `file`; the line is taken from the message, if
-    it names one."""
+    """The result of read(); its HandbenchError becomes a problem of `file`, with the line from the
+    message, if it has one."""
     try:
         return read()
     except HandbenchError as error:
@@ -207,41 +207,44 @@ def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
 
 
 def warnings_at(file: Path, texts: Iterable[str]) -> Iterator[Problem]:
-    """Warnings about a file as a whole."""
+    """Warnings about a file without a line."""
     return (Problem(file, None, text, warning=True) for text in texts)
 
 
 def findings(
     place: "Path | Place", of: str, needed: bool = True, **facts: Any
 ) -> Iterator[Problem]:
-    """Problems that the checks of a kind of thing find in its facts: at a file, or at a key of a
-    sheet. needed: False where a run does without the thing, so that all of them are warnings."""
+    """Problems that the checks of one kind find in facts, at a file, or at a key of a parsed file.
+    needed: False if a run does without the thing, so that all findings are warnings."""
     problem = partial(Problem, place, None) if isinstance(place, Path) else place
     for check in CHECKS:
         if check.of == of and check.found(facts):
             yield problem(check.advice.format(**facts), not (check.fails and needed))
 
 
-def sheet(file: Path, what: str) -> Found[Sheet]:
-    """A TOML or JSON file, and why it cannot be parsed."""
+def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
+    """Parse a TOML or JSON file with the lines of its keys; a problem if it cannot be parsed."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
-    return Sheet(
+    return ParsedFile(
         file, values, {} if values is None else lines_of(file.read_text(encoding="utf-8"), toml)
     )
 
 
-def parsed(model: type[Model], file: Path, what: str) -> Found[tuple[Sheet, Model | None]]:
-    """A file with all that it should not hold; its content is None where there is such."""
-    found = yield from sheet(file, what)
+def parse_model(
+    model: type[Model], file: Path, what: str
+) -> Found[tuple[ParsedFile, Model | None]]:
+    """Parse a file as a `model`, with all complaints about it; the model is None if there are
+    any."""
+    found = yield from parse_lines(file, what)
     return found, None if found.values is None else (
         yield from found.complaints(model, found.values)
     )
 
 
 def _keys(values: Any, location: tuple[int | str, ...]) -> Location:
-    """The location's keys as the file has them: pydantic adds the tags of unions' members, which
-    are no keys."""
+    """The keys of an error's location as the file has them. Pydantic adds the tags of union
+    members, which are not keys."""
     keys: list[str | int] = []
     for number, part in enumerate(location):
         there = isinstance(values, dict) and part in values

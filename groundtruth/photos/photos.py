@@ -20,7 +20,7 @@ from PIL import Image
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, one_form, require_folder
-from handbench.support.pictures import SUFFIXES, is_deep, opened_picture
+from handbench.support.pictures import SUFFIXES, is_deep, open_picture
 from handbench.support.progress import say, track
 
 IFD = 0x8769
@@ -56,7 +56,7 @@ Exif = dict[int, Any]  # tag → value
 def read_exif(path: Path) -> Exif:
     """Tag → value of a picture file; empty where there are none or they are broken."""
     try:
-        with opened_picture(path) as image:
+        with open_picture(path) as image:
             exif = image.getexif()
             return {**exif, **exif.get_ifd(IFD)}
     except (HandbenchError, TypeError, KeyError, struct.error):
@@ -131,7 +131,7 @@ class Photo:
 
     def colours(self) -> np.ndarray:
         """Colours [height, width, 3], uint8, red first."""
-        with opened_picture(self.path) as image:
+        with open_picture(self.path) as image:
             return _colours(image, self.path)
 
 
@@ -166,7 +166,7 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 def read_gray(path: Path) -> np.ndarray:
     """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or
     CMYK, of 8 or 16 bits a channel; transparency is ignored, as in COLMAP."""
-    with opened_picture(path) as image:
+    with open_picture(path) as image:
         return _gray(image, path)
 
 

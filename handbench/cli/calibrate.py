@@ -1,4 +1,4 @@
-"""`handbench calibrate`: where the photographs' frame lies in the radar's."""
+"""`handbench calibrate`: the transform from the photographs' frame to the radar's."""
 
 import argparse
 

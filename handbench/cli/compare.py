@@ -1,4 +1,4 @@
-"""`handbench compare`: what differs between two results."""
+"""`handbench compare`: the differences between two results."""
 
 import argparse
 
@@ -7,7 +7,7 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Two result folders → their differences, shown; and written where -o asks for it."""
+    """Two result folders → their differences, printed, and written with -o."""
     from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared
     from handbench.reports.tables.comparison import show, write

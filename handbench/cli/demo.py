@@ -17,8 +17,8 @@ TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
 def run(options: argparse.Namespace) -> None:
-    """Simulate, image, score and draw, all in one folder, where an earlier demo of this version
-    goes on."""
+    """Simulate, image, score and draw, all in one folder; continues an earlier demo of this
+    version."""
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
@@ -83,8 +83,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _claim(folder: Path, scene: str) -> None:
-    """Write the scene file into a folder that is new or empty; go on in one where it lies
-    unchanged."""
+    """Write the scene file into a new or empty folder, or continue in a folder with the same scene
+    file."""
     marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
     mark = folder / SCENE
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
@@ -96,8 +96,7 @@ def _claim(folder: Path, scene: str) -> None:
 
 
 def _simulate(scene: Path, capture: Path) -> None:
-    """The scene's capture, if it is not there yet; the kernels are compiled while the hand is
-    shaped."""
+    """Simulate the scene's capture, unless it exists. The kernels are compiled meanwhile."""
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
     from handbench.radar.warmup import compile_kernels

@@ -1,4 +1,4 @@
-"""`handbench doctor`: what this machine has, and what each missing piece costs."""
+"""`handbench doctor`: what this machine has, and the consequence of each missing part."""
 
 import argparse
 import importlib
@@ -12,7 +12,7 @@ WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print one line per finding: what, and 'ok' or the price of not having it."""
+    """Print one line per check: its name, and 'ok' or the consequence of the missing part."""
     for what, verdict in (*_hardware(), *_libraries()):
         print(f"{what:<58} {verdict}")
 

@@ -1,4 +1,4 @@
-"""`handbench evaluate`: how far a depth map is from a mesh."""
+"""`handbench evaluate`: the errors of a depth map against a mesh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Depth map × mesh → metrics on stdout: a table on a terminal, else JSON; doubts come first."""
+    """Depth map × mesh → metrics on stdout (a table on a terminal, else JSON), after any
+    warnings."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.floor import floor_interval
@@ -23,7 +24,7 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.evaluation.scoring_protocols import protocol
     from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.validation.checks import figure_warnings, map_warnings
-    from handbench.bench.validation.mistakes import misplaced
+    from handbench.bench.validation.mistakes import misplacement_warnings
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.depthmap import load_depthmap
     from handbench.radar.data.grid import PixelGrid
@@ -39,20 +40,20 @@ def run(options: argparse.Namespace) -> None:
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
     scores = score(depth, reference, protocol(options.protocol), recorded)
     errors, values = scores.errors, scores.figures
-    doubts = misplaced(depth, surface.moved(transform))  # which tell a cure
-    doubts += [*map_warnings(depth), *figure_warnings(depth, values)]
+    warnings = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
+    warnings += [*map_warnings(depth), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
-    for doubt in doubts:
-        say(f"{options.depth}: {doubt}")
+    for warning in warnings:
+        say(f"{options.depth}: {warning}")
     if options.plot is not None:
         from handbench.reports.figures.depth_maps import methods_figure
         from handbench.reports.figures.style import save
 
         save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
-        print(json.dumps(({"doubts": doubts} if doubts else {}) | values | about, indent=2))
+        print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:
         floor = None
         if values["floor_mm"]:
@@ -61,9 +62,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
-    """The figures as a person reads them. An interval speaks of captures, of which one map is one:
-    it has none but that of the ground-truth floor, where the surface and its registration know
-    their errors."""
+    """The figures as a table. Intervals are over captures, and one map is one capture, so only the
+    ground-truth floor has one, if the surface and its registration have a known uncertainty."""
     from rich.console import Console
     from rich.table import Table
 

@@ -32,8 +32,8 @@ def run(options: argparse.Namespace) -> None:
         free(options.workdir / kept, options.overwrite)
     chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
-    for doubt in board_warnings(photos, load_board(described)) if described.is_file() else ():
-        say(f"{described}: {doubt}")
+    for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
+        say(f"{described}: {warning}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
     core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
     require_time(
@@ -49,7 +49,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
     if options.unit is None:
         raise HandbenchError(
-            f"--unit: is missing; {options.photos} does not tell its own: say m or mm"
+            f"--unit: is missing; {options.photos} does not name its unit: give m or mm"
         )
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
@@ -57,7 +57,7 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """The options' values by the names of the configuration."""
+    """The options' values, by the names of the configuration."""
     from handbench.groundtruth.options import Options
 
     return {

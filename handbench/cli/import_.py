@@ -1,4 +1,4 @@
-"""`handbench import`: foreign data as a capture folder, a foreign hand as a scene."""
+"""`handbench import`: foreign data as a capture folder, or a foreign hand as a scene."""
 
 import argparse
 

@@ -1,5 +1,4 @@
-"""`handbench inspect`: what is wrong, or seems wrong, with any file that handbench reads, and what
-to do."""
+"""`handbench inspect`: problems and warnings of any file that handbench reads, with remedies."""
 
 import argparse
 
@@ -7,8 +6,8 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print problems and warnings; exit code 2 where a run would fail, 0 where it would only be
-    doubtful."""
+    """Print problems and warnings; exit code 2 if a run would fail, 0 if there are only
+    warnings."""
     from handbench.bench.validation.inspection import show
 
     if (options.mesh or options.transform) and [path.suffix for path in options.paths] != [".npz"]:

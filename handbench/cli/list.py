@@ -5,7 +5,7 @@ import argparse
 import json
 from collections.abc import Iterator
 
-from handbench.cli.options import COMMANDS, declared
+from handbench.cli.options import COMMANDS, declared_commands
 from handbench.support.errors import HandbenchError
 
 SECTIONS = {  # as commands.toml names them → title
@@ -20,16 +20,16 @@ SECTIONS = {  # as commands.toml names them → title
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print everything that has a name: of one section, with a text in the name or the line about
-    it, if asked for."""
+    """Print everything that has a name; optionally of one section, and with a text in the name or
+    in its line."""
     wanted = (options.filter or "").casefold()
-    told = False
+    printed = False
     for section in [options.section] if options.section else SECTIONS:
         found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
-        told = told or bool(found)
+        printed = printed or bool(found)
         if found:
             print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
-    if wanted and not told:
+    if wanted and not printed:
         raise HandbenchError(
             f"list: nothing has '{options.filter}' in its name or in the line about it"
         )
@@ -39,11 +39,11 @@ def _entries(section: str) -> Iterator[list[str]]:
     """The lines of each entry."""
     from handbench.bench.datasets.dataset import KNOWN
     from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.run.benchmark_file import embedded
+    from handbench.bench.run.benchmark_file import embedded_benchmarks
     from handbench.bench.scenes.hand_pose import POSES
     from handbench.radar.methods.registry import BROKEN, methods
     from handbench.radar.simulation.known_effects import DECLARED
-    from handbench.support.closure import with_version
+    from handbench.support.code_hash import with_version
 
     known = methods()  # which loads the plug-ins, too
     if section == "methods":
@@ -62,12 +62,15 @@ def _entries(section: str) -> Iterator[list[str]]:
         for name, facts in DECLARED.items():
             yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
     else:
-        imported = ", ".join(declared(COMMANDS)["import"]["options"]["dataset"]["choices"])
+        imported = ", ".join(declared_commands(COMMANDS)["import"]["options"]["dataset"]["choices"])
         lines = {
             "plugins": [f"{name}: {reason}" for name, reason in BROKEN.items()],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
-            "benchmarks": embedded(),
-            "datasets": [f"read where they lie: {KNOWN}", f"by `handbench import`: {imported}"],
+            "benchmarks": embedded_benchmarks(),
+            "datasets": [
+                f"read from their own folders: {KNOWN}",
+                f"by `handbench import`: {imported}",
+            ],
             "poses": [", ".join(POSES)],
         }
         yield from ([line] for line in lines[section])

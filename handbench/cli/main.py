@@ -1,5 +1,6 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line: handbench COMMAND. Nothing heavy is imported before a command is chosen."""
+"""The command line: handbench COMMAND. Heavy libraries are imported only after a command is
+chosen."""
 
 import argparse
 import errno
@@ -12,7 +13,7 @@ from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from importlib.metadata import version
 
-from handbench.cli.options import COMMANDS, add_options, declared
+from handbench.cli.options import COMMANDS, add_options, declared_commands
 from handbench.support.errors import HandbenchError
 
 LIBRARIES_BYTES, THREAD_BYTES = (
@@ -37,8 +38,8 @@ GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; a known error is one line on stderr and exit code 2, an unknown one keeps
-    its traceback."""
+    """Run one command. A known error prints one line on stderr and gives exit code 2, an unknown
+    one keeps its traceback."""
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -96,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _drain() -> None:
-    """Give up what stdout cannot take, so that Python does not try again as it ends."""
+    """Discard output that stdout cannot take, so that Python does not write it again at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -104,7 +105,8 @@ def _drain() -> None:
 
 
 def _require_addresses() -> None:
-    """HandbenchError where `ulimit -v` leaves the libraries and their threads too little."""
+    """Raise a HandbenchError if `ulimit -v` leaves too little for the libraries and their
+    threads."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
@@ -114,7 +116,7 @@ def _require_addresses() -> None:
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """The device that the command images on, if it images."""
+    """The device on which the command images, if it images."""
     if "device" not in options:
         return nullcontext()
     from handbench.radar.imaging.device import use_device
@@ -128,7 +130,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
     top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, entry in declared(COMMANDS).items():
+    for name, entry in declared_commands(COMMANDS).items():
         command = commands.add_parser(name, help=entry["help"], description=entry["help"])
         add_options(command, entry["options"])
         command.set_defaults(module=entry.get("module", name))

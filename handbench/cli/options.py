@@ -1,4 +1,4 @@
-"""Options as commands.toml declares them, and refusals to overwrite."""
+"""Options declared in commands.toml, and refusals to overwrite."""
 
 import argparse
 import tomllib
@@ -13,21 +13,21 @@ COMMANDS = Path(__file__).with_name("commands.toml")
 
 
 def positive(text: str) -> int:
-    """A whole number from 1 on, as an argument's type."""
+    """Argument type: a whole number from 1 on."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
     return int(text)
 
 
 def _ending(ends: Sequence[str], text: str) -> Path:
-    """A path with one of these suffixes, as an argument's type."""
+    """Argument type: a path with one of these suffixes."""
     if Path(text).suffix.lower() not in ends:
         raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
     return Path(text)
 
 
 def method_ids(**_: object) -> list[str]:
-    """The ids with which a shell completes --method."""
+    """The ids that a shell offers for --method."""
     from handbench.radar.methods.registry import methods
 
     return [method.id for method in methods()]
@@ -37,19 +37,19 @@ TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
 
 
 @cache
-def declared(file: Path) -> dict[str, dict[str, Any]]:
+def declared_commands(file: Path) -> dict[str, dict[str, Any]]:
     """Each command's entry in commands.toml."""
     return tomllib.loads(file.read_text("utf-8"))
 
 
 def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add declared options: names, separated by commas, to what argparse takes; type: of TYPES;
-    group: the heading that it stands under; either: of those that share a word, one at most; ends:
-    the suffixes that a path may have."""
+    """Add declared options: names, separated by commas, with argparse's arguments. type: a name in
+    TYPES; group: the heading in the help; either: at most one of the options with the same word;
+    ends: allowed suffixes of a path."""
     groups: dict[str, argparse._ActionsContainer] = {}
-    for names, told in options.items():
+    for names, keywords in options.items():
         facts: dict[str, Any] = {
-            key: TYPES[value] if key == "type" else value for key, value in told.items()
+            key: TYPES[value] if key == "type" else value for key, value in keywords.items()
         }
         if ends := facts.pop("ends", None):
             facts["type"] = partial(_ending, ends)
@@ -66,7 +66,7 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
 
 
 def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
-    """The numbers of an option's text; None without one."""
+    """The numbers in an option's text; None without a text."""
     if text is None:
         return None
     try:
@@ -79,7 +79,7 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
 
 
 def free(path: Path, overwrite: bool) -> None:
-    """Refuse to overwrite unless asked to."""
+    """Refuse to overwrite a file, unless `overwrite`."""
     if path.exists() and not overwrite:
         raise HandbenchError(
             f"{path}: exists already; choose another -o, or --overwrite to replace it"
@@ -87,7 +87,8 @@ def free(path: Path, overwrite: bool) -> None:
 
 
 def free_folder(path: Path, overwrite: bool, mark: str) -> None:
-    """As `free`, and even then replace only a folder that holds `mark`, which handbench writes."""
+    """As `free`, for folders; even with `overwrite`, only a folder that contains `mark`, a file
+    that handbench writes, is replaced."""
     free(path, overwrite)
     if path.exists() and not (path / mark).is_file():
         raise HandbenchError(

@@ -1,4 +1,4 @@
-"""`handbench reconstruct`: one capture imaged by one method."""
+"""`handbench reconstruct`: image one capture by one method."""
 
 import argparse
 import tomllib
@@ -9,8 +9,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
-from handbench.bench.validation.checks import echo_warnings, flagged
-from handbench.bench.validation.doubts import of_image
+from handbench.bench.validation.capture_warnings import warnings_of_image
+from handbench.bench.validation.checks import echo_warnings, flagged_share
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import FLAGGED
@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> None:
         _settings(options, defaults.model_dump(mode="json")), "--set or --tolerance"
     )
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
-    for doubt in echo_warnings(echoes):  # they may say why a tone is missing
-        say(f"{options.capture}: {doubt}")
+    for warning in echo_warnings(echoes):  # they may say why a tone is missing
+        say(f"{options.capture}: {warning}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(
@@ -52,8 +52,8 @@ def run(options: argparse.Namespace) -> None:
     result, task, certificate = _imaged(task, options)
     depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings
     depth.save(options.out)
-    for doubt in of_image(depth, echoes):
-        say(f"{options.out}: {doubt}")
+    for warning in warnings_of_image(depth, echoes):
+        say(f"{options.out}: {warning}")
     if result.volume is not None and (options.volume is not None or options.check):
         volume = result.volume()
         if options.volume is not None:
@@ -68,19 +68,19 @@ def run(options: argparse.Namespace) -> None:
     bound = (
         f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     )
-    share = flagged(depth)
-    doubted = (
+    share = flagged_share(depth)
+    flagged = (
         "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
     )
-    say(f"{options.out}: {on_target} pixels on target{doubted}, imaged on {describe()}{bound}")
+    say(f"{options.out}: {on_target} pixels on target{flagged}, imaged on {describe()}{bound}")
 
 
 def _imaged(
     task: ImagingTask, options: argparse.Namespace
 ) -> tuple[Reconstruction, ImagingTask, Certificate]:
-    """The method's result with the settings that it took, and its images' certificate, which keeps
-    the tolerance where that is relative to the image: by a tolerance ten times finer, or by the
-    exact sum."""
+    """The method's result, its settings, and the certificate of its images. A tolerance relative to
+    the image is kept, if the certificate exceeds it, by imaging again with a tenth of it, or
+    exactly."""
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -107,7 +107,8 @@ def _check(
     most: float,
     options: argparse.Namespace,
 ) -> None:
-    """Say how far the volume is from the exact sum, and refuse one that is further than `most`."""
+    """Print how far the volume is from the exact sum; HandbenchError if it is further than
+    `most`."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(
         volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check

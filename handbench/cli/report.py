@@ -1,4 +1,4 @@
-"""`handbench report`: what there is to read of results."""
+"""`handbench report`: reports of results."""
 
 import argparse
 
@@ -6,9 +6,9 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Result folder → report; several → their methods in one ranking, with the report of each."""
+    """Result folder → report; several → a ranking of their methods, with the report of each."""
     from handbench.bench.results import load
-    from handbench.bench.results.ranking import ranked
+    from handbench.bench.results.ranking import rank_methods
     from handbench.reports.page import html, leaderboard
 
     if (
@@ -27,4 +27,4 @@ def run(options: argparse.Namespace) -> None:
             "--tradeoff: belongs to one result; leave it out, or report that result by itself"
         )
     results = [load(folder) for folder in options.results]
-    print(f"report: {leaderboard.build(results, *ranked(results), options.out)}")
+    print(f"report: {leaderboard.build(results, *rank_methods(results), options.out)}")

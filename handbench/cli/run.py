@@ -4,7 +4,7 @@ import argparse
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run, resume or repeat; ends with the table."""
+    """Run, resume or repeat a benchmark; prints the table at the end."""
     from handbench.bench.run import runner
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.reports.tables.result_tables import show

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from handbench.bench.results import ErrorMap, Surface, load, load_tradeoff
+from handbench.bench.results import ErrorMap, SurfaceMap, load, load_tradeoff
 from handbench.cli.options import free
 from handbench.radar.data.capture import evenly
 from handbench.support.config import parse, read_toml
@@ -47,7 +47,7 @@ TURNS = {
 
 
 def run(options: argparse.Namespace) -> None:
-    """File → picture, drawing or page that turns; the path of a picture or a page on stdout."""
+    """File → picture, drawing or interactive page; prints the path of a picture or a page."""
     path: Path = options.path
     if path.suffix == ".toml" or not path.exists():
         _drawing(options)
@@ -107,7 +107,8 @@ def _drawing(options: argparse.Namespace) -> None:
 
 
 def _described(path: Path) -> tuple[Target | Board, str]:
-    """The target or board to draw, and its title: a file's with the first digits of its SHA-256."""
+    """The target or board to draw, and its title; a file's title has the first digits of its
+    SHA-256."""
     from handbench.bench.scenes.stand import stand_board
     from handbench.calibration.spheres.description import Target, default_target
     from handbench.groundtruth.board.board import Board
@@ -150,8 +151,8 @@ def _folder(path: Path) -> Figure:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an .npz of ours, of a depth map, errors, a reference's depth or a volume, whose
-    shapes fit."""
+    """The arrays of a .npz file of handbench (a depth map, errors, a reference's depth or a
+    volume), with their shapes checked."""
     found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
     shape = found["y_m"].size, found["x_m"].size
     shapes: dict[str, tuple[int, ...]] = {
@@ -188,7 +189,7 @@ def _maps(path: Path) -> Figure:
         )
     volume, z_m = found.get("volume"), found["z_m"]
     layers = (
-        depth_layers(Surface(*axes, z_m), found)
+        depth_layers(SurfaceMap(*axes, z_m), found)
         if volume is None
         else volume_layers(volume, *axes, z_m)
     )
@@ -198,10 +199,10 @@ def _maps(path: Path) -> Figure:
 def _mesh(path: Path) -> Figure:
     from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
-    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded
+    from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded_colours
 
     layers: list[Layer] = []
-    told: list[Layer] = []
+    sigma_layers: list[Layer] = []
     mesh = read_surface(path)
     for title, (axes, away, names) in TURNS.items():
         turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [1, 1, away])
@@ -210,24 +211,26 @@ def _mesh(path: Path) -> Figure:
         whole = reference_on_grid(
             replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m
         )
-        picture = shaded(Surface(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
+        picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
         layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
-        if np.isfinite(seen.mesh_sigma_m).any() and not told:  # as seen from the array
+        if np.isfinite(seen.mesh_sigma_m).any() and not sigma_layers:  # as seen from the array
             sigmas: dict[str, Any] = {
                 "values": 1e3 * seen.mesh_sigma_m,
                 "label": "σ along z in mm",
             } | SIGMAS
-            told = [replace(layers[0], title="its own uncertainty", **sigmas)]
+            sigma_layers = [replace(layers[0], title="its own uncertainty", **sigmas)]
     invented = (
         f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented"
         if not mesh.observed.all()
         else ""
     )
-    return layers_figure(layers + told, f"{path.name}: {len(mesh.faces)} triangles{invented}")
+    return layers_figure(
+        layers + sigma_layers, f"{path.name}: {len(mesh.faces)} triangles{invented}"
+    )
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
-    """Even pixel centres in x and y that hold a mesh."""
+    """Evenly spaced pixel centres in x and y that cover a mesh."""
     low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
     step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)
     return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
@@ -236,7 +239,7 @@ def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
 def _frames(path: Path) -> Figure:
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.groundtruth.cameras.cameras import load_cameras
-    from handbench.reports.figures.surroundings import frames_figure
+    from handbench.reports.figures.recordings import frames_figure
 
     if "cameras" not in read_json(path, "a transform, or cameras"):
         t = load_any_transform(path)
@@ -260,7 +263,7 @@ def _frames(path: Path) -> Figure:
 def _recording(path: Path) -> Figure:
     from handbench.bench.datasets.dataset import open_capture
     from handbench.radar.data.echoes_file import load_capture
-    from handbench.reports.figures.surroundings import SHARES, echoes_figure
+    from handbench.reports.figures.recordings import SHARES, echoes_figure
 
     capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
     f_hz, legs = capture.frequencies_hz, capture.aperture.legs
@@ -289,16 +292,18 @@ def _recording(path: Path) -> Figure:
     return echoes_figure(title, f_hz, levels_db, places_m, profile)
 
 
-def _surface(path: Path) -> tuple[str, Surface]:
-    """The height field that turns on a page, with its title."""
+def _surface(path: Path) -> tuple[str, SurfaceMap]:
+    """The height field of an interactive page, with its title."""
     from handbench.bench.datasets.dataset import open_capture
-    from handbench.bench.validation.doubts import surface_of
+    from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
 
     found = _arrays(path) if path.suffix == ".npz" else {}
     if {"z_m", "volume"} & found.keys() == {"z_m"}:
-        return str(found.get("method", "depth")), Surface(found["x_m"], found["y_m"], found["z_m"])
+        return str(found.get("method", "depth")), SurfaceMap(
+            found["x_m"], found["y_m"], found["z_m"]
+        )
     mesh = read_surface(path) if path.suffix.lower() in MESHES else None
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:
@@ -306,4 +311,4 @@ def _surface(path: Path) -> tuple[str, Surface]:
             f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one"
         )
     x_m, y_m = _pixels(mesh.vertices_m)
-    return "surface", Surface(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)
+    return "surface", SurfaceMap(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)

@@ -1,11 +1,11 @@
-"""`handbench simulate`: a scene's capture and the table of its effects, or the captures of a
+"""`handbench simulate`: a scene's capture and its table of effects, or the captures of a
 benchmark."""
 
 import argparse
 from pathlib import Path
 
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.run.benchmark_file import embedded
+from handbench.bench.run.benchmark_file import embedded_benchmarks
 from handbench.bench.run.capture_set import BENCH, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
@@ -18,8 +18,8 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder; or what its echoes and photographs would show, and why; benchmark →
-    set of captures."""
+    """Scene → capture folder, or only the effects of its echoes and photographs, with reasons;
+    benchmark → set of captures."""
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
         show(choices(scene, explain=True) + photographs)
         return
     if options.out is None:
-        raise HandbenchError("-o: is missing; name a capture folder, or ask for --explain alone")
+        raise HandbenchError("-o: is missing; name a capture folder, or use only --explain")
     free_folder(options.out, options.overwrite, "capture.toml")
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")
@@ -44,13 +44,13 @@ def run(options: argparse.Namespace) -> None:
 def _is_benchmark(path: Path) -> bool:
     """True for the name of an embedded benchmark and for a file that lists methods."""
     if not path.is_file():
-        return str(path) in embedded()
+        return str(path) in embedded_benchmarks()
     return "method" in read_toml(path, "a scene or a benchmark")
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, why, and what
-    each took; pixels %: lost and gained."""
+    """Print the effects on stdout, as wide as the table needs: estimate, on or off, reason, and
+    seconds of each; pixels %: lost and gained."""
     from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []

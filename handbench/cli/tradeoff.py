@@ -17,8 +17,8 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 def run(options: argparse.Namespace) -> None:
-    """The sweep and its fronts, their report, and the answer to what was asked: a HandbenchError
-    where no setting is one, when all else is there."""
+    """Sweep → fronts, their report, and the answer to the question in the options. Raises
+    HandbenchError, after everything is written, if no setting answers it."""
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.bench.tradeoff.run import run as sweep
     from handbench.bench.tradeoff.run import setting_path
@@ -53,8 +53,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
-    """A number with its unit, 2mm or 33 ms, in the unit whose factor is 1; a HandbenchError for
-    anything else."""
+    """Parse a number with its unit, 2mm or 33 ms, into the unit whose factor is 1; HandbenchError
+    for anything else."""
     found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
         raise HandbenchError(
@@ -64,7 +64,7 @@ def quantity(text: str, units: dict[str, float], option: str) -> float:
 
 
 def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
-    """Print all sections; with the acquisition counted, the imaging front is that of frame and
+    """Print all sections. If acquisition is counted, the imaging front is that of frame and
     acquisition together."""
     from handbench.bench.tradeoff.settings import rank, with_acquisition
 
@@ -90,7 +90,7 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:
-    """The front, and the settings that are the best of their own method alone, as a table."""
+    """The front, and the settings that are on their own method's front only, as a table."""
     shown = sorted(
         (s for s in settings if s.on_front or s.on_method_front), key=lambda s: s.seconds or 0.0
     )
@@ -108,8 +108,8 @@ def _front(section: Section, settings: Sequence[Setting]) -> str:
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]], texts: Sequence[str]) -> str:
-    """Columns of cells as Markdown, padded for a terminal, without those that are empty; `texts`
-    are aligned to the left, numbers to the right."""
+    """Columns of cells as Markdown, padded for a terminal, without empty columns; `texts` are
+    aligned left, numbers right."""
     padded = []
     for heading, cells in columns.items():
         if any(cells):

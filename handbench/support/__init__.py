@@ -1,2 +1,2 @@
-"""Common ground of all packages: errors, configuration, files, progress, parallel work, the store
+"""Common modules of all packages: errors, configuration, files, progress, parallel work, the store
 of stages."""

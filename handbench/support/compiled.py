@@ -1,9 +1,9 @@
-"""Compiled loops: numba, with the processor's whole vectors, and the options of kernels that sum in
-float32.
+"""Compiled loops: numba with the full vector width of the processor, and options for kernels that
+sum in float32.
 
-LLVM fills half of the vectors of a processor with AVX-512, since the first of these slowed down
-under whole ones. The loops here run 1.05 to 1.4 times as fast with whole ones (measured).
-NUMBA_CPU_FEATURES decides where it is set.
+On processors with AVX-512, LLVM uses half the vector width by default, because the first of these
+slowed down at full width. The loops here are 1.05 to 1.4 times as fast with full width (measured).
+NUMBA_CPU_FEATURES, if set, overrides this.
 """
 
 import fcntl
@@ -38,14 +38,11 @@ cpu_target.target_context  # noqa: B018  # which keeps the features that it meet
 
 
 def compile_once(module: str, *kernels: Any) -> None:
-    """Have `python -m module`, which runs the kernels, compile them where one is not cached; of
-    several processes that ask, one does, and the others wait for it.
-
-    A process of its own compiles: a kernel that calls another one is linked to that one's own code
-    where both were just
-    compiled, and to a copy, optimised once more, where it is loaded: sums would differ in their
-    last bits (3e-7).
-    """
+    """Have `python -m module`, which runs the kernels, compile them if one is not cached. If
+    several processes ask, one compiles, and the others wait. The compilation runs in a separate
+    process because a kernel that calls another one is linked to that kernel's code if both were
+    just compiled, and to a copy, optimised again, if it is loaded: sums would differ in their last
+    bits (3e-7)."""
     if _cached(kernels):
         return
     with open(__file__) as lock:
@@ -70,7 +67,7 @@ def compile_once(module: str, *kernels: Any) -> None:
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
-    """True if numba has code of the kernels for this processor, or compiles none."""
+    """True if numba has cached code of the kernels for this processor, or does not compile."""
     if getattr(config, "DISABLE_JIT", False):
         return True
     codes = (

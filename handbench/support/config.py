@@ -1,4 +1,4 @@
-"""Strict configuration: every key known, every value checked, the nearest key suggested for a
+"""Strict configuration: every key known, every value checked, and the nearest key suggested for a
 typo."""
 
 import difflib
@@ -17,8 +17,8 @@ SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
 
 
 class Config(pydantic.BaseModel):
-    """Base of every configuration: immutable, no unknown key at any level, no NaN, defaults checked
-    too."""
+    """Base class of every configuration: immutable, no unknown key at any level, no NaN, checked
+    defaults."""
 
     model_config = pydantic.ConfigDict(
         extra="forbid",
@@ -46,7 +46,8 @@ class Config(pydantic.BaseModel):
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
-    """Build `model` from plain `values`; `where` (a file or an option) opens the one-line error."""
+    """Build a `model` from plain `values`. `where` (a file or an option) begins the one-line
+    error."""
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
@@ -63,12 +64,12 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
             p for p in problems if p["type"] == "missing" and p is not first
         ]  # all of them: they are added at once
         more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
-        told = "; ".join(complaint(model, problem) for problem in (first, *also))
-        raise HandbenchError(f"{where}: {told}{more}") from None
+        complaints = "; ".join(complaint(model, problem) for problem in (first, *also))
+        raise HandbenchError(f"{where}: {complaints}{more}") from None
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Parse a TOML file into plain values; a missing or broken file is a HandbenchError."""
+    """Parse a TOML file into plain values; HandbenchError for a missing or broken file."""
     try:
         return plain_toml(read_text(path, what, TOML_BYTES))
     except (
@@ -81,26 +82,26 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
 
 
 def plain_toml(text: str) -> dict[str, Any]:
-    """TOML's plain values; ValueError or RecursionError for what is none, or too deep."""
+    """Parse TOML into plain values; ValueError or RecursionError for invalid or too deeply nested
+    text."""
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
     return require_shallow(tomllib.loads(text))
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
-    """`read_toml` and `parse` in one."""
+    """Read a TOML file and parse it as a `model`."""
     return parse(model, read_toml(path, what), str(path))
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """ "did you mean 'x'?" for the nearest known name, or the list of all when nothing is near."""
+    """ "did you mean 'x'?" for the nearest known name, or the list of all names if none is near."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
-    """One of the problems that pydantic found with a `model`, in words; prefix: the keys that its
-    values lie under."""
+    """A validation error of pydantic in words. prefix: the keys that lead to the model's values."""
     models, keys = _follow(model, problem["loc"])
     location = ".".join(map(str, (*prefix, *keys))) or "the file"
     if problem["type"] == "extra_forbidden":
@@ -120,8 +121,8 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
 def _follow(
     model: type[Config], location: tuple[int | str, ...]
 ) -> tuple[list[type[Config]], list[str]]:
-    """The models that an error's location leads to, and its keys as the file has them: pydantic
-    adds the tag of a union's member, which is no key."""
+    """The models along an error's location, and its keys as the file has them. Pydantic adds the
+    tag of a union's member, which is not a key."""
     models, keys = [model], []
     for part in location:
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
@@ -148,8 +149,8 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """`name` if it can be part of a file name: it neither leaves its folder, nor hides, nor holds
-    our '__'."""
+    """Return `name` if it can be part of a file name: it does not leave its folder, is not hidden,
+    and does not contain '__', which handbench uses as separator."""
     unfit = (
         not name.isprintable()
         or name.startswith(".")

@@ -1,5 +1,5 @@
-"""The cost of work: wall-clock time, CPU time and peak memory; the machine that it ran on, and the
-memory that it may take, asked before it is taken."""
+"""The cost of work: wall-clock time, CPU time and peak memory; facts of the machine; and limits of
+time and memory, checked before the work."""
 
 import os
 import platform
@@ -23,13 +23,13 @@ GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage
 GEMM_S = 0.5
 # points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
 TERMS_PER_S = 1e10
-TOLD_S, MOST_HOURS = 10.0, 24.0
+ANNOUNCED_S, MOST_HOURS = 10.0, 24.0
 
 
 @dataclass
 class Cost:
-    """seconds and cpu_seconds of the whole process; peak_memory_mb: largest resident size while it
-    ran, MB."""
+    """Cost of the entire process: seconds, cpu_seconds, and peak_memory_mb, the largest resident
+    size, MB."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -63,8 +63,9 @@ def measured() -> Iterator[Cost]:
 
 @contextmanager
 def others() -> Iterator[list[float]]:
-    """Yield a list that receives, when the block ends, the cores that other work took meanwhile:
-    what the machine was busy with, or was not given by its host, less what this process did."""
+    """Yield a list that receives, at the end of the block, the mean number of cores taken by other
+    work: the time that all cores were busy, or withheld by the machine's host, minus the time of
+    this process."""
     found: list[float] = []
     start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
     try:
@@ -75,8 +76,8 @@ def others() -> Iterator[list[float]]:
 
 
 def _busy_s() -> float:
-    """Seconds that all cores have worked since the machine started, or could not because its host
-    did."""
+    """Seconds, summed over all cores since the machine started, of work or of time withheld by its
+    host."""
     times = psutil.cpu_times()
     return sum(
         getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal")
@@ -87,8 +88,8 @@ CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
 
 
 def calibrated_machine() -> dict[str, Any]:
-    """Facts of the machine with its name and `gemm_gflops`, by which times of different machines
-    can be put beside each other; measured once in this process, if not before it."""
+    """Facts of the machine with its name and `gemm_gflops`, with which times of different machines
+    can be compared; measured once per process."""
     if not CALIBRATED:
         CALIBRATED.update(
             {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
@@ -97,8 +98,8 @@ def calibrated_machine() -> dict[str, Any]:
 
 
 def gemm_gflops() -> float:
-    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, for what
-    else runs on a machine only slows it down."""
+    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, because
+    other work on the machine only slows it down."""
     gemm(GEMM_SIZE)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:
@@ -108,7 +109,7 @@ def gemm_gflops() -> float:
 
 
 def machine() -> dict[str, str | int | float]:
-    """Facts that a time depends on."""
+    """Facts of the machine that affect times."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -141,8 +142,8 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def require_memory(needed_bytes: float, what: str) -> None:
-    """Refuse what does not fit, with its size and what would: imaging may take a quarter of the
-    machine's memory, or what HANDBENCH_MEMORY_GB says."""
+    """Raise a HandbenchError for work that needs too much memory, with its size and what would fit.
+    The limit for imaging is a quarter of the machine's memory, or HANDBENCH_MEMORY_GB."""
     limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
@@ -156,10 +157,11 @@ def require_memory(needed_bytes: float, what: str) -> None:
 
 
 def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
-    """Say about how long work on all cores is going to take that takes core_s on one, where that is
-    long or bytes_, the memory that it takes, is told; refuse more than HANDBENCH_HOURS (24)."""
+    """Print the predicted time on all cores, if it is long; raise a HandbenchError if it is more
+    than HANDBENCH_HOURS (24). core_s: processor time on one core; bytes_: predicted memory, which
+    is always printed with the time."""
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
-    told = (
+    duration = (
         f"{seconds:.0f} s"
         if seconds < 100
         else f"{seconds / 60:.0f} min"
@@ -168,18 +170,17 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {told}, more than the limit of {hours:g} h; ask for less "
-            "(fewer points, tones "
-            "or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
+            f"{what}: would take about {duration}, more than {hours:g} h; ask for less (fewer "
+            "points, tones or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
         )
     if bytes_ is not None:
-        say(f"predicted: about {told} and {bytes_ / 1e9:.1f} GB ({what})")
-    elif seconds > TOLD_S:
-        say(f"{what}: about {told}")
+        say(f"predicted: about {duration} and {bytes_ / 1e9:.1f} GB ({what})")
+    elif seconds > ANNOUNCED_S:
+        say(f"{what}: about {duration}")
 
 
 def setting(name: str, default: float, unit: str) -> float:
-    """A positive number of the environment."""
+    """Read a positive number from an environment variable."""
     wanted = os.environ.get(name, "")
     try:
         value = float(wanted) if wanted else default
@@ -193,8 +194,7 @@ def setting(name: str, default: float, unit: str) -> float:
 
 
 def require_free(needed_bytes: float, what: str, advice: str) -> None:
-    """Refuse what does not fit into the memory that is free now, with its size, before it is
-    tried."""
+    """Raise a HandbenchError, with the size, for work that needs more than the free memory."""
     free = psutil.virtual_memory().available
     if needed_bytes > free:
         raise HandbenchError(

@@ -1,4 +1,4 @@
-"""The errors a user can mend."""
+"""Errors that the user can mend."""
 
 
 class HandbenchError(Exception):

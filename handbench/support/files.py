@@ -1,4 +1,4 @@
-"""Reading and writing files so that a crash, a full disk or a stranger's file does no harm."""
+"""Reading and writing files safely in case of a crash, a full disk or a malicious file."""
 
 import errno
 import hashlib
@@ -30,7 +30,7 @@ NPY_HEADERS = {
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` (same suffix); it takes `path`'s place when the block
+    """Yield a temporary path next to `path` (same suffix); it replaces `path` when the block
     succeeds and is removed when the block fails. An OSError (a full disk, a read-only folder)
     becomes a HandbenchError."""
     path = Path(path)
@@ -70,8 +70,8 @@ def _permit(path: Path, mode: int) -> None:
 
 @contextmanager
 def writable(path: Path, advice: str) -> Iterator[None]:
-    """Make the folder of `path`; an OSError of that or in the block becomes a HandbenchError with
-    the advice."""
+    """Make the folder of `path`. An OSError here or in the block becomes a HandbenchError with the
+    advice."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
@@ -82,15 +82,15 @@ def writable(path: Path, advice: str) -> Iterator[None]:
 
 
 def _replace_folder(new: Path, path: Path) -> None:
-    """Rename `new` to `path`; what stood there is moved aside first, and back when the second
+    """Rename `new` to `path`. The previous folder is moved away first, and back if the second
     rename fails."""
     if path.is_symlink():
-        raise NotADirectoryError(errno.ENOTDIR, "a link stands in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a link is in the folder's place")
     if not path.exists():
         os.replace(new, path)
         return
     if not path.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, "a file stands in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a file is in the folder's place")
     aside = new.with_name(f"{new.name}-old")
     os.replace(
         path, aside
@@ -110,7 +110,7 @@ def _umask() -> int:
 
 
 def require_file(path: str | Path, what: str) -> Path:
-    """`path` as a Path if it is a file, else a HandbenchError that says `what` was expected
+    """Return `path` as a Path if it is a file; else raise a HandbenchError that expects `what`
     there."""
     path = Path(path)
     if not os.path.isfile(
@@ -122,7 +122,7 @@ def require_file(path: str | Path, what: str) -> Path:
 
 
 def require_size(path: Path, what: str, most: int) -> int:
-    """The bytes of a file; a HandbenchError where there are more than `most`."""
+    """The size of a file in bytes; HandbenchError for more than `most`."""
     size = path.stat().st_size
     if size > most:
         raise HandbenchError(
@@ -132,7 +132,7 @@ def require_size(path: Path, what: str, most: int) -> int:
 
 
 def read_bytes(path: str | Path, what: str, most: int) -> bytes:
-    """The content of a file of at most `most` bytes; a HandbenchError where there is none."""
+    """The content of a file of at most `most` bytes; HandbenchError for a missing or larger one."""
     path = require_file(path, what)
     try:
         with path.open("rb") as stream:
@@ -144,8 +144,8 @@ def read_bytes(path: str | Path, what: str, most: int) -> bytes:
 
 
 def read_text(path: str | Path, what: str, most: int) -> str:
-    """The same as UTF-8 text, without a byte order mark, its line ends as \\n; ValueError for bytes
-    that are none."""
+    """Read a file as UTF-8 text without a byte order mark, with \\n as line end; ValueError for
+    other bytes."""
     text = read_bytes(path, what, most).decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -159,7 +159,7 @@ def one_form(name: str) -> str:
 
 
 def require_folder(path: str | Path, what: str) -> Path:
-    """`path` as a Path if it is a folder, else a HandbenchError that says `what` was expected
+    """Return `path` as a Path if it is a folder; else raise a HandbenchError that expects `what`
     there."""
     path = Path(path)
     if not os.path.isdir(path):
@@ -171,8 +171,8 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
-    """`folder / name`, refused when it would leave `folder` (names in TOML files and reports are
-    untrusted)."""
+    """`folder / name`; HandbenchError for a name that leads out of `folder` (names in TOML files
+    and reports are untrusted)."""
     if (
         max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME
         or len(name) > 1000
@@ -195,7 +195,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write `content` as indented JSON, atomically; NaN is refused by the standard and written as
+    """Write `content` as indented JSON, atomically. NaN, which JSON does not have, is written as
     null."""
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
@@ -203,8 +203,8 @@ def write_json(path: str | Path, content: Any) -> None:
 def read_json(
     path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES
 ) -> Any:
-    """Parse a JSON file; a missing, broken or too large one, of more than `most` values, is a
-    HandbenchError."""
+    """Parse a JSON file; HandbenchError for a missing or broken file, and for more than `most`
+    values."""
     try:
         return plain_json(read_text(path, what, most_bytes), most)
     except (ValueError, RecursionError) as error:
@@ -214,8 +214,8 @@ def read_json(
 
 
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
-    """JSON's plain values; ValueError or RecursionError for what is none, too deep, or of more than
-    `most` values."""
+    """Parse JSON into plain values; ValueError or RecursionError for text that is invalid, too
+    deeply nested, or has more than `most` values."""
     if (
         sum(map(text.count, "[{,")) > most
     ):  # before they are made: a value takes a byte here, 60 in memory
@@ -224,8 +224,9 @@ def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
-    """Write named arrays as compressed .npz, atomically and without pickles; with least effort, for
-    of what is measured more effort takes 8 % off the size and half as much time again."""
+    """Write named arrays as compressed .npz, atomically and without pickles. The lowest compression
+    level is used: for measured data, a higher one saves 8 % of the size and takes 1.5 times as
+    long."""
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
@@ -241,8 +242,8 @@ def read_npz(
     optional: tuple[str, ...] = (),
     most: int = limits.ARRAY_BYTES,
 ) -> dict[str, np.ndarray]:
-    """Read the arrays `names` from an .npz file, and those of `optional` that are there; pickled
-    content is refused, never run, and so are arrays of more than `most` bytes unpacked."""
+    """Read the arrays `names` from an .npz file, and those of `optional` that it has. Pickled
+    content is refused, never run; arrays of more than `most` bytes unpacked are refused too."""
     try:
         content = read_bytes(path, "an .npz file", most)
         if (
@@ -282,8 +283,9 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
-    """The array in .npy form where a stream stands, of which `room_bytes` are left. ValueError for
-    pickled content and where less is left than the header promises, before any memory is taken."""
+    """Read the array in .npy form at a stream's position, of which `room_bytes` are left. Raises
+    ValueError for pickled content and for a header that promises more bytes than are left, before
+    memory is taken."""
     start = stream.tell()
     version = np.lib.format.read_magic(stream)
     if version not in NPY_HEADERS:
@@ -302,10 +304,10 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
 
 
 def content_hash(*parts: Any) -> str:
-    """SHA-256 over strings, numbers, JSON-like values (arrays inside them too), arrays, files and
-    folders (name and content of each file). Anything else is a TypeError: its text need not tell
-    two values apart. In a folder, a link to a file inside it counts with that file's content; other
-    links, pipes and devices are a HandbenchError."""
+    """SHA-256 over strings, numbers, JSON-like values (with arrays inside them), arrays, files and
+    folders (name and content of each file). TypeError for anything else, whose text may be equal
+    for different values. A link in a folder to a file inside it counts with that file's content;
+    other links, pipes and devices are a HandbenchError."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():
@@ -317,9 +319,7 @@ def content_hash(*parts: Any) -> str:
                 part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
             ) as stream:
                 if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                    raise HandbenchError(
-                        f"{part}: is no file whose content could be told; put one there"
-                    )
+                    raise HandbenchError(f"{part}: is not a readable file; put one there")
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         elif isinstance(part, np.ndarray):
             digest.update(
@@ -351,7 +351,7 @@ def _json_like(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(
-        f"content_hash: cannot tell values of {type(value).__name__} apart; give plain values or "
+        f"content_hash: cannot distinguish values of {type(value).__name__}; give plain values or "
         "arrays"
     )
 

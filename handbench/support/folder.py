@@ -1,9 +1,9 @@
-"""The folders that a run fills: what it opens for writing, lists or deletes there goes through
-here.
+"""The folders that a run fills. All files there are opened for writing, listed and deleted through
+this module.
 
-Whoever sends a result folder, or shares the folder above it, may have put links into it. Nothing
-here follows one: a link, a device or a pipe, and what belongs to another user, is refused in words,
-and stays as it is. (The folder's own path is what the user wrote, and may lead through links.)
+Somebody who sends a result folder, or shares the folder above it, may have put links into it. No
+link below the folder's own path is followed: links, devices, pipes, and files of other users are
+refused and left unchanged. (The folder's own path is what the user wrote, and may contain links.)
 """
 
 import fcntl
@@ -22,18 +22,18 @@ PART_BYTES = 2**22
 ADVICE = "free the space or choose another -o"
 
 
-def own(path: Path) -> os.stat_result | None:
-    """The state of a path, which is not followed: a file or a folder of this user (root: anyone's),
-    or None. What else stands there is a HandbenchError."""
+def require_owned(path: Path) -> os.stat_result | None:
+    """The state of a path, without following links, if it is a file or a folder of this user (root:
+    of anyone); None if it does not exist. Raises HandbenchError for anything else."""
     try:
         found = os.lstat(path)
     except FileNotFoundError:
         return None
-    _require_own(found, path)
+    _refuse_foreign(found, path)
     return found
 
 
-def _require_own(found: os.stat_result, path: Path) -> None:
+def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     if stat.S_ISLNK(found.st_mode):
         what = "a link"
     elif not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
@@ -43,19 +43,20 @@ def _require_own(found: os.stat_result, path: Path) -> None:
     else:
         return
     raise HandbenchError(
-        f"{path}: is {what}, which no run wrote; it is left alone: remove it, or choose another -o"
+        f"{path}: is {what}, which no run wrote; it stays unchanged: remove it or choose another -o"
     )
 
 
-def is_own_folder(path: Path) -> bool:
-    """True where a folder of this user stands at a path, which is not followed; see `own`."""
-    found = own(path)
+def is_owned_folder(path: Path) -> bool:
+    """True if the path is a folder of this user; see `require_owned`."""
+    found = require_owned(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
-def read_own(path: str | Path) -> Iterator[bytes]:
-    """A file's content in parts of PART_BYTES; see `own`. FileNotFoundError where there is none."""
-    handle = _opened(path, os.O_RDONLY)
+def read_owned(path: str | Path) -> Iterator[bytes]:
+    """A file's content in parts of PART_BYTES; see `require_owned`. FileNotFoundError if there is
+    none."""
+    handle = _open_owned(path, os.O_RDONLY)
     try:
         while part := os.read(handle, PART_BYTES):
             yield part
@@ -63,16 +64,16 @@ def read_own(path: str | Path) -> Iterator[bytes]:
         os.close(handle)
 
 
-def _opened(path: str | Path, flags: int) -> int:
-    """The handle of a file of this user, which is neither followed nor waited for; HandbenchError
-    for anything else."""
+def _open_owned(path: str | Path, flags: int) -> int:
+    """Open a file of this user, without following links or waiting; HandbenchError for anything
+    else."""
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
-        own(Path(path))  # says what stands there, where that is the reason
+        require_owned(Path(path))  # explains what is there, if that is the reason
         raise
     try:
-        _require_own(os.fstat(handle), Path(path))
+        _refuse_foreign(os.fstat(handle), Path(path))
     except HandbenchError:
         os.close(handle)
         raise
@@ -80,8 +81,8 @@ def _opened(path: str | Path, flags: int) -> int:
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:
-    """Remove what is about to be written anew under these names, in their order, and what a killed
-    run left of it half-written."""
+    """Remove files and folders with these names, in this order, before they are written again, and
+    the half-written ones of killed runs."""
     half_written = [
         p
         for p in folder.iterdir()
@@ -93,20 +94,20 @@ def drop(folder: Path, names: Sequence[str]) -> None:
 
 
 def _remove(path: Path) -> None:
-    if is_own_folder(path):
+    if is_owned_folder(path):
         shutil.rmtree(path)  # by handles: it follows no link below either
-    elif own(path) is not None:
+    elif require_owned(path) is not None:
         path.unlink(missing_ok=True)
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[Path]:
-    """Hold a result folder for this run alone and yield its `work` folder, cleared of what killed
-    runs left.
+def locked(folder: Path) -> Iterator[Path]:
+    """Lock a result folder for this run and yield its `work` folder, cleared of half-written files
+    of killed runs.
 
-    A marker says that a run made the folder: one without it that holds anything is a stranger's and
-    is left alone. Everything in it and in `work` has to be this user's own file or folder. The lock
-    falls with the process, however it ends.
+    A marker shows that a run made the folder: a non-empty folder without it is refused. Everything
+    in the folder and in `work` must be this user's own file or folder. The lock ends with the
+    process.
     """
     if folder.exists() and not folder.is_dir():
         raise HandbenchError(
@@ -120,11 +121,11 @@ def claimed(folder: Path) -> Iterator[Path]:
     work = folder / WORK
     with writable(folder, ADVICE):
         if folder.is_dir():
-            _require_own(folder.stat(), folder)
+            _refuse_foreign(folder.stat(), folder)
         for path in there:
-            own(path)
+            require_owned(path)
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _opened(
+        handle = _open_owned(
             folder / MARKER, os.O_WRONLY | os.O_CREAT
         )  # first: it says whose a folder without work is
     try:
@@ -140,7 +141,7 @@ def claimed(folder: Path) -> Iterator[Path]:
             if path.name.startswith(".") and "-" in path.name:
                 _remove(path)
             else:
-                own(path)
+                require_owned(path)
         yield work
     finally:
         os.close(handle)

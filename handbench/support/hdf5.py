@@ -1,5 +1,5 @@
-"""HDF5 files of strangers: what a file says of itself is compared with its size before the library
-believes it."""
+"""Untrusted HDF5 files: sizes that a file declares are compared with its actual size before the
+library uses them."""
 
 import mmap
 import os
@@ -28,8 +28,9 @@ CHUNKS = 2**17  # of one data set
 
 
 @contextmanager
-def opened(path: Path) -> "Iterator[h5py.File]":
-    """The file, open to be read. Raises ValueError where the library would run in circles."""
+def open_hdf5(path: Path) -> "Iterator[h5py.File]":
+    """Yield the file, open for reading. Raises ValueError for files on which the library would loop
+    forever."""
     import h5py
 
     with path.open("rb") as stream:
@@ -41,8 +42,7 @@ def opened(path: Path) -> "Iterator[h5py.File]":
 
 
 def _check_heaps(content: mmap.mmap) -> None:
-    """Refuse a heap with an object of size 0, from which HDF5's library (2.0) goes on to the same
-    one for ever."""
+    """Refuse a heap with an object of size 0, at which HDF5's library (2.0) loops forever."""
     at = content.find(HEAP)
     while at >= 0:
         end = min(at + int.from_bytes(content[at + 8 : at + 16], "little"), len(content))
@@ -56,8 +56,8 @@ def _check_heaps(content: mmap.mmap) -> None:
 
 
 def attribute(file: "h5py.File", name: str) -> Any:
-    """One text or number among a file's attributes, also in an array of one, as the C library and
-    netCDF write it; None where there is none, or another kind of thing: the library crashes on
+    """A text or a number among a file's attributes, also in an array of one, as the C library and
+    netCDF write it; None if there is none, or if it is of another kind: the library crashes on
     lists of a kind that it does not know."""
     from h5py import h5t
 
@@ -74,8 +74,8 @@ def attribute(file: "h5py.File", name: str) -> Any:
     return value.decode("utf-8") if isinstance(value, bytes) else value
 
 
-def of_its_own(file: "h5py.File", name: str) -> Any:
-    """The thing of that name that lies in this very file; None where no hard links lead to one."""
+def local_item(file: "h5py.File", name: str) -> Any:
+    """The item of that name in this very file; None if only soft or external links lead to one."""
     import h5py
 
     found: Any = file
@@ -89,13 +89,13 @@ def of_its_own(file: "h5py.File", name: str) -> Any:
 
 
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """The data set of that name, whole. Raises ValueError for what is no data set of numbers that
-    lie in this very file (no link leads there), and where it declares more than the file can hold;
-    HandbenchError where it is more than memory holds."""
+    """Read an entire data set. Raises ValueError for anything but a data set of numbers in this
+    very file (reached without links), and for one that declares more than the file can contain;
+    HandbenchError for one that does not fit into memory."""
     import h5py
 
-    if (found := of_its_own(file, name)) is None:
-        raise ValueError(f"has no '{name[:200]}' of its own")
+    if (found := local_item(file, name)) is None:
+        raise ValueError(f"has no '{name[:200]}' inside the file itself")
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
         raise ValueError(f"'{name[:200]}' is no data set of this file")
     if found.dtype.hasobject or found.shape is None:
@@ -117,8 +117,8 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
 
 
 def _check_pieces(found: "h5py.Dataset", name: str) -> None:
-    """ValueError where a piece of a data set unpacks to more than it declares: the library would
-    take all memory."""
+    """Raise a ValueError for a chunk that unpacks to more than its data set declares, which would
+    make the library take all memory."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
         raise ValueError(
             f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces"

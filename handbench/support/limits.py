@@ -1,6 +1,5 @@
-"""Limits of what is read: a file of a stranger is refused in words before it costs seconds or
-gigabytes. Each is far above what handbench's own files and those of the known programs need
-(docs/files.md)."""
+"""Limits of input: an untrusted file is refused before it costs seconds or gigabytes. Each limit is
+far above the needs of handbench's own files and of those of the known programs (docs/files.md)."""
 
 import re
 from typing import Any
@@ -27,7 +26,7 @@ LONGEST_NAME = 255  # bytes of a file's
 MOST_CELLS = 16_000_000  # of a CSV file
 MOST_COLUMNS = 1000  # of its first line
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
-MOST_PROBLEMS = 1000  # that are told apart in one file
+MOST_PROBLEMS = 1000  # reported separately in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
 LONG_KEY = re.compile(
@@ -36,7 +35,7 @@ LONG_KEY = re.compile(
 
 
 def require_shallow(values: Any) -> Any:
-    """The tree of plain values; ValueError where it is deeper than DEEPEST."""
+    """Return the tree of plain values; ValueError if it is deeper than DEEPEST."""
     level = [values]
     for _ in range(DEEPEST + 1):
         inner = [

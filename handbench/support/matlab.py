@@ -1,6 +1,6 @@
 """MATLAB's files before version 7.3 (`save -v6`, `-v7`), by MathWorks' "MAT-File Format": arrays of
-numbers alone. Version 7.3 is HDF5. (SciPy's reader, in compiled code, ends the process on some
-broken files.)"""
+numbers only. Version 7.3 is HDF5. (SciPy's reader, which is compiled, crashes on some broken
+files.)"""
 
 import struct
 import zlib
@@ -26,8 +26,8 @@ KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8",
 
 
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers by name, as HDF5 would store them: their axes in reverse. ValueError
-    for what is broken, or unpacks to more than is read."""
+    """The arrays of numbers by name, with reversed axes, as HDF5 would store them. ValueError for
+    broken files and for arrays that unpack to more than the limit."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
         raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
@@ -59,7 +59,7 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Kind and bytes of each element; one of four bytes or less lies inside its tag."""
+    """Kind and bytes of each element; an element of at most four bytes is stored inside its tag."""
     at = 0
     while at + TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, at)
@@ -72,7 +72,7 @@ def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview
 
 
 def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
-    """Name → array of numbers; nothing of a text, a structure and the like."""
+    """Name → array of numbers; empty for texts, structures and other kinds."""
     (_, flags), (_, shape), (_, name), *parts = islice(_elements(matrix, order), 5)
     [kind] = np.frombuffer(flags[:4], f"{order}u4")
     if kind & 0xFF not in NUMBERS:

@@ -1,8 +1,9 @@
-"""Threads over independent blocks; results never depend on how many there are. Processes beside a
-caller's script.
+"""Threads over independent blocks, whose number never changes results; and processes that a
+caller's script starts.
 
-Nothing here imports a library that counts the cores, so that a process can take its share of them
-first."""
+This module imports no library that counts the cores, so that a process can restrict its cores
+first.
+"""
 
 import ctypes
 import os
@@ -24,7 +25,8 @@ Item = TypeVar("Item")
 
 
 def workers() -> int:
-    """Threads to use: HANDBENCH_WORKERS if set, else the cores this process may run on."""
+    """Number of threads: HANDBENCH_WORKERS if set, else the number of cores available to this
+    process."""
     wanted = os.environ.get("HANDBENCH_WORKERS", "")
     if wanted and not (wanted.isdigit() and int(wanted)):
         raise HandbenchError(
@@ -34,10 +36,9 @@ def workers() -> int:
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
-    """Call function(item) for all items on all cores. BLAS keeps to one thread inside, since nested
-    threads would cost 2.5–3 times the CPU time. The first exception stops the work that has not
-    begun and is raised. A single item or a single worker works in place, without the threads'
-    overhead."""
+    """Call function(item) for all items on all cores. BLAS uses one thread inside, because nested
+    threads would cost 2.5–3 times the CPU time. The first exception stops the items that have not
+    begun, and is raised. A single item or a single worker runs in place, without threads."""
     items = list(items)
     with one_blas_thread():
         if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
@@ -65,15 +66,15 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
-    """A context in which BLAS keeps to one thread, for small products outside `for_each`."""
+    """A context in which BLAS uses one thread, for small products outside `for_each`."""
     return _blas().limit(limits=1, user_api="blas")
 
 
 @contextmanager
 def script_left_out() -> Iterator[None]:
-    """A context in which processes that start do not run the caller's script once more, which
-    multiprocessing's "spawn" does for what is pickled from it: a script without `if __name__ ==
-    "__main__"` would start again there."""
+    """A context in which new processes do not run the caller's script again. multiprocessing's
+    "spawn" runs it to unpickle its objects, and a script without `if __name__ == "__main__"` would
+    start again."""
     script = sys.modules["__main__"]
     with (
         _hiding
@@ -88,9 +89,9 @@ def script_left_out() -> Iterator[None]:
 
 
 def begin_process(cores: list[int], parent: int) -> None:
-    """Begin a process that works for the process `parent`: it keeps to these cores, leaves Ctrl-C
-    to its parent and ends with it, for what outlives a run would write into the next one's
-    folders."""
+    """Set up a process that works for the process `parent`: it uses only these cores, leaves Ctrl-C
+    to its parent and ends with it, since a process that outlives a run would write into the next
+    run's folders."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.getppid() != parent:

@@ -1,4 +1,4 @@
-"""Picture files of strangers: what a header says is compared with the file before a pixel is
+"""Untrusted picture files: the header is compared with the file's size before a pixel is
 decoded."""
 
 import io
@@ -41,9 +41,9 @@ else:
 
 
 @contextmanager
-def opened_picture(path: Path) -> Iterator[Image.Image]:
-    """A picture file, open and not decoded; a HandbenchError for one that cannot be, here or in the
-    block, or whose header promises what would take long or much memory."""
+def open_picture(path: Path) -> Iterator[Image.Image]:
+    """Yield a picture file, open and not decoded. HandbenchError for one that cannot be opened or
+    decoded, here or in the block, or whose header promises too long or too large a decoding."""
     content = io.BytesIO(
         read_bytes(path, "a photograph", PICTURE_BYTES)
     )  # a file takes memory for what it says it has
@@ -68,7 +68,8 @@ def opened_picture(path: Path) -> Iterator[Image.Image]:
 
 
 def is_deep(image: Image.Image) -> bool:
-    """True for 16 bits a channel, as Pillow tells what it would shorten to 8 bits."""
+    """True for 16 bits per channel, by Pillow's modes for pictures that it would shorten to 8
+    bits."""
     return ";16" in str(getattr(image, "tile", ""))
 
 
@@ -80,9 +81,9 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
     if pixels > min(
         LARGEST_PX, PACKED_PX * size, max(SMALL_PX // (1 + 2 * is_deep(image)), dense_px)
     ):
-        said = f"it has {image.width} × {image.height} pixels in {size} bytes"
+        dimensions = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
-            f"{said}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
+            f"{dimensions}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
             f"{dense_px // size} a byte"
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(content)) > MOST_SCANS:
@@ -95,7 +96,7 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 
 
 def _scans(content: bytes) -> int:
-    """Passes over a JPEG file's pixels, as its markers tell."""
+    """Number of passes over a JPEG file's pixels, from its markers."""
     count, at = 0, 2
     for _ in range(MOST_MARKERS):
         if not (found := MARKER.search(content, at)):

@@ -11,13 +11,13 @@ PLAIN_INTERVAL_S = 10.0
 
 
 def say(text: str) -> None:
-    """One line of progress on stderr (stdout is kept for results)."""
+    """Print one line of progress on stderr (stdout is reserved for results)."""
     print(text, file=sys.stderr, flush=True)
 
 
 def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items` while showing how far they are: a rich bar on a terminal, else a line at most
-    every 10 s, with the time that is left where the number of items is known."""
+    """Yield `items` and show the progress: a rich bar on a terminal, else a line at most every 10
+    s, with the remaining time if the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
     if (
         sys.stderr.isatty() and parent_process() is None

@@ -1,5 +1,5 @@
-"""Rays against triangles and nearest points: open3d's Embree and trees, and the one place that
-imports open3d."""
+"""Ray casting and nearest points with open3d's Embree and trees. Only this module imports
+open3d."""
 
 import ctypes
 import os
@@ -17,15 +17,13 @@ TriangleMesh: TypeAlias = (
 )
 PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
-FARTHEST_M = 500.0  # single precision tells places to 3e-5 m there, well below the next:
-OWN_SURFACE_M = (
-    2e-4  # what is hit closer than this to a ray's end is the surface that the end lies on
-)
+FARTHEST_M = 500.0  # single precision resolves 3e-5 m there, well below the next:
+OWN_SURFACE_M = 2e-4  # a hit closer than this to a ray's end is the surface of the end itself
 WINDOWS = "open3d.visualization"  # which imports a web server
 
 
 def _windows(name: str) -> ModuleType:
-    """Of open3d what `load_open3d` left out."""
+    """The part of open3d that `load_open3d` leaves out."""
     if f"open3d.{name}" != WINDOWS:
         raise AttributeError(f"module 'open3d' has no attribute '{name}'")
     import open3d.visualization
@@ -36,10 +34,9 @@ def _windows(name: str) -> ModuleType:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import open3d, giving it the libusb that its wheel needs and a bare machine lacks, and
-    keeping numba away from the TBB that it brings (too old: numba would warn). Its windows and web
-    pages, which take as long to import as all that is used of it, are imported when somebody asks
-    for them."""
+    """Import open3d. Provides the libusb that its wheel needs and a bare machine lacks, and hides
+    its TBB from numba (it is too old: numba would warn). open3d's windows and web pages, which take
+    as long to import as all that is used of it, are imported only on first use."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -70,7 +67,7 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
 
 
 class Rays:
-    """Rays against the triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
+    """Ray casting against triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
     process."""
 
     cast = 0
@@ -79,9 +76,9 @@ class Rays:
         far_m = float(np.abs(vertices_m).max(initial=0))
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
-                f"mesh: a vertex lies {far_m:.3g} m from the origin; expected metres in the "
-                "radar's frame, at most "
-                f"{FARTHEST_M:g}: beyond, single precision cannot tell a surface from what hides it"
+                f"mesh: a vertex is {far_m:.3g} m from the origin; expected metres in the "
+                f"radar's frame, at most {FARTHEST_M:g}: beyond, single precision cannot separate "
+                "a surface from one that hides it"
             )
         self._scene = embree(vertices_m, faces)
 
@@ -94,8 +91,8 @@ class Rays:
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """True where each point [n, 3] on the surface is seen from its origin, [n, 3] or [3]: bool
-        [n]."""
+        """bool [n]: whether each point [n, 3] on the surface is visible from its origin, [n, 3] or
+        [3]."""
         towards = origins_m - points_m
         start = points_m + towards * (
             OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None]

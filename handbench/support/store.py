@@ -1,13 +1,14 @@
-"""Work that is kept: stages, each in a folder named by the hash of everything that it depends on.
+"""The store of finished stages, each in a folder named by the hash of everything that it depends
+on.
 
 A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages
-that made them), and of all code that it runs, down to the libraries' versions (`support.closure`).
-Nobody lists that code, so a changed input, option, source file or library never meets a stale
-result.
+that made them), and of all code that it runs, down to the libraries' versions
+(`support.code_hash`). The code is found automatically, so a changed input, option, source file or
+library never gives a stale result.
 
-A folder appears complete or not at all, so that work that was killed goes on where it stopped. Each
-holds the checksums of its files, so that a flipped bit is found before it is taken for a result,
-and a stamp that says what it cost.
+A folder appears complete or not at all, so that killed work resumes where it stopped. Each has the
+checksums of its files, so that a flipped bit is found before the files are used, and a stamp with
+the cost of making it.
 """
 
 import json
@@ -21,11 +22,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from handbench.support import closure
+from handbench.support import code_hash
 from handbench.support.cost import Cost, calibrated_machine, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.support.folder import is_own_folder, own, read_own
+from handbench.support.folder import is_owned_folder, read_owned, require_owned
 from handbench.support.progress import say
 
 MANIFEST, STAMP = (
@@ -46,13 +47,13 @@ LIBRARIES = (
 
 @dataclass(frozen=True)
 class Stage:
-    """A call whose result is kept: `function`, of a module's top level, with the folder to fill and
+    """A call with a cached result: `function`, at a module's top level, with the folder to fill and
     `arguments` (plain values and paths). Any machine that sees the files can make it.
 
     inputs: all that the result depends on besides code: values, paths of files, keys of earlier
-    stages. capture and
-    method: what it is of (empty: of none). plugged: what stands for code that no import leads to.
-    code: the hash of all that runs; key: that of everything that the result depends on.
+    stages. capture, method: what the stage is about (may be empty). plugged: values that represent
+    code which no import reaches. code: the hash of all code that runs; key: that of everything that
+    the result depends on.
     """
 
     name: str
@@ -66,7 +67,7 @@ class Stage:
     key: str = field(init=False)
 
     def __post_init__(self, inputs: list[Any], plugged: tuple[str, ...]) -> None:
-        code = code_hash(self.function, plugged)
+        code = stage_code_hash(self.function, plugged)
         object.__setattr__(self, "code", code)
         object.__setattr__(
             self, "key", content_hash(self.name, self.capture, self.method, *inputs, code)
@@ -74,34 +75,34 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """The name that is printed, and that the folder begins with."""
+        """The printed name, with which the folder's name begins."""
         return "-".join(part for part in (self.name, self.capture, self.method) if part)
 
     def folder(self, root: Path) -> Path:
-        """The place of its files, in the store at `root`."""
+        """The path of its files, in the store at `root`."""
         return root / f"{self.label}-{self.key[:16]}"
 
 
 @dataclass
 class Stamp(Cost):
-    """The cost of a stage when it was made, and facts of the machine that made it."""
+    """The cost of making a stage, and facts of the machine that made it."""
 
     machine: dict[str, Any] = field(default_factory=dict)
 
 
-def code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
-    """Hash of the code that a function runs, the import closure of its module, as it was when this
-    process first asked; plugged: what stands for code that no import leads to."""
-    return content_hash(closure.key_of(function.__module__), plugged)
+def stage_code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
+    """Hash of the code that a function runs: its module with all imports, as first read by this
+    process. plugged: values that represent code which no import reaches."""
+    return content_hash(code_hash.key_of(function.__module__), plugged)
 
 
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Have a stage's folder made in the store at `root`, unless it is there, whole; returns what
-    the work cost when it was done, and whether it had been. A folder whose files have changed since
-    is reported, deleted and made again."""
-    own(root)
+    """Make a stage's folder in the store at `root`, unless it is there and complete. Returns the
+    cost of making it, and whether it was there. A folder whose checksums do not match is reported,
+    deleted and recomputed."""
+    require_owned(root)
     folder = stage.folder(root)
-    if is_own_folder(folder):
+    if is_owned_folder(folder):
         if (wrong := changed(folder)) is None:
             return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
         say(f"{folder}: {wrong}; it is made again")
@@ -117,9 +118,9 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
 
 
 def changed(folder: Path) -> str | None:
-    """The files of a cached folder that are no longer as they were made, in words, or None."""
+    """The files of a cached folder whose checksums do not match, in words, or None."""
     try:
-        written = json.loads(b"".join(read_own(folder / MANIFEST)))
+        written = json.loads(b"".join(read_owned(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
         return f"its {MANIFEST} is missing or broken"
@@ -134,15 +135,15 @@ def changed(folder: Path) -> str | None:
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Size and CRC-32 of every file but the manifest's own: it finds what happens by chance, and
-    takes 0.4 s/GB."""
+    """Size and CRC-32 of every file except the manifest. A CRC finds accidental changes, and takes
+    0.4 s/GB."""
     found = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":
             continue
         with suppress(HandbenchError):  # what is no file of ours is none of those that were made
             size, crc = 0, 0
-            for part in read_own(file):
+            for part in read_owned(file):
                 size, crc = size + len(part), zlib.crc32(part, crc)
             found[os.path.relpath(file, folder)] = size, crc
     return found
@@ -150,5 +151,5 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the libraries that every result names."""
+    """Versions of the libraries that every result records."""
     return {name: metadata.version(name) for name in LIBRARIES}

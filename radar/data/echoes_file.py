@@ -14,7 +14,7 @@ from handbench.radar.data.recording import Recording
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, plain_json, require_file
-from handbench.support.hdf5 import attribute, opened, read
+from handbench.support.hdf5 import attribute, open_hdf5, read
 from handbench.support.limits import JSON_BYTES
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def load_capture(path: str | Path) -> RadarCapture:
     """Read `echoes.h5`; a broken, foreign or inconsistent file is a HandbenchError."""
     path = require_file(path, "an echoes.h5 file")
     try:
-        with opened(path) as file:
+        with open_hdf5(path) as file:
             found = attribute(file, "format"), attribute(file, "version")
             version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
             if version is None:

@@ -21,8 +21,8 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support import closure
-from handbench.support.closure import with_version
+from handbench.support import code_hash
+from handbench.support.code_hash import with_version
 from handbench.support.config import Config, checked_name, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -146,8 +146,8 @@ def source_key(method: Method) -> tuple[str, ...]:
             "move it"
         )
     if method.distribution is None:
-        ours = _top(method.run.__module__) == closure.PACKAGE
-        return (closure.key_of(method.run.__module__) if ours else content_hash(file),)
+        ours = _top(method.run.__module__) == code_hash.PACKAGE
+        return (code_hash.key_of(method.run.__module__) if ours else content_hash(file),)
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [

@@ -1,1 +1,1 @@
-"""Drawings at true scale, to print."""
+"""Drawings to print at true scale."""

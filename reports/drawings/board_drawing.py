@@ -1,7 +1,6 @@
-"""Boards on paper at true scale, as cameras know them: single ArUco markers and ChArUco boards.
+"""Boards for printing at true scale: single ArUco markers and ChArUco boards.
 
-All that is black is one path: its rectangles meet without the hairlines that viewers leave between
-neighbours.
+Everything black is one path, so that viewers leave no hairlines between neighbouring rectangles.
 """
 
 from collections.abc import Iterator
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from handbench.groundtruth.board.board import Board
 
 MILLIMETRES = 1e3
-FLAT_M = 5e-5  # how far a corner may lie off the plane of print: finer than paper is flat
+FLAT_M = 5e-5  # largest distance of a corner from the plane of print: finer than paper is flat
 SQUARE = (
     0.02  # how far a marker's sides may differ, relative: a measured board's corners are not exact
 )
@@ -31,13 +30,14 @@ QUIET = (
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """The board's sheets, its frame's x to the right; title: heads them. Raises HandbenchError for
-    an unknown paper, a marker that the dictionary lacks, and a board that is not flat."""
+    """The board's sheets, with its frame's x to the right. title: their heading. Raises
+    HandbenchError for an unknown paper, a marker that the dictionary lacks, and a board that is not
+    flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
 def board_drawing(board: "Board", title: str) -> Drawing:
-    """The board as a drawing: its quads (`black_quads_mm`) and a white border; errors as
+    """The board as a drawing: its quads (`black_quads_mm`) and a white border. Errors as in
     `board_sheets`."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
@@ -57,8 +57,8 @@ def board_drawing(board: "Board", title: str) -> Drawing:
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
     """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on
-    the print, whose origin is the board frame's. A frame whose z points into the print (y
-    downwards) is turned about its x axis."""
+    the print, with the board frame's origin. A frame whose z points into the print (y downwards) is
+    turned about its x axis."""
     upward = _upward(board)
     for marker in board.marker:
         corners_mm = MILLIMETRES * np.array(marker.corners_m)[:, :2] * (1, upward)
@@ -88,8 +88,8 @@ def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
 
 
 def _square(column: int, row: int, side: float) -> np.ndarray:
-    """Corners [4, 2] of a square in the middle of a chessboard's, in OpenCV's order; unit: the
-    chessboard's side."""
+    """Corners [4, 2] of a centred square in a square of a chessboard, in OpenCV's order. unit: side
+    of the chessboard's squares."""
     return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array(
         [(-1, 1), (1, 1), (1, -1), (-1, -1)]
     )
@@ -98,7 +98,7 @@ def _square(column: int, row: int, side: float) -> np.ndarray:
 def _modules(
     known: Any, dictionary: str, number: int, corners_mm: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """A marker's runs of black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order);
+    """Runs of a marker's black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order).
     known: OpenCV's dictionary of that name."""
     if number >= len(known.bytesList):
         raise HandbenchError(
@@ -119,7 +119,7 @@ def _modules(
 
 
 def _upward(board: "Board") -> int:
-    """1 where the frame's z points out of the print, −1 where it points into it; refuses what
+    """1 if the frame's z points out of the print, −1 if it points into it. Refuses boards that
     cannot be printed."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
@@ -140,20 +140,20 @@ def _upward(board: "Board") -> int:
         turns.add(-int(np.sign(ax * by - ay * bx)))
     if np.ptp(heights_m) > FLAT_M or len(turns) > 1:
         raise HandbenchError(
-            "board: its markers do not lie in one plane of constant z, all facing one way; a "
+            "board: its markers are not in one plane of constant z, all facing one way; a "
             "print is flat: draw the "
-            "faces as boards of their own, each with z = 0"
+            "faces as separate boards, each with z = 0"
         )
     return turns.pop()
 
 
 def _sides_m(board: "Board") -> list[float]:
-    """The single markers' sides, metres."""
+    """Sides of the single markers, metres."""
     return [float(np.linalg.norm(np.subtract(*marker.corners_m[:2]))) for marker in board.marker]
 
 
 def _sizes(board: "Board") -> str:
-    """Dictionaries and sides, to check the print against."""
+    """Dictionaries and sides in words, to check the print."""
     parts = []
     if board.marker:
         sides = sorted({f"{MILLIMETRES * side:.1f}" for side in _sides_m(board)})

@@ -1,7 +1,7 @@
 """Drawings at true scale on sheets of paper: sizes, tiles with crop marks, PDF and SVG.
 
 A drawing is painted in millimetres. Each sheet shows a window of it on axes of exactly the window's
-size, above a bar that tells whether the printer kept the scale.
+size, above a scale bar to check the printer.
 """
 
 import re
@@ -28,11 +28,11 @@ FIT = "fit"  # one sheet as large as the drawing needs, for a print shop or a pl
 MARGIN_MM, FOOTER_MM = (
     7.0,
     14.0,
-)  # printers leave up to 6.4 mm white; crop marks stand in the margin
+)  # printers leave up to 6.4 mm white; crop marks are in the margin
 OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
-LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title beside it
+LEAST_WIDTH_MM = 200.0  # of a fitted sheet: the bar, and the title next to it
 STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 6.5,
@@ -49,8 +49,8 @@ THIN, GREY = 0.25, "0.55"  # points; colour of what is no edge
 
 @dataclass(frozen=True)
 class Drawing:
-    """Something to print at true scale. paint: draws it on axes in millimetres, origin at the lower
-    left, y up; title and note: two lines of text for the foot of each sheet."""
+    """A drawing at true scale. paint: draws it on axes in millimetres, origin at the lower left, y
+    up; title and note: two lines of text at the foot of each sheet."""
 
     width_mm: float
     height_mm: float
@@ -60,8 +60,8 @@ class Drawing:
 
 
 def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
-    """One figure of the paper's size for each sheet: a drawing that does not fit is cut into
-    overlapping tiles. Raises HandbenchError for an unknown paper and for a drawing beyond
+    """One figure of the paper's size for each sheet. A drawing that does not fit is cut into
+    overlapping tiles. Raises HandbenchError for an unknown paper and for a drawing larger than
     LARGEST_MM."""
     for drawing in drawings:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
@@ -82,7 +82,7 @@ def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
 
 
 def usable_mm(paper: str) -> tuple[float, float]:
-    """Width and height of what fits on a sheet held sideways; unlimited for `fit`."""
+    """Width and height of the printable area of a sheet in landscape; unlimited for `fit`."""
     if paper == FIT:
         return np.inf, np.inf
     if paper not in PAPERS_MM:
@@ -93,7 +93,7 @@ def usable_mm(paper: str) -> tuple[float, float]:
 
 def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
     """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover
-    the drawing row by row from the top, upright or sideways, whichever takes fewer sheets."""
+    the drawing row by row from the top, in portrait or landscape, whichever needs fewer sheets."""
     usable_mm(paper)  # refuses an unknown one
     if paper == FIT:
         width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
@@ -111,7 +111,8 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
 
 
 def _starts(length_mm: float, window: float) -> np.ndarray:
-    """Starts of windows that cover a length and overlap by OVERLAP_MM or more; all are full."""
+    """Start positions of windows that cover a length and overlap by at least OVERLAP_MM; all are
+    full."""
     if length_mm <= window + 1e-9:
         return np.zeros(1)
     count = int(np.ceil((length_mm - OVERLAP_MM) / (window - OVERLAP_MM) - 1e-9))
@@ -161,8 +162,8 @@ def _axes(
 
 
 def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing) -> None:
-    """Crop marks outside the window's corners, and ticks where the right and the lower neighbour's
-    edge comes."""
+    """Crop marks outside the window's corners, and ticks at the edges of the right and the lower
+    neighbour."""
     (left, bottom), (right, top) = corner, corner + window[2:]
     for x, outward in ((left, -1), (right, 1)):
         for y, upward in ((bottom, -1), (top, 1)):
@@ -193,7 +194,7 @@ def line(
 
 
 def _plain(text: str) -> str:
-    """A line that the font can show: names of files may hold anything."""
+    """A text with only characters that the font has: names of files may contain any."""
     shown = "".join(
         c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1")
     )
@@ -201,8 +202,8 @@ def _plain(text: str) -> str:
 
 
 def save(path: str | Path, figures: Sequence[Figure]) -> None:
-    """Write the sheets as PDF or, if there is only one, as SVG; atomically, and the same bytes
-    every time. Raises HandbenchError for another suffix and for an SVG of several sheets."""
+    """Write the sheets as PDF or, for a single one, as SVG; atomically, with the same bytes every
+    time. Raises HandbenchError for another suffix and for an SVG of several sheets."""
     path = Path(path)
     check_suffix(path, (".pdf", ".svg"))
     svg = path.suffix.lower() == ".svg"
@@ -228,6 +229,6 @@ def save(path: str | Path, figures: Sequence[Figure]) -> None:
 
 
 def check_suffix(path: Path, known: Sequence[str]) -> None:
-    """Refuse a file whose suffix names none of the `known` formats."""
+    """Raise a HandbenchError if a file's suffix is none of the `known` formats."""
     if path.suffix.lower() not in known:
         raise HandbenchError(f"{path}: ends in '{path.suffix}'; expected {', '.join(known)}")

@@ -1,8 +1,9 @@
-"""The calibration target on paper at true scale: views, ordinates, parts, and where to drill.
+"""The calibration target on paper at true scale: views, dimensions, parts list and drilling
+template.
 
-The front view is the target as the radar sees it, so that x grows to the left; the side view beside
-it is from the viewer's right, the radar on its left (third-angle projection). The front view is
-also the template for the carrier.
+The front view shows the target from the radar, so that x grows to the left; the side view is from
+the viewer's right, with the radar on its left (third-angle projection). The front view is also the
+template for the carrier.
 """
 
 import textwrap
@@ -40,8 +41,8 @@ NOTES = (
 
 
 def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
-    """The target's sheets: views and parts list on one if they fit side by side, else apart. title:
-    heads the sheets. Raises HandbenchError for an unknown paper."""
+    """The target's sheets: views and parts list on one sheet if they fit side by side, else on two.
+    title: their heading. Raises HandbenchError for an unknown paper."""
     views, table = _Views(target), _parts(target)
     width, depth, height = views.high_mm - views.low_mm
     note = (
@@ -65,7 +66,7 @@ def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
 
 
 class _Views:
-    """Front and side view with their ordinates. Page columns of points: to the right in the front
+    """Front and side view with their dimensions. Page columns of points: to the right in the front
     view (−x), to the right in the side view (z), up (y); millimetres."""
 
     def __init__(self, target: "Target") -> None:
@@ -83,7 +84,7 @@ class _Views:
         self.side = np.array([self.side_mm, BAND_MM]) - self.low_mm[[1, 2]]
 
     def paint(self, axes: Axes) -> None:
-        """Both views; extension lines first, so that they lie beneath."""
+        """Draw both views, with the extension lines first, so that they are beneath."""
         self._ordinates(axes)
         for columns, place in (([0, 2], self.front), ([1, 2], self.side)):
             points_mm = self.centres_mm[:, columns] + place
@@ -109,7 +110,8 @@ class _Views:
             line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
-        """Each element's number beside its ball, on the target's outer side if there is room."""
+        """Write each element's number next to its ball, on the target's outer side if there is
+        room."""
         taken = [
             (point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)
         ]  # half sizes
@@ -131,8 +133,8 @@ class _Views:
             axes.text(*place, text, ha="center", va="center", fontsize=9, weight="bold", bbox=CLEAR)
 
     def _ordinates(self, axes: Axes) -> None:
-        """Distances from the frame's planes x, y, z = 0: an extension line through each centre, its
-        number outside."""
+        """Draw distances from the frame's planes x, y, z = 0: an extension line through each
+        centre, with the number outside."""
         ends = (
             (0, self.front[0], "← x", self.low_mm[0]),
             (1, self.side[0], "z →", self.high_mm[1]),
@@ -156,14 +158,14 @@ class _Views:
         axes.text(left + 3, self.height_mm - 3, "y ↑", ha="center")
 
     def _members(self, column: int, value: float) -> np.ndarray:
-        """The centres that have the value in the column; if none has, what the views show of the
+        """The centres with this value in the column; if there are none, the drawn part of the
         frame's axis."""
         members = self.centres_mm[np.abs(self.centres_mm[:, column] - value) < SAME_MM]
         return members if len(members) else np.clip(np.zeros((1, 3)), self.low_mm, self.high_mm)
 
     def _spread(self, column: int) -> Iterator[tuple[float, float]]:
-        """Each different value of a column, zero too if the views show it, and where its number
-        stands so that no two overlap."""
+        """Each different value of a column, and zero if the views show it, with a position of its
+        number such that no two overlap."""
         zero = [0.0] if self.low_mm[column] < 0 < self.high_mm[column] else []
         values = np.sort([*self.centres_mm[:, column], *zero])
         values = values[np.diff(values, prepend=-np.inf) > SAME_MM]
@@ -174,7 +176,7 @@ class _Views:
 
 
 def _parts(target: "Target") -> list[Sequence[str]]:
-    """The list's lines: cells of a row, or one text."""
+    """Lines of the parts list: the cells of a row, or one text."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)
     radii_m = [(one.centre_m[2], one.sphere_radius_m, one.ball_radius_m) for one in e]
@@ -203,8 +205,8 @@ def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
 
 
 def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: float) -> None:
-    """The list's lines from the top down; cells are right-aligned, the first row of each block
-    bold."""
+    """Write the list's lines from the top down; cells are right-aligned, the first row of each
+    block bold."""
     for i, cells in enumerate(table):
         y = top_mm - TEXT_MM * (i + 1)
         if len(cells) == 1:
@@ -217,7 +219,7 @@ def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: f
 
 
 def _coincident(points_mm: np.ndarray) -> list[list[int]]:
-    """Elements that one view shows at the same place, together."""
+    """Groups of elements that coincide in one view."""
     groups: list[list[int]] = []
     for i, point in enumerate(points_mm):
         same = next((g for g in groups if np.abs(points_mm[g[0]] - point).max() < SAME_MM), None)
@@ -226,6 +228,6 @@ def _coincident(points_mm: np.ndarray) -> list[list[int]]:
 
 
 def _mm(value: float) -> str:
-    """A length with one decimal, or two where it has them."""
+    """A length with one decimal, or two if it has them."""
     text = f"{round(value, 2) + 0.0:.2f}"
     return (text[:-1] if text.endswith("0") else text).replace("-", "−")

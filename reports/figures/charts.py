@@ -1,5 +1,5 @@
-"""Charts of a whole result: errors against time, their distribution, how far repeats scatter,
-errors by cause, and the reliability of the methods' own σ."""
+"""Charts of an entire result: errors against time, their distribution, scatter of repeats, errors
+by cause, and the reliability of the methods' σ."""
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
@@ -16,7 +16,7 @@ from handbench.reports.figures.style import (
     Picture,
     draw,
     log_axis,
-    looks,
+    method_styles,
     methods,
     name_all,
     side_by_side,
@@ -39,12 +39,12 @@ LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
 def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
-    """The pictures of all captures together that the result has the data for; counts: of their
-    errors, if at hand."""
+    """The pictures of all captures together for which the result has data. counts: of their errors,
+    if known."""
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
-        yield error_distributions(result, counts or counted(result, result.scored()))
+        yield error_distributions(result, counts or error_counts(result, result.scored()))
     if len(result.curves):
         yield risk_coverage(result)
     if len(result.repeats):
@@ -52,12 +52,12 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
 
 
 def accuracy_against_time(result: Result) -> Picture:
-    """Mean error over seconds per frame with both intervals; the paper's as an open marker at our
-    time."""
+    """Mean error over seconds per frame with both intervals; the paper's figure as an open marker
+    at our time."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
     figure, axes = side_by_side(len(references))
-    look = looks(m.name for m in methods(result))
+    look = method_styles(m.name for m in methods(result))
     notes, handles = [], {}
     for axis, reference in zip(axes, references, strict=True):
         for method in methods(result):
@@ -105,8 +105,7 @@ def accuracy_against_time(result: Result) -> Picture:
 
 
 def error_distributions(result: Result, counts: Counts) -> Picture:
-    """Share of the observed pixels whose error is smaller than e: the whole distribution, not only
-    its mean."""
+    """Cumulative distribution of the errors: share of the observed pixels with an error below e."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
@@ -134,11 +133,11 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
 
 
 def risk_coverage(result: Result) -> Picture:
-    """Error over completeness: each method's strongest pixels, as many as make up a share of the
-    surface."""
+    """Error over completeness: the mean error of each method's strongest pixels that make up a
+    share of the surface."""
     figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
-    for axis, (treatment, said) in zip(axes, TREATMENTS.items(), strict=True):
+    for axis, (treatment, words) in zip(axes, TREATMENTS.items(), strict=True):
         for method in methods(result):
             curve = result.curves[
                 (result.curves.method == method.name) & (result.curves.treatment == treatment)
@@ -146,7 +145,9 @@ def risk_coverage(result: Result) -> Picture:
             draw(result, axis, method, curve.share_percent, curve.risk_mm, markevery=10)
         log_axis(axis, "y")
         axis.set(
-            xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm", title=said
+            xlabel="share of the surface in %",
+            ylabel=f"{result.title(HEADLINE)} in mm",
+            title=words,
         )
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
@@ -154,14 +155,15 @@ def risk_coverage(result: Result) -> Picture:
         f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's "
         "strongest pixels, as "
         "many as make up a share of the surface. No threshold decides; the mean of the captures.",
-        "Mean absolute error over completeness for each method, unsmoothed and all smoothed alike.",
+        "Mean absolute error over completeness for each method, unsmoothed and with the same "
+        "smoothing.",
         figure,
     )
 
 
-def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
-    """The observed pixels of some captures with an absolute error up to each of EDGES_MM, and all
-    of them."""
+def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
+    """Number of the observed pixels of some captures with an absolute error up to each of EDGES_MM,
+    and of all."""
     counts = {
         (m.name, reference): np.zeros(len(EDGES_MM) + 1, int)
         for m in methods(result)
@@ -178,18 +180,18 @@ def counted(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
     return counts
 
 
-def added(parts: Iterable[Counts]) -> Counts:
-    """The counts of several groups of captures together."""
+def total_counts(parts: Iterable[Counts]) -> Counts:
+    """Sum of the counts of several groups of captures."""
     return reduce(lambda a, b: {key: a[key] + b[key] for key in a}, parts)
 
 
 def repeats(result: Result) -> Picture:
-    """Every repeat's depth of the strongest scatterer, from its hand's mean."""
+    """Depth of the strongest scatterer in every repeat, relative to its hand's mean."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
     axis = figure.subplots()
-    look = looks(m.name for m in methods(result))
+    look = method_styles(m.name for m in methods(result))
     for column, method in enumerate(repeated):
         colour, marker = look[method.name]
         mine = result.repeats[result.repeats.method == method.name].dropna(subset="z_m")
@@ -223,8 +225,8 @@ def repeats(result: Result) -> Picture:
     )
 
 
-def explained(result: Result) -> Iterator[Picture]:
-    """The pictures that the result has the data for."""
+def cause_charts(result: Result) -> Iterator[Picture]:
+    """The charts of causes and reliability for which the result has data."""
     for reference in DRAWN:
         causes = result.causes[result.causes.reference == reference]
         if len(causes):
@@ -234,7 +236,7 @@ def explained(result: Result) -> Iterator[Picture]:
 
 
 def bin_label(line: Any) -> str:
-    """The bin of a line of the causes, as it is printed."""
+    """The label of the bin of a line of CAUSES."""
     return line.part or (
         f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}"
     )
@@ -290,8 +292,7 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
 
 
 def reliability(result: Result) -> Picture:
-    """Share of all errors within the interval that each method's σ promises, over what it
-    promises."""
+    """Share of all errors inside the interval of each method's σ, over the nominal share."""
     lines = result.reliability[result.reliability.pixels == "all"]
     references = [reference for reference in DRAWN if (lines.reference == reference).any()]
     figure, axes = side_by_side(len(references), 3.2)
@@ -308,7 +309,7 @@ def reliability(result: Result) -> Picture:
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "reliability",
-        "Reliability of σ: share of all errors that lie within the normal interval about the "
+        "Reliability of σ: share of all errors inside the normal interval about the "
         "depth; on the grey line σ "
         "is right, below it too small.",
         "Observed over nominal coverage of each method that predicts its own error.",
@@ -317,7 +318,7 @@ def reliability(result: Result) -> Picture:
 
 
 def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFacts, pd.DataFrame]]:
-    """Each method with its lines, if it has some."""
+    """Each method that has lines, with its lines."""
     for method in methods(result):
         mine = lines[lines.method == method.name]
         if len(mine):

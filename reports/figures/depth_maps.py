@@ -1,5 +1,4 @@
-"""Depth maps and error maps, as seen from the array: x grows to the left, so that they look like
-the photograph."""
+"""Depth maps and error maps as seen from the array: x grows to the left, as in the photograph."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -18,7 +17,14 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from handbench.bench.results import HEADLINE, CaptureFacts, ErrorMap, MethodFacts, Result, Surface
+from handbench.bench.results import (
+    HEADLINE,
+    CaptureFacts,
+    ErrorMap,
+    MethodFacts,
+    Result,
+    SurfaceMap,
+)
 from handbench.reports.figures.layers import (
     Box,
     Layer,
@@ -39,7 +45,7 @@ X_LABEL, X_SHORT = (
 PAGE, COLUMN = (6, 1.9, 0.14, 0.8, 0.75, 0.14), (4, 0.0, 0.05, 0.48, 0.74, 0.08)
 LINE_IN, BOTTOM_IN = 0.155, 0.45  # of a title's line, and below the lowest panels
 SIGNED = (
-    "red lies behind the reference, blue before it, grey was not observed; the line is the "
+    "red is behind the reference, blue in front, grey was not observed; the line is the "
     "reference's outline. The "
     "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
 )
@@ -50,7 +56,7 @@ Row = Sequence[
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
-    """One capture's pictures, drawn."""
+    """The pictures of one capture."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
         yield depth_maps(result, capture, *references[:1])
@@ -59,8 +65,8 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
-    """Like the paper's Fig. 3 and 4: ground truth and methods on one colour scale, and below each
-    its errors against the reference, beside the photograph."""
+    """As the paper's Fig. 3 and 4: the photograph, ground truth and methods on one colour scale,
+    and the methods' errors below them."""
     found = [result.surface(capture.name, method.name) for method in methods(result)]
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
@@ -71,7 +77,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         [np.asarray(Image.open(photo).convert("RGB"))] if photo else []
     )
     errors: list[Row] = []
-    said, alt = "; grey: not observed.", ""
+    against, alt = "; grey: not observed.", ""
     if reference:
         name = {"truth": "true surface", "photogrammetry": "photogrammetry"}[reference]
         below, alt = _errors(result, capture, reference, timed=False)
@@ -81,11 +87,11 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
                 "ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm
             )
         ]
-        said = f", and below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
+        against = f", below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
     names = ", ".join(_title_of(panel).replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
-        f"Capture {capture.name}: depth maps on one colour scale{said}",
+        f"Capture {capture.name}: depth maps on one colour scale{against}",
         f"Depth maps of capture {capture.name}, side by side: "
         f"{names}{', and the photograph' * bool(photo)}. {alt}",
         sheet([[*before, *maps], *errors], box_of(surfaces)),
@@ -93,8 +99,8 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
 
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
-    """Like the paper's Fig. 4: signed errors of every method, on one diverging scale for every
-    capture."""
+    """As the paper's Fig. 4: signed errors of every method, on one diverging scale for all
+    captures."""
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
@@ -105,13 +111,13 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """A figure of a true surface, beside it the titled depths z_m [ny, nx] of methods, and below
-    these their errors, which hold the surface of all."""
+    """A figure of a true surface next to the titled depths z_m [ny, nx] of methods, with their
+    errors below. Each error map has the surface."""
     maps = [errors for *_, errors in shown]
-    truth = Surface(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
+    truth = SurfaceMap(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
     depths = [
-        depth_layer(title, Surface(errors.x_m, errors.y_m, z_m), norm)
+        depth_layer(title, SurfaceMap(errors.x_m, errors.y_m, z_m), norm)
         for title, z_m, errors in shown
     ]
     below = [None, *(error_layer(errors, "") for errors in maps)]
@@ -124,8 +130,8 @@ def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
 def _errors(
     result: Result, capture: CaptureFacts, reference: str, timed: bool
 ) -> tuple[list[Layer], str]:
-    """The methods' errors, titled by their means and, if timed, by names and times too; and all in
-    words."""
+    """Panels of the methods' errors and their description in words. Titles have the mean error and,
+    if `timed`, name and time."""
     shown, words = [], []
     for m in methods(result):
         errors = result.errors(capture.name, m.name, reference)
@@ -137,7 +143,7 @@ def _errors(
 
 
 def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
-    """A method's name, its mean error, if it is told, and its time."""
+    """A method's name, its mean error, if known, and its time."""
     time = time_text(result, method)
     if narrow():
         return "\n".join(filter(None, (fill(method.title, 11), mean, time)))
@@ -159,9 +165,9 @@ def _title_of(panel: Layer | np.ndarray | None) -> str:
 
 
 def sheet(rows: Sequence[Row], box: Box) -> Figure:
-    """A figure of rows of panels cut to a box, one below the other, in as many turns as a row has
-    too few places, with a colour bar at the right of each; numbers and names stand on the outer
-    axes only, and nothing where no panel is."""
+    """A figure of rows of panels, cut to a box. A row with too many panels is broken into several.
+    Each row has a colour bar at its right; only outer axes have numbers and names, and empty places
+    are blank."""
     count = max(map(len, rows))
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
@@ -203,7 +209,7 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
 
 
 def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
-    """A map's colour bar, that of signed errors with their ticks."""
+    """A map's colour bar; that of signed errors has its own ticks."""
     bar = figure.colorbar(
         ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
     )
@@ -215,10 +221,10 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
-    """One map in mm, cut to `box`; or a photograph."""
+    """Draw a map in mm, cut to `box`, or a photograph."""
     axis.set_title(
         _title_of(panel), y=1.0
-    )  # told, for to find it takes as long as to draw the axes
+    )  # given, because finding it takes as long as drawing the axes
     if not isinstance(panel, Layer):
         axis.set_axis_off()
         if panel is not None:
@@ -236,7 +242,7 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
     for side, marker in (
         ("x", TICKDOWN),
         ("y", TICKLEFT),
-    ):  # as one line each: ticks of their own are five a tick
+    ):  # as one line each: separate ticks are five objects each
         at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()
@@ -246,8 +252,8 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
 
 
 def ticks_mm(side: str, box: Box) -> np.ndarray:
-    """The places of ticks along one side of a box; numbers at the edges of x would meet the next
-    panel's."""
+    """Positions of ticks along one side of a box. Along x there are none at the edges, where
+    numbers would touch those of the next panel."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = (
         {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side],
@@ -260,7 +266,7 @@ def ticks_mm(side: str, box: Box) -> np.ndarray:
 
 
 def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
-    """Write numbers at the ticks of an outer axis; of a photograph none."""
+    """Write numbers at the ticks of an outer axis, except for a photograph."""
     if axis.axison:
         axis.set(**{f"{side}ticks": ticks_mm(side, box)})
         axis.tick_params(length=2.5, width=0.6)

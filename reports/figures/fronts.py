@@ -1,5 +1,5 @@
-"""Pictures of a trade-off: error against time of every setting, the front that none beats, and
-where time goes."""
+"""Pictures of a trade-off: error against time of every setting, the front, and the parts of the
+time."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -19,13 +19,13 @@ from handbench.reports.figures.style import (
     INK,
     Picture,
     log_axis,
-    look,
-    looks,
+    method_styles,
     narrow,
+    nth_style,
     whiskers,
 )
 from handbench.reports.tables.blocks import figure as figure_text
-from handbench.reports.tables.blocks import known, number, three_digits
+from handbench.reports.tables.blocks import is_known, number, three_digits
 
 LINE_IN = 0.165  # of a legend
 PARTS = {  # of a frame's time: name, colour, hatch
@@ -37,27 +37,27 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Each section's front and, where the parts of its time are known, how they add up."""
+    """Each section's front and, if the parts of its time are known, a chart of them."""
     for about in found.facts.sections:
         settings = found.section(about.name)
-        if any(plotted(setting) for setting in settings):
+        if any(is_plottable(setting) for setting in settings):
             yield front(about, settings)
         if any(parts(setting) for setting in settings):
             yield time_split(about, settings)
 
 
-def plotted(setting: Setting) -> bool:
-    """True where it has a place on logarithmic axes."""
+def is_plottable(setting: Setting) -> bool:
+    """True if the setting has a place on logarithmic axes."""
     return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Error over seconds: the front as a line of numbered points, the other settings faint, the
-    reference in a square; colours and markers are the methods', where settings have one."""
-    shown = [s for s in settings if plotted(s)]
+    reference in a square. Colours and markers are the methods', if settings have one."""
+    shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    styles = looks(filter(None, (s.method for s in shown))) | {
-        "": look(0)
+    styles = method_styles(filter(None, (s.method for s in shown))) | {
+        "": nth_style(0)
     }  # some settings have no method
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
@@ -118,23 +118,21 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
     )
     if best:
-        # lays it out: only then is known where points and numbers lie
+        # lays it out: only then are the positions of points and numbers known
         picture.draw_without_rendering()
         _number(axis, best, shown, line)
-    told = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
-    more = any(known(s.seen_percent) for s in shown)
+    listed = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
+    more = any(is_known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
     notes = ""
     if line != best:
-        notes += (
-            " The line joins those that none beats in time and accuracy alone; the others see more."
-        )
+        notes += " The line joins those that none beats in time and accuracy; the others see more."
     if reference in shown:
         notes += f" The square marks the reference, {reference.title}."
     if len(shown) < len(settings):
         notes += (
             " Settings with no error, or without a figure, have no place on these axes and "
-            "stand in the table."
+            "are in the table."
         )
     return Picture(
         f"front_{about.name}",
@@ -144,31 +142,32 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         "points: one "
         f"is.{notes}",
         f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast "
-        f"to slow: {told}.",
+        f"to slow: {listed}.",
         picture,
     )
 
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
-    """The front's numbers, which give way to the other settings, to the intervals and to the
-    line."""
+    """Number the front's points, away from the other settings, the intervals and the line."""
     ends = [
-        [(s.seconds_low, s.error), (s.seconds_high, s.error)] for s in shown if known(s.seconds_low)
+        [(s.seconds_low, s.error), (s.seconds_high, s.error)]
+        for s in shown
+        if is_known(s.seconds_low)
     ]
-    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if known(s.low)]
+    ends += [[(s.seconds, s.low), (s.seconds, s.high)] for s in shown if is_known(s.low)]
     crossed = [np.array(end, dtype=float) for end in (*ends, [(s.seconds, s.error) for s in line])]
     others = np.array([(s.seconds, s.error) for s in shown if s not in best]).reshape(-1, 2)
     number_points(axis, np.array([(s.seconds, s.error) for s in best]), others, crossed)
 
 
 def metric_words(about: Section) -> str:
-    """The section's metric as a person writes it."""
+    """The section's metric in words."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
 def _ratios(axis: Axes, title: str, seconds: float) -> None:
-    """The same axis above, in times of the reference's seconds."""
+    """A second time axis at the top, in multiples of the reference's seconds."""
     above = axis.secondary_xaxis(
         "top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds))
     )
@@ -179,7 +178,7 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
 
 
 def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
-    """The markers' meaning."""
+    """The legend of the markers."""
     handles = [
         Line2D(
             [],
@@ -203,16 +202,16 @@ def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[
 
 
 def parts(setting: Setting) -> list[float]:
-    """The parts of a frame's time, as far as they are known; [] where none is."""
+    """The known parts of a frame's time; [] if none is known."""
     values = [getattr(setting, part) for part in PARTS]
     return [value or 0.0 for value in values] if any(values) else []
 
 
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Two bars for each setting: the shares of a frame's time, with the whole in seconds at their
+    """Two bars for each setting: the shares of a frame's time, with the total in seconds at the
     end; and the plan, which many frames share."""
-    told = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
-    known, left_out = sorted(told[:BARS], key=lambda s: sum(parts(s))), len(told[BARS:])
+    with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
+    known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
     lines = sum(name.count("\n") + 1 for name in names)
     figure = Figure(figsize=(COLUMN_IN if narrow() else 9, 1.1 + 0.2 * lines), layout="constrained")
@@ -264,10 +263,10 @@ def _parts_in_words(setting: Setting) -> list[str]:
 
 
 def error_text(s: Setting) -> str:
-    """Its error with the interval."""
+    """The setting's error with its interval."""
     return figure_text(s.error, s.low, s.high, s.unit)
 
 
 def seconds_text(s: Setting) -> str:
-    """Its time with the range."""
+    """The setting's time with its range."""
     return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")

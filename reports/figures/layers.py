@@ -1,5 +1,4 @@
-"""Maps in millimetres: what is drawn of each, and several side by side, each with a scale of its
-own."""
+"""Panels of maps in millimetres, and figures of several panels, each with its own scale."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
-from handbench.bench.results import ErrorMap, Surface
+from handbench.bench.results import ErrorMap, SurfaceMap
 from handbench.reports.figures.style import STYLE
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
@@ -24,7 +23,7 @@ SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 LIGHT = np.array(
     [-0.45, 0.55, 0.70]
 )  # of the eye's axes: from the upper left, a little before the surface
-HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and beside it: names, and a bar of colours
+HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and next to it: names, and a colour bar
 DECIBELS: dict[str, Any] = {
     "colours": "magma",
     "norm": Normalize(-40, 0),
@@ -35,7 +34,7 @@ SIGMAS: dict[str, Any] = {
     "norm": LogNorm(0.01, 10),
     "ticks": (0.01, 0.1, 1, 10),
 }
-KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # beside a depth map: units, look
+KNOWN: dict[str, tuple[float, dict[str, Any]]] = {  # maps besides the depth: units, style
     "amplitude_db": (1, DECIBELS | {"title": "amplitude"}),
     "sigma_m": (1e3, SIGMAS | {"title": "predicted error", "label": "σ in mm"}),
     "p_gross": (
@@ -55,8 +54,8 @@ Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left 
 @dataclass(frozen=True)
 class Layer:
     """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with
-    its axes' names; of values the colours, their scale, its name (empty: as another panel's) and
-    numbers. outline [ny, nx]: what is encircled; box: what is shown (None: all)."""
+    the axes' names. For values: norm and colours, label of the scale (empty: as another panel's)
+    and numbers. outline [ny, nx]: pixels to encircle; box: the visible part (None: all)."""
 
     title: str
     x_mm: np.ndarray
@@ -72,13 +71,13 @@ class Layer:
 
     @property
     def shown_mm(self) -> Box:
-        """Its box, or the outer edges of its pixels: left, right, bottom, top; the first is larger
-        than the second."""
+        """The visible part: its box, or the outer edges of its pixels, as left, right, bottom, top;
+        left is larger than right, since x grows to the left."""
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
     def draw(self, axis: Axes) -> AxesImage:
-        """Draw it, pixel for pixel."""
+        """Draw the panel, pixel by pixel."""
         axis.set_facecolor(EMPTY)
         colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
         shown = np.ma.masked_invalid(self.values) if colours else self.values
@@ -94,8 +93,8 @@ class Layer:
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
-    """A figure of panels in a row, all millimetres as long; x, and z from the side, grow to the
-    left."""
+    """A figure of panels in a row, all with the same length of a millimetre; x, and z from the
+    side, grow to the left."""
     spans_mm = np.array(
         [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
     )
@@ -137,8 +136,8 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
     return centres[0] - half, centres[-1] + half
 
 
-def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
-    """The box around every pixel that any surface has."""
+def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
+    """The box around all pixels in which any surface has a depth."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
@@ -151,8 +150,8 @@ def box_of(surfaces: Sequence[Surface], margin_mm: float = 8) -> Box:
     )
 
 
-def depth_scale(surface: Surface) -> Normalize:
-    """The scale of depths in mm: the surface's range and 2.5 mm more, rounded outwards to 5 mm."""
+def depth_scale(surface: SurfaceMap) -> Normalize:
+    """The scale of depths in mm: the surface's range plus 2.5 mm, rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
         return Normalize(0, 1)
@@ -165,22 +164,22 @@ def error_scale() -> SymLogNorm:
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
-def depth_layer(title: str, surface: Surface, norm: Normalize) -> Layer:
-    """Depths on a scale."""
+def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
+    """A panel of depths on a scale."""
     x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
-def depth_layers(surface: Surface, others: dict[str, np.ndarray]) -> list[Layer]:
-    """A depth map's panel, and those of what else is KNOWN [ny, nx]."""
+def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
+    """A panel of depths, and one for each other map [ny, nx] in KNOWN."""
     depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
     return [depth] + [replace(depth, values=values, **look) for values, look in known]
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
-    """Signed errors with the reference's outline; red lies behind the reference, blue before it.
-    title: None for their mean."""
+    """A panel of signed errors with the reference's outline: red is behind the reference, blue in
+    front. title: None for the mean errors."""
     if title is None:
         seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
         title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
@@ -193,7 +192,7 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
         error_scale(),
         "z − z_ref in mm",
         outline=np.isfinite(errors.reference_z_m),
-        box=box_of([Surface(errors.x_m, errors.y_m, errors.reference_z_m)]),
+        box=box_of([SurfaceMap(errors.x_m, errors.y_m, errors.reference_z_m)]),
         ticks=ERROR_TICKS_MM,
     )
 
@@ -217,9 +216,9 @@ def volume_layers(
     return [*layers, Layer("from the left", z, y, side.T, axes=("z in mm", "y in mm"), **DECIBELS)]
 
 
-def shade(surface: Surface) -> np.ndarray:
-    """Brightness [ny, nx, 1] of a height field that is lit from the upper left of who sees x grow
-    to the left."""
+def shade(surface: SurfaceMap) -> np.ndarray:
+    """Brightness [ny, nx, 1] of a height field, lit from the upper left as seen with x to the
+    left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
     normal = np.stack(
         [-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1
@@ -228,7 +227,7 @@ def shade(surface: Surface) -> np.ndarray:
     return np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
 
 
-def shaded(surface: Surface, seen: np.ndarray) -> np.ndarray:
-    """Colours [ny, nx, 3] of a height field; greyish where it was not `seen`, but invented."""
+def shaded_colours(surface: SurfaceMap, seen: np.ndarray) -> np.ndarray:
+    """Colours [ny, nx, 3] of a height field; greyish where it is not `seen` but interpolated."""
     colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
     return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)

@@ -1,4 +1,4 @@
-"""Numbers beside the points of a chart: none on another or on a point, and none across a line where
+"""Numbers next to the points of a chart: none on another or on a point, and none across a line if
 there is room."""
 
 from collections.abc import Sequence
@@ -23,8 +23,8 @@ OFFSETS_PT = np.vstack(
 def number_points(
     axis: Axes, points: np.ndarray, others: np.ndarray, lines: Sequence[np.ndarray]
 ) -> None:
-    """Write 1, 2, … beside `points` [n, 2], in data coordinates, of an axis that is laid out.
-    others: further points [m, 2]; lines: corners [k, 2] of what is better not crossed."""
+    """Write 1, 2, … next to `points` [n, 2], in data coordinates, of an axis with a final layout.
+    others: further points [m, 2]; lines: corners [k, 2] of lines that numbers avoid."""
 
     def places_pt(data: np.ndarray) -> np.ndarray:
         return axis.transData.transform(data) * 72 / axis.figure.dpi

@@ -1,5 +1,5 @@
-"""The look of every picture: fonts, colours and markers of the methods, how times are written; and
-its file."""
+"""The style of all pictures: fonts, colours and markers of the methods, the format of times, and
+files."""
 
 import io
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from matplotlib.typing import MarkerType, RcKeyType
 from numpy.typing import ArrayLike
 
 from handbench.bench.results import MethodFacts, Result
-from handbench.reports.tables.blocks import known
+from handbench.reports.tables.blocks import is_known
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path
 
@@ -77,8 +77,8 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with its file name's stem, its caption and a description for those who cannot see
-    it."""
+    """A figure with the stem of its file name, its caption, and its description for screen
+    readers."""
 
     stem: str
     caption: str
@@ -87,12 +87,12 @@ class Picture:
 
 
 def narrow() -> bool:
-    """True where a picture is drawn for a paper's column: COLUMN is the style in force."""
+    """True while pictures are drawn for a paper's column, with the style COLUMN."""
     return rcParams["figure.figsize"][0] == COLUMN_IN
 
 
 def width_in(page_in: float, columns: int = 1) -> float:
-    """A figure's width on a page, or over so many of a paper's columns."""
+    """A figure's width in inches, on a page, or over a number of a paper's columns."""
     return columns * COLUMN_IN if narrow() else page_in
 
 
@@ -102,13 +102,14 @@ def methods(result: Result) -> list[MethodFacts]:
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
-def looks(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Method → colour and marker: those of its place in ORDER, of others in order of appearance."""
+def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
+    """Method → colour and marker, by its place in ORDER; other methods follow in order of
+    appearance."""
     places = dict.fromkeys((*ORDER, *names))
-    return {name: look(i) for i, name in enumerate(places)}
+    return {name: nth_style(i) for i, name in enumerate(places)}
 
 
-def look(i: int) -> tuple[str, MarkerType]:
+def nth_style(i: int) -> tuple[str, MarkerType]:
     """The i-th colour and marker; no two of the first hundred are the same pair."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
@@ -116,16 +117,15 @@ def look(i: int) -> tuple[str, MarkerType]:
 def draw(
     result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any
 ) -> None:
-    """Add a method's line to an axis with a grid, under its title, in its colour and with its
-    marker."""
-    colour, marker = looks(m.name for m in methods(result))[method.name]
+    """Draw a method's line on an axis with a grid, with its title, colour and marker."""
+    colour, marker = method_styles(m.name for m in methods(result))[method.name]
     axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
     axis.grid(alpha=0.25, linewidth=0.4)
 
 
 def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """A figure of axes in a row, one below the other in a paper's column, with room for names; and
-    the axes."""
+    """A figure of axes in a row (one below the other in a paper's column) with room for a legend;
+    and the axes."""
     if narrow():
         figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
         return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -134,8 +134,8 @@ def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray
 
 
 def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
-    """A legend of everything beside the axes, or below them in a paper's column; labels on the
-    outer axes alone."""
+    """Add a legend of all lines to the right of the axes, or below them in a paper's column; label
+    only outer axes."""
     place: dict[str, Any] = {"loc": "outside right center"}
     if narrow():
         place = {
@@ -150,7 +150,7 @@ def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> No
 
 
 def time_text(result: Result, method: MethodFacts) -> str:
-    """The method's time per frame, as a title writes it."""
+    """The method's time per frame, for a title."""
     time = result.time(method.name)
     if time is None:
         return "time unknown"
@@ -158,12 +158,16 @@ def time_text(result: Result, method: MethodFacts) -> str:
 
 
 def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
-    """An interval as matplotlib's error bars take it; None where an end is not known."""
-    return [[max(value - low, 0)], [max(high - value, 0)]] if known(low) and known(high) else None
+    """An interval as matplotlib's error bars; None if an end is unknown."""
+    return (
+        [[max(value - low, 0)], [max(high - value, 0)]]
+        if is_known(low) and is_known(high)
+        else None
+    )
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
-    """A logarithmic axis that reads 0.1, 0.2, 0.5, 1 rather than powers of ten."""
+    """Set a logarithmic axis with ticks 0.1, 0.2, 0.5, 1 instead of powers of ten."""
     axis.set(**{f"{side}scale": "log"})
     ticks = axis.xaxis if side == "x" else axis.yaxis
     low, high = ticks.get_view_interval()
@@ -174,7 +178,7 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
 
 
 def save(figure: Figure, file: str | Path) -> None:
-    """Write a figure, atomically; HandbenchError for a suffix other than those of FORMATS."""
+    """Write a figure, atomically; HandbenchError for a suffix that is not in FORMATS."""
     if Path(file).suffix.lower() not in FORMATS:
         raise HandbenchError(
             f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"

@@ -1,4 +1,4 @@
-"""The report: tables, figures and pages that need nothing else."""
+"""The report: tables, figures and HTML pages that need no other files."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -32,12 +32,12 @@ FIRST = 3  # captures on the first page where there are more
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
     """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex,
-    table.csv, comparisons.*, figures/*.png, *.pdf, index.html and, of many captures, pages/*.html
+    table.csv, comparisons.*, figures/*.png, *.pdf, index.html and, for many captures, pages/*.html
     to `out`.
 
-    sweep: a trade-off folder to show beside the result; else the one that `folder` is or holds.
-    Files of an earlier report are replaced, its further pages removed, others left alone. Returns
-    the path of index.html.
+    sweep: a trade-off folder to show with the result; default: the one that `folder` is or
+    contains. Files of an earlier report are replaced, its further pages removed, and other files
+    left unchanged. Returns the path of index.html.
     """
     folder, out = Path(folder), Path(out)
     places = (folder, folder / "tradeoff") if sweep is None else ()
@@ -87,7 +87,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "pages",
         len(parts),
     )
-    counts = charts.added([charts.counted(result, groups[0]), *further])
+    counts = charts.total_counts([charts.error_counts(result, groups[0]), *further])
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(
         out / "index.html",
@@ -97,8 +97,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
 
 
 def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
-    """Write pages by number, in as many processes as there are cores, since matplotlib's threads
-    would meet."""
+    """Write pages by number, in as many processes as there are cores: matplotlib is not safe in
+    threads."""
     count = min(len(numbers), workers())
     if count < 2:
         yield from map(page, numbers)
@@ -113,22 +113,22 @@ _loaded = cache(load)  # a process draws many pages of one result
 def further_page(
     folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int
 ) -> charts.Counts:
-    """Write a further page of captures, groups[part], of the result in `folder`, its pictures as
-    PNG only, and count their errors."""
+    """Write a further page of captures, groups[part], of the result in `folder`, with pictures as
+    PNG only; returns the counts of their errors."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
     write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
-    return charts.counted(result, groups[part])
+    return charts.error_counts(result, groups[part])
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
-    """The files of the further pages."""
+    """File names of the further pages."""
     return [f"pages/{i:03d}.html" for i in range(1, len(groups))]
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
-    """The captures of the first page and of each further one."""
+    """The captures of the first page and of each further page."""
     first = len(captures) if len(captures) <= ABREAST else FIRST
     rest = [tuple(captures[i : i + ABREAST]) for i in range(first, len(captures), ABREAST)]
     return [tuple(captures[:first]), *rest]
@@ -137,7 +137,7 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
 def _summary(
     result: Result, overview: list[Image], swept: Any, causes: Any = None
 ) -> dict[str, Any]:
-    """Content of index.html on all captures together."""
+    """Content of index.html about all captures together."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {
         "about": result.about,
@@ -153,7 +153,7 @@ def _summary(
 def _captures(
     result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True
 ) -> dict[str, Any]:
-    """Content of a page on its captures: their pictures, and what turns in 3-D."""
+    """Content of a page about its captures: their pictures and 3-D views."""
     details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}

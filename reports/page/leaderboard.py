@@ -1,4 +1,4 @@
-"""The report of several results: their methods in one ranking, and the report of each."""
+"""The report of several results: a ranking of their methods, and the report of each result."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ HEADINGS = (
 
 def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Path) -> Path:
     """Write leaderboard.md, leaderboard.csv, index.html and the reports report-1, report-2, … to
-    `out`; ranking: `RANKING`; about: words on it. Returns the path of index.html."""
+    `out`. ranking: the table RANKING; about: a sentence on it. Returns the path of index.html."""
     rendering.begin(out)
     reports = {}
     for count, result in enumerate(results, 1):

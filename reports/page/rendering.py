@@ -1,5 +1,5 @@
-"""Pages that need nothing but themselves: templates, pictures inside, and a policy that lets
-nothing else in."""
+"""HTML pages that need no other files: templates, embedded pictures, and a content security policy
+that allows nothing else."""
 
 import base64
 import hashlib
@@ -19,14 +19,14 @@ from handbench.reports.figures.style import COLUMN, PAGE, Picture
 from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
-WIDTH_PX = 1900  # of a picture inside a page at most; the files beside it have every pixel
+WIDTH_PX = 1900  # of a picture inside a page at most; the files have full resolution
 QUALITY = 82  # of WebP
 SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's small print
 
 
 @dataclass(frozen=True)
 class Image:
-    """A picture inside a page: its bytes as a data: URI, its size there in CSS pixels, words and
+    """An embedded picture: its bytes as a data: URI, its size in CSS pixels, its texts and its
     files."""
 
     uri: str
@@ -39,15 +39,15 @@ class Image:
 
 
 def begin(out: Path) -> None:
-    """Mark a folder as a report's, so that one that was stopped can be made again."""
+    """Mark a folder as a report's, so that an interrupted report can be overwritten."""
     if not (out / "index.html").exists():
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
 def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
-    """Write each drawn picture into `folder` as STEM.png, which is fine, and STEM.pdf, for a
-    paper's column, and give it as an image for the page; each figure is let go before the next is
-    drawn. paper: False writes STEM.png only, as wide as it is inside the page."""
+    """Write each picture into `folder` as STEM.png, in high resolution, and STEM.pdf, for a paper's
+    column, and return it as an image for the page. Each figure is closed before the next is drawn.
+    paper: False writes only STEM.png, as wide as in the page."""
     written = []
     with matplotlib.rc_context(PAGE):
         for picture in draw():
@@ -73,7 +73,7 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
 def image(
     picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0
 ) -> Image:
-    """A picture to lie inside a page; shown: CSS pixels for one of its own."""
+    """A picture to embed. shown: its CSS pixels, if given."""
     width = round(shown * picture.width)
     return Image(
         _uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem
@@ -93,14 +93,14 @@ def _uri(picture: Pixels.Image) -> str:
 
 
 def render(template: str, **facts: Any) -> str:
-    """A page of `template`. Texts are escaped; style and script are those of this package, known to
-    the policy by their hashes."""
+    """Render a page of `template`. Texts are escaped; style and script are this package's, allowed
+    by the policy through their hashes."""
     return _environment().get_template(template).render(**facts)
 
 
 @cache
 def _environment() -> jinja2.Environment:
-    """The templates' environment, with style and script, and their hashes."""
+    """The templates' environment, with style and script and their hashes."""
     loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True

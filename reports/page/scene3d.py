@@ -1,5 +1,4 @@
-"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to lie inside
-the page."""
+"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to embed."""
 
 import base64
 import math
@@ -9,7 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image
 
-from handbench.bench.results import CaptureFacts, Result, Surface
+from handbench.bench.results import CaptureFacts, Result, SurfaceMap
 from handbench.reports.figures import layers
 from handbench.reports.figures.depth_maps import mean_text
 from handbench.reports.figures.style import methods
@@ -28,31 +27,33 @@ STILL_PX = 3  # pixels of the still picture for one of the map, each way
 Errors = dict[
     str, tuple[np.ndarray, str]
 ]  # by reference: signed errors [ny, nx] in metres, and a note
-Part = tuple[str, str, Surface, Errors]  # name, title, surface, and its errors
+Part = tuple[str, str, SurfaceMap, Errors]  # name, title, surface, and its errors
 
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
-    """One capture for the view; None where nothing was observed at all."""
+    """Content of the view for one capture; None if nothing was observed."""
     references: list[str] = [reference for reference in DRAWN if reference in capture.references]
     parts: list[Part] = [
         (name, AGAINST[name], result.surface(capture.name, name), {}) for name in references
     ]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
-        told: Errors = {
+        error_maps: Errors = {
             r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}")
             for r, error_m in errors.items()
         }
-        parts.append((method.name, method.title, result.surface(capture.name, method.name), told))
+        parts.append(
+            (method.name, method.title, result.surface(capture.name, method.name), error_maps)
+        )
     return _scene(capture.name, references, parts)
 
 
-def page(name: str, title: str, surface: Surface) -> str:
-    """A page with one surface, to turn; HandbenchError where nothing was observed."""
+def page(name: str, title: str, surface: SurfaceMap) -> str:
+    """An interactive page of one surface; HandbenchError if nothing was observed."""
     scene = _scene(name, [], [(title, title, surface, {})])
     if scene is None:
         raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
-    picture = layers.shaded(surface, np.isfinite(surface.z_m))[::-1, ::-1]
+    picture = layers.shaded_colours(surface, np.isfinite(surface.z_m))[::-1, ::-1]
     still = image(
         Image.fromarray(np.round(255 * picture).astype(np.uint8)),
         f"{title}, seen from the array.",
@@ -68,8 +69,7 @@ def page(name: str, title: str, surface: Surface) -> str:
 
 
 def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any] | None:
-    """Surfaces for the view, on the depth scale of the first; None where nothing was observed at
-    all."""
+    """Surfaces for the view, on the depth scale of the first; None if nothing was observed."""
     z_mm = 1e3 * np.concatenate(
         [surface.z_m[np.isfinite(surface.z_m)] for _, _, surface, _ in parts]
     )
@@ -91,8 +91,7 @@ def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any
 
 
 def scales() -> dict[str, Any]:
-    """The colours of depth and error, and where an error of so many mm stands on its scale (0 to
-    1)."""
+    """The colours of depth and error, and the position of an error in mm on its scale (0 to 1)."""
     norm = layers.error_scale()
     at = np.linspace(0, 1, COLOURS)
     return {
@@ -109,9 +108,9 @@ def scales() -> dict[str, Any]:
 
 
 def _surface(
-    name: str, title: str, surface: Surface, errors: Errors, low_mm: float, step_mm: float
+    name: str, title: str, surface: SurfaceMap, errors: Errors, low_mm: float, step_mm: float
 ) -> dict[str, Any]:
-    """Depths of the observed pixels alone, in rows, with a bit for each pixel of their box."""
+    """Depths of the observed pixels only, in rows, with a bit for each pixel of their box."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
     x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
@@ -140,8 +139,8 @@ def _surface(
 
 
 def _box(z_m: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns around what was observed, thinned to PIXELS of them; everything where
-    nothing was."""
+    """Rows and columns around the observed pixels, thinned to PIXELS of them; all if nothing was
+    observed."""
     rows, columns = (np.flatnonzero(np.isfinite(z_m).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 2), slice(0, 2)
@@ -162,14 +161,14 @@ def _hex(colours: str, at: np.ndarray) -> list[str]:
 
 
 def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Image:
-    """The capture's reference, lit from the upper left, seen from the array, with the
-    method's pixels in the colours of their errors: what paper and browsers without WebGL show."""
+    """A static picture for paper and browsers without WebGL: the capture's reference, lit from the
+    upper left, seen from the array, with the method's pixels in the colours of their errors."""
     reference = next((r for r in DRAWN if r in capture.references), None)
     source = reference or method
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)
     z_m, x_m, y_m = surface.z_m[inside], surface.x_m[inside[1]], surface.y_m[inside[0]]
-    shade = layers.shade(Surface(x_m, y_m, z_m))
+    shade = layers.shade(SurfaceMap(x_m, y_m, z_m))
     picture, there = np.array(layers.SKIN) * shade, np.isfinite(z_m)
     if reference and method:
         errors = result.errors(capture.name, method, reference)
@@ -180,9 +179,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
             )[..., :3]
             picture = np.where(np.isfinite(error_mm)[..., None], colours * shade, picture)
             there = there | np.isfinite(error_mm)
-    picture = np.dstack([picture, there])[
-        ::-1, ::-1
-    ]  # y up, x to the left; the page shows through beside it
+    picture = np.dstack([picture, there])[::-1, ::-1]  # y up, x to the left; transparent outside
     return Image.fromarray(
         np.round(255 * picture.repeat(STILL_PX, 0).repeat(STILL_PX, 1)).astype(np.uint8)
     )

@@ -9,7 +9,7 @@ from typing import Any
 from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.reports.figures.charts import CAUSES, bin_label, explained
+from handbench.reports.figures.charts import CAUSES, bin_label, cause_charts
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering
 from handbench.reports.tables.blocks import (
@@ -20,7 +20,7 @@ from handbench.reports.tables.blocks import (
     figure,
     number,
     p_text,
-    printed,
+    paper_block,
     three_digits,
 )
 from handbench.reports.tables.result_tables import stages
@@ -30,7 +30,7 @@ LEADING = 4  # sentences of a metric that are read without opening the list
 
 @dataclass(frozen=True)
 class Grid:
-    """A table to show: the first `texts` columns are texts, the others numbers."""
+    """A table of the page: the first `texts` columns are texts, the others numbers."""
 
     caption: str
     headings: tuple[str, ...]
@@ -41,8 +41,8 @@ class Grid:
 @dataclass(frozen=True)
 class Verdict:
     """The tests' findings on one metric. best: titles of the methods that none is shown to beat,
-    the best figure first; leading: its smallest differences that are shown; shown: how many are;
-    table: every pair."""
+    the best figure first; leading: sentences on its smallest significant leads; shown: number of
+    significant differences; table: every pair."""
 
     heading: str
     best: tuple[str, ...]
@@ -53,7 +53,7 @@ class Verdict:
 
 
 def verdicts(result: Result) -> list[Verdict]:
-    """One for each metric and reference that was compared."""
+    """One verdict for each metric and reference that was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
@@ -99,13 +99,13 @@ def stage_times(result: Result) -> Grid:
 
 
 def effects(result: Result) -> Grid | None:
-    """Effects that the scenes called for: each effect's rows over the captures that tell them; None
-    where none does."""
-    told: dict[str, list[dict[str, Any]]] = {}
+    """The effects of the captures' scenes, with each effect's rows combined over the captures; None
+    if no capture records any."""
+    by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
-        told.setdefault(str(row.get("effect", "")), []).append(row)
+        by_effect.setdefault(str(row.get("effect", "")), []).append(row)
     rows = []
-    for name, found in told.items():
+    for name, found in by_effect.items():
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
         on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
         rows.append(
@@ -138,7 +138,7 @@ def _largest(rows: list[dict[str, Any]], key: str) -> str:
 
 
 def uncertainty(result: Result) -> list[Grid]:
-    """Sources of the ground truth's own error, and the floor that it sets to every mean error."""
+    """Sources of the ground truth's error, and the floor that it sets to every mean error."""
     grids = []
     budgets = result.about.facts.get("groundtruth_sigma_rms")
     if isinstance(budgets, dict) and budgets:
@@ -184,15 +184,15 @@ def _mm(value: Any) -> str:
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:
-    """Headings and facts of what the result stands on."""
+    """Headings and facts of the result's provenance."""
     about = result.about
-    told = {
+    elsewhere = {
         "groundtruth_sigma_rms",
         "registration_residuals_mm",
         "registration_error_at_hand_mm",
         "command",
     }
-    facts = {name: fact for name, fact in about.facts.items() if name not in told}
+    facts = {name: fact for name, fact in about.facts.items() if name not in elsewhere}
     headings = ("Protocol", "Noise and ground truth", "Versions", "Machine")
     parts = zip(headings, (about.protocol, facts, about.versions, about.machine), strict=True)
     return [(heading, facts) for heading, facts in parts if facts]
@@ -210,16 +210,16 @@ def captures(result: Result) -> Grid:
         )
         for c in result.about.captures
     )
-    told = "Captures"
+    caption = "Captures"
     if len(rows) > len(result.scored()):
-        told += "; those of the precision alone are not scored and have no pictures"
+        caption += "; those that only measure the precision are not scored and have no pictures"
     headings = ("capture", "pose", "measures", "scored against", "distance (m)")
-    return Grid(told, headings, rows, texts=4)
+    return Grid(caption, headings, rows, texts=4)
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Each method's resolved settings, told once for all captures that share them: title,
-    [(captures, settings)]."""
+    """Each method's resolved settings, once for all captures that share them: title, [(captures,
+    settings)]."""
     found = []
     for method in result.about.methods:
         groups: dict[str, tuple[list[str], Any]] = {}
@@ -228,40 +228,40 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
                 0
             ].append(capture)
         every = len(groups) == 1 and len(method.config) > 1
-        told = [
+        entries = [
             ("all captures" if every else ", ".join(names), config)
             for names, config in groups.values()
         ]
-        found.append((method.title, told))
+        found.append((method.title, entries))
     return found
 
 
 def command(result: Result) -> str:
-    """The commands that repeat the run, as told by the result; else in general."""
-    told = result.about.facts.get("command")
-    run = told if isinstance(told, str) else "handbench run BENCH.toml -o DIR"
+    """The commands that repeat the run: as the result records them, else in general form."""
+    recorded = result.about.facts.get("command")
+    run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
 
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Each reference's table in two: the lines that the paper prints or that stand for the result,
-    and the others."""
-    return [(printed(block), printed(block, rest=True)) for block in blocks(result)]
+    """Each reference's table in two parts: the lines of the paper's table and the main figures, and
+    the others."""
+    return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Causes of the errors: pictures, written into `folder`, and tables of causes.csv and
-    reliability.csv; None where the result tells neither causes nor reliability."""
+    """Errors by cause: pictures, written into `folder`, and tables of causes.csv and
+    reliability.csv; None if the result has neither."""
     grids = [*by_cause(result), *reliability(result)]
     return (
-        {"pictures": rendering.images(lambda: explained(result), folder), "grids": grids}
+        {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
         if grids
         else None
     )
 
 
 def by_cause(result: Result) -> list[Grid]:
-    """One table for each reference: a line a bin, a column a method."""
+    """One table for each reference, with one line per bin and one column per method."""
     grids, shown = [], methods(result)
     for reference, lines in result.causes.groupby("reference", sort=False):
         rows: dict[tuple[str, str], dict[str, str]] = {}
@@ -285,7 +285,8 @@ def by_cause(result: Result) -> list[Grid]:
 
 
 def reliability(result: Result) -> list[Grid]:
-    """One table for each reference: a line a method, a column a nominal coverage."""
+    """One table for each reference, with one line per method and one column per nominal
+    coverage."""
     grids, titles = [], {m.name: m.title for m in result.about.methods}
     for reference, lines in result.reliability.groupby("reference", sort=False):
         nominal = sorted(set(lines.nominal_percent))

@@ -6,15 +6,15 @@ from typing import Any
 from handbench.bench.results import Section, Setting, Tradeoff, load_tradeoff
 from handbench.reports.figures.fronts import (
     error_text,
+    is_plottable,
     metric_words,
     pictures,
-    plotted,
     seconds_text,
 )
 from handbench.reports.page import rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables import latex, result_tables
-from handbench.reports.tables.blocks import NONE, known, number, three_digits
+from handbench.reports.tables.blocks import NONE, is_known, number, three_digits
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
@@ -34,7 +34,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
-    """Write tables and pictures to `out`; what a page shows of them."""
+    """Write tables and pictures to `out`; returns the content for a page."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
     saved = {
@@ -50,11 +50,11 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
 
 
 def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
-    """Every setting, the front's first, in the numbers of the picture."""
+    """Every setting, the front's first, with the numbers of the picture."""
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
-    numbers = {s.name: str(i) for i, s in enumerate((s for s in best if plotted(s)), 1)}
+    numbers = {s.name: str(i) for i, s in enumerate((s for s in best if is_plottable(s)), 1)}
     error = f"{metric_words(about)} ({about.unit})"
     rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)")
     rows = tuple(
@@ -67,7 +67,7 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             number(s.seen_percent, 2),
             seconds_text(s),
             number(s.ratio, three_digits(s.ratio)),
-            f"{s.operations:.2g}" if known(s.operations) else NONE,
+            f"{s.operations:.2g}" if is_known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
         )
         for s in (*best, *rest)
@@ -77,7 +77,8 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
-    """The paper's claims about time, beside what was counted and measured; None without a claim."""
+    """The paper's claims about time, next to the counted and the measured factors; None without a
+    claim."""
     rows = tuple(
         (
             claim.text,
@@ -87,8 +88,8 @@ def claims_grid(found: Tradeoff) -> Grid | None:
         for claim in found.facts.claims
     )
     headings = ("claim", "how", "paper", "operations, counted", "time, measured")
-    return Grid("The paper's factors beside ours", headings, rows, texts=2) if rows else None
+    return Grid("The paper's factors next to ours", headings, rows, texts=2) if rows else None
 
 
 def _factor(value: float | None) -> str:
-    return (f"× {value:.3g}" if value < 1000 else f"× {value:.0f}") if known(value) else NONE
+    return (f"× {value:.3g}" if value < 1000 else f"× {value:.0f}") if is_known(value) else NONE

@@ -1,1 +1,1 @@
-"""Tables as Markdown, CSV, LaTeX and on the terminal."""
+"""Tables as Markdown, CSV and LaTeX, and on the terminal."""

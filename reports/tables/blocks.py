@@ -1,4 +1,4 @@
-"""The figures of a result in blocks of lines, ready to read: every table is made of them."""
+"""The figures of a result in blocks of formatted lines, from which every table is made."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -32,9 +32,9 @@ NONE = "–"
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a block. title: with the unit, empty where the metric goes on; source: whose
-    figures; cells: one a method; best: whether a cell stands out, one a method (empty: none does);
-    unit: the metric's."""
+    """One line of a block. title: with the unit, empty if the metric continues; source: whose
+    figures these are; cells: one per method; best: whether a cell is highlighted, one per method
+    (empty: none is); unit: the metric's."""
 
     metric: str
     title: str
@@ -46,7 +46,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Block:
-    """The figures against one reference; methods: the titles of the columns."""
+    """The figures against one reference. methods: titles of the columns."""
 
     reference: str
     heading: str
@@ -55,16 +55,16 @@ class Block:
 
 
 def blocks(result: Result) -> list[Block]:
-    """One block for each reference that the result was scored against; after the first, that of
-    equal treatment."""
+    """One block for each reference of the result; the block of equal treatment follows the
+    first."""
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     return [*found[:1], *_equal_block(result), *found[1:]]
 
 
-def printed(block: Block, rest: bool = False) -> Block:
-    """The block with the lines that the paper prints or that stand for the result alone, or with
-    the rest."""
+def paper_block(block: Block, rest: bool = False) -> Block:
+    """The block with the lines of the paper's table and the main figures; rest: with the other
+    lines."""
     metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
     return replace(
         block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest)
@@ -72,7 +72,7 @@ def printed(block: Block, rest: bool = False) -> Block:
 
 
 def _equal_block(result: Result) -> list[Block]:
-    """The figures under equal treatment, of the methods that have them; [] where none has."""
+    """The figures under equal treatment, for the methods that have them; [] if there are none."""
     if result.equal.empty:
         return []
     reference, names = (
@@ -81,7 +81,7 @@ def _equal_block(result: Result) -> list[Block]:
     )
     lines: list[Line] = []
     for metric in dict.fromkeys(result.equal.metric):
-        for treatment, said in TREATMENTS.items():
+        for treatment, words in TREATMENTS.items():
             table = result.equal[
                 (result.equal.metric == metric) & (result.equal.treatment == treatment)
             ]
@@ -90,7 +90,9 @@ def _equal_block(result: Result) -> list[Block]:
                 unit = rows.unit.dropna().iloc[0]
                 title = f"{result.title(metric)}{on_common_pixels(metric)} ({unit})"
                 stars = outstanding(result, metric, reference, treatment)
-                lines += [replace(line, source=said) for line in _lines(metric, title, rows, stars)]
+                lines += [
+                    replace(line, source=words) for line in _lines(metric, title, rows, stars)
+                ]
     titles = tuple(method.title for method in result.about.methods)
     return [
         Block(reference, EQUAL_HEADING.format(against=AGAINST[reference]), titles, tuple(lines))
@@ -115,7 +117,7 @@ def _block(result: Result, reference: str) -> Block:
 
 
 def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:
-    """The lines of one metric; rows: its figures by method, NaN where a method has none."""
+    """The lines of one metric. rows: its figures by method, NaN for a method without."""
     unit = rows.unit.dropna().iloc[0]
     best = tuple(name in stars for name in rows.index) if stars else ()
     ours = rows[["value", "low", "high", "unit"]].itertuples(index=False, name=None)
@@ -134,61 +136,65 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
 
 
 def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
-    """The methods that no other is shown to beat, if any of those compared is beaten: no figure
-    stands out without a test."""
+    """The methods that no other is shown to beat, if any compared method is beaten. Without a test
+    no figure is highlighted."""
     best, lines = result.best(metric, reference, treatment), result.compared(treatment)
     worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
     return frozenset() if worse.isin(best).all() else frozenset(best)
 
 
 def ratio(rows: pd.DataFrame) -> pd.Series:
-    """Ours over the paper's; NaN without either."""
+    """Our figure divided by the paper's; NaN without either."""
     return rows.value / rows.paper.where(rows.paper != 0)
 
 
-def known(figure: float | None) -> TypeGuard[float]:
-    """True where a figure is not missing: neither None nor NaN."""
+def is_known(figure: float | None) -> TypeGuard[float]:
+    """True for a figure that is neither None nor NaN."""
     return figure is not None and figure == figure
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
     """A figure with its interval in brackets."""
-    if not known(value):
+    if not is_known(value):
         return NONE
     places = decimals(value, low, high, unit)
     return " ".join(filter(None, (number(value, places), interval(low, high, places))))
 
 
 def paper(value: float | None, unit: str) -> str:
-    """The paper's figure, as it prints it."""
+    """The paper's figure, as printed there."""
     return number(value, 1 if unit == "mm" else 2)
 
 
 def interval(low: float | None, high: float | None, places: int) -> str:
-    """[low, high]; empty where an end is not known."""
-    return f"[{number(low, places)}, {number(high, places)}]" if known(low) and known(high) else ""
+    """[low, high]; empty if an end is unknown."""
+    return (
+        f"[{number(low, places)}, {number(high, places)}]"
+        if is_known(low) and is_known(high)
+        else ""
+    )
 
 
 def number(value: float | None, places: int) -> str:
-    """A number with so many decimals and a true minus sign; a dash for one that is missing."""
-    return f"{value:.{places}f}".replace("-", "−") if known(value) else NONE
+    """A number with `places` decimals and a true minus sign; a dash for a missing one."""
+    return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
-    """Decimals worth showing: two digits of half the interval, three of the value at most; of
-    millimetres one at least, as the paper prints; of percentages always two, for they crowd below
-    100."""
+    """Number of significant decimals: two digits of half the interval, three of the value at most.
+    At least one for millimetres, as in the paper; always two for percentages, many of which are
+    close to 100."""
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
-    if known(low) and known(high) and high > low:
+    if is_known(low) and is_known(high) and high > low:
         places = min(places, _digits((high - low) / 2, 2))
     return max(places, 1) if unit == "mm" and value else places
 
 
 def three_digits(value: float | None) -> int:
-    """Decimals that show three significant digits, six at most."""
-    return _digits(value, 3) if value and known(value) else 0
+    """Number of decimals for three significant digits, at most six."""
+    return _digits(value, 3) if value and is_known(value) else 0
 
 
 def _digits(value: float, digits: int) -> int:
@@ -196,14 +202,14 @@ def _digits(value: float, digits: int) -> int:
 
 
 def p_text(p: float | None) -> str:
-    """A p-value with two digits; what is smaller than 0.001 is said to be."""
-    if not known(p):
+    """A p-value with two digits; below 0.001 it is printed as "< 0.001"."""
+    if not is_known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def caption(result: Result) -> str:
-    """A sentence on what the figures stand on."""
+    """A sentence on the captures and references of the figures."""
     scored, repeated, floor = result.scored(), result.repeated(), ""
     precision = (
         f"precision over the repeats of {_named(repeated)}; "
@@ -214,7 +220,7 @@ def caption(result: Result) -> str:
         floor = (
             f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, "
             "because the reference "
-            "errs itself, and where it would lie in 95 % of all draws of that error; "
+            "itself has errors, and its range in 95 % of all draws of these errors; "
         )
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
@@ -226,8 +232,8 @@ def caption(result: Result) -> str:
 
 
 def busy_note(result: Result) -> str:
-    """A sentence on the times that other work disturbed, with a blank before it; empty where none
-    did."""
+    """A sentence on times disturbed by other work, with a leading blank; empty if there are
+    none."""
     busy, unsettled, note = result.busy(), result.unsettled(), ""
     if busy:
         note = (
@@ -257,7 +263,7 @@ def _named(captures: Sequence[CaptureFacts]) -> str:
 
 
 def best_note(found: list[Block]) -> str:
-    """The meaning of bold figures, with a blank before it; empty where none is bold."""
+    """The meaning of bold figures, with a leading blank; empty if none is bold."""
     if not any(any(line.best) for block in found for line in block.lines):
         return ""
     return (
@@ -268,12 +274,14 @@ def best_note(found: list[Block]) -> str:
 
 
 def floor_note(result: Result) -> str:
-    """A sentence for the captions of pictures that show errors, with a blank before it: the floors
-    that are known and not zero, the largest of the methods'. Empty without one."""
+    """A sentence for captions of pictures of errors, with a leading blank: the known non-zero
+    floors, the largest of the methods'. Empty without one."""
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
-    told = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
+    known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
     known = ", ".join(
-        f"{number(v, three_digits(v))} mm against {reference}" for reference, v in told if v > 0
+        f"{number(v, three_digits(v))} mm against {reference}"
+        for reference, v in known_floors
+        if v > 0
     )
     return (
         f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}."

@@ -1,4 +1,4 @@
-"""Two results side by side, as `handbench compare` found them: on the terminal, as Markdown and as
+"""The comparison of two results by `handbench compare`, on the terminal, as Markdown and as
 LaTeX."""
 
 from pathlib import Path
@@ -60,7 +60,7 @@ def write(compared: Compared, folder: Path) -> None:
 
 
 def markdown(compared: Compared) -> str:
-    """Differences in words and figures; bold: what is shown to be better."""
+    """The differences in words and figures; significantly better figures are bold."""
     shown = [f"- {escaped(text)}" for text in _shown(compared)]
     differences = []
     for line in each(compared.differences):
@@ -91,8 +91,8 @@ def markdown(compared: Compared) -> str:
 
 
 def tex(compared: Compared) -> str:
-    """The differences as LaTeX tables, one against each reference; bold: what is shown to be
-    better."""
+    """The differences as LaTeX tables, one for each reference; significantly better figures are
+    bold."""
     texts = []
     for reference, lines in compared.differences.groupby("reference", sort=False):
         body = []
@@ -104,15 +104,15 @@ def tex(compared: Compared) -> str:
                 line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B"
             )
             difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
-            names = latex.escaped(line.title), latex.titled(line.metric_title, line.unit)
+            names = latex.escaped(line.title), latex.title_with_unit(line.metric_title, line.unit)
             body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
-        stands = (
+        basis = (
             text
             for text in _basis(compared)
             if reference and text.startswith(f"Against {reference}:")
         )
         text = (
-            f"{'; '.join(_sides(compared))}. {' '.join((*stands, NOTE))} Bold: shown to be better."
+            f"{'; '.join(_sides(compared))}. {' '.join((*basis, NOTE))} Bold: shown to be better."
         )
         texts.append(
             latex.float_table(text, "llrrrr", ("Method", "Metric", "A", "B", "B - A", "p"), body)
@@ -121,12 +121,12 @@ def tex(compared: Compared) -> str:
 
 
 def _head(compared: Compared) -> list[str]:
-    """The two sides, and what the differences stand on."""
+    """The two sides, and the captures that are compared."""
     return [*_sides(compared), *_basis(compared), NOTE]
 
 
 def _shown(compared: Compared) -> list[str]:
-    """A sentence for each difference that is shown."""
+    """A sentence for each significant difference."""
     return compared.differences.sentence[compared.differences.better != ""].tolist()
 
 
@@ -158,7 +158,7 @@ def _cells(line: Any) -> tuple[str, str, str, str]:
 
 
 def _needed(line: Any) -> str:
-    """Hands that show the difference, where these do not."""
+    """Number of hands that would show the differences that are not significant."""
     return f"{line.needed:.0f}" if line.needed > 0 else ""
 
 
@@ -171,7 +171,7 @@ def _time(time: Any) -> tuple[str, str, str, str]:
 
 
 def _machines(compared: Compared) -> list[str]:
-    """A and B, each with its machine's rate."""
+    """Names of A and B, each with the rate of its machine."""
     rates = (("A", compared.a.gemm_gflops), ("B", compared.b.gemm_gflops))
     return [
         f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)"
@@ -180,7 +180,7 @@ def _machines(compared: Compared) -> list[str]:
 
 
 def _changes(compared: Compared) -> list[str]:
-    """Everything that the two do not share, a line each, of each kind the first ones."""
+    """All differences in provenance, one line each; only the first ones of each kind."""
     texts = []
     for what, changes in compared.changes.groupby("what", sort=False):
         first = each(changes[:CHANGES])

@@ -1,9 +1,8 @@
 r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, any text.
 
-Each text is a row of floats to \input: the document needs \usepackage{booktabs} and
-\usepackage{siunitx} (version 3), and no particular encoding, for every character that is not ASCII
-is written as a command. `column` fits one column of IEEEtran (252 pt), the other tables a page's
-width.
+Each text is a row of floats for \input. The document needs \usepackage{booktabs} and
+\usepackage{siunitx} (version 3); the encoding does not matter, because characters outside ASCII are
+written as commands. `column` fits one column of IEEEtran (252 pt), the other tables a page's width.
 """
 
 import unicodedata
@@ -20,13 +19,13 @@ from handbench.reports.tables.blocks import (
     blocks,
     caption,
     decimals,
-    known,
+    is_known,
     p_text,
-    printed,
+    paper_block,
 )
 from handbench.reports.tables.blocks import three_digits as digits
 
-COLUMNS, ABREAST = 5, 4  # methods that fit beside each other on a page and in one of its columns
+COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
 COLUMN_PT, TITLE_PT, SEP_PT = (
     251,
@@ -42,7 +41,7 @@ UNITS = {
 
 
 def _pairs(text: str) -> dict[str, str]:
-    """Every second word by the one before it."""
+    """Map every second word to the word before it."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 
@@ -66,8 +65,8 @@ ACCENTS = dict(zip(_MARKS, "`'^~=u.\"rHvdc", strict=True))
 
 
 def escaped(text: str) -> str:
-    """`text` on one line of ASCII that no LaTeX reads as a command; a character that fonts need not
-    have becomes its number, as U+624B."""
+    """`text` on one line of ASCII without LaTeX commands. A character that fonts may lack becomes
+    its code point, as U+624B."""
     return "".join(map(_character, " ".join(unicodedata.normalize("NFC", text).split())))
 
 
@@ -83,8 +82,8 @@ def _character(character: str) -> str:
 
 
 def latex(result: Result) -> str:
-    """Every block as tables of at most COLUMNS methods: under our figure its interval and the
-    paper's figure."""
+    """Every block as tables of at most COLUMNS methods, with the interval and the paper's figure
+    below our figure."""
     found = blocks(result)
     facts = caption(result) + best_note(found)
     return "\n".join(
@@ -95,11 +94,11 @@ def latex(result: Result) -> str:
 
 
 def column(result: Result) -> str:
-    """The figures that the paper prints, ours above the paper's, against the first reference:
+    """The figures of the paper's table, ours above the paper's, against the first reference, as
     tables of at most ABREAST methods that fit one column of IEEEtran; empty without a figure."""
     found = blocks(result)[:1]
     return "\n".join(
-        _narrow(result.about.name, printed(block), part)
+        _narrow(result.about.name, paper_block(block), part)
         for block in found
         for part in _parts(block, ABREAST)
     )
@@ -124,7 +123,7 @@ def _narrow(name: str, block: Block, part: slice) -> str:
 
 
 def _parts(block: Block, abreast: int = COLUMNS) -> list[slice]:
-    """The methods in as few parts as fit, of sizes that differ by one at most."""
+    """The methods in as few parts as possible, with sizes that differ by at most one."""
     count = len(block.methods)
     parts = max(-(-count // abreast), 1)
     edges = [count * i // parts for i in range(parts + 1)]
@@ -139,7 +138,7 @@ def _block_table(name: str, block: Block, part: slice, facts: str) -> str:
 
 
 def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[str]:
-    """The rows of a table, with room between its metrics."""
+    """The rows of a table, with a gap between metrics."""
     body: list[str] = []
     for _, group in groupby(lines, key=lambda line: line.metric):
         rows = [row for line in group for row in _line_rows(line, part, wide, sources)]
@@ -148,16 +147,19 @@ def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[
 
 
 def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
-    """The figures, and under them, if there are any, their intervals; nothing without a figure.
-    wide: the titles' column; sources: in a column of their own, else where no title is."""
+    """The row of figures and, if there are any, a row of intervals; nothing without a figure.
+    wide: the titles' column; sources: in a separate column, or else in the titles' if there is no
+    title."""
     if not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
     stars = line.best[part] or (False,) * len(cells)
-    title = titled(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
+    title = (
+        title_with_unit(line.title.removesuffix(f" ({line.unit})"), line.unit) if line.title else ""
+    )
     known = any(interval for _, interval in cells)
     title = rf"\parbox[t]{{{wide}}}{{\raggedright {title}\strut}}" if title else ""
-    if known and title:  # hangs down beside the intervals, where it takes two lines
+    if known and title:  # reaches down next to the intervals, if it takes two lines
         title = rf"\raisebox{{0pt}}[0pt][0pt]{{{title}}}"
     shown = [
         rf"\bfseries {value}" if star else value
@@ -180,14 +182,14 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
 
 
 def _s_columns(lines: Iterable[Line], part: slice) -> str:
-    """A column for each method."""
+    """One siunitx column for each method."""
     return "".join(
         _s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True)
     )
 
 
 def _s_column(cells: Iterable[str]) -> str:
-    """A column with room for the widest number on both sides of the decimal point."""
+    """A siunitx column with room for the widest number on both sides of the decimal point."""
     numbers = [cell.partition(" ")[0].partition(".") for cell in cells if cell != NONE]
     sign = "-" if any(whole.startswith("−") for whole, _, _ in numbers) else ""
     before = max((len(whole.lstrip("−")) for whole, _, _ in numbers), default=1)
@@ -196,7 +198,7 @@ def _s_column(cells: Iterable[str]) -> str:
 
 
 def comparisons(result: Result) -> str:
-    """Every tested difference, a table for each metric and reference; empty where nothing was
+    """Every tested difference, one table for each metric and reference; empty if nothing was
     compared."""
     titles = {method.name: method.title for method in result.about.methods}
     texts = []
@@ -215,7 +217,7 @@ def comparisons(result: Result) -> str:
             "deviation of the "
             "paired differences (effect)."
         )
-        head = ("Ahead", "Behind", titled("Difference", facts.unit), "p", "Effect")
+        head = ("Ahead", "Behind", title_with_unit("Difference", facts.unit), "p", "Effect")
         texts.append(float_table(text, "llrrr", head, body))
     return "\n".join(texts)
 
@@ -234,12 +236,14 @@ def tradeoff(found: Tradeoff) -> str:
             "95 % confidence "
             f"interval, and of times the range of the repeats; ratio: to {section.reference}."
         )
-        seen = [titled("Seen", "%")] if any(known(s.seen_percent) for s in front) else []
+        seen = (
+            [title_with_unit("Seen", "%")] if any(is_known(s.seen_percent) for s in front) else []
+        )
         head = [
             "Setting",
-            titled(section.metric, section.unit),
+            title_with_unit(section.metric, section.unit),
             *seen,
-            titled("Time", "s"),
+            title_with_unit("Time", "s"),
             "Ratio",
         ]
         body = []
@@ -265,7 +269,7 @@ def float_table(
     gap_pt: float = 3.5,
 ) -> str:
     """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head:
-    cells of LaTeX; body: rows made by `row`; gap_pt: half the room between two columns."""
+    cells of LaTeX; body: rows made by `row`; gap_pt: half the distance of two columns."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
 \begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
@@ -283,36 +287,38 @@ def float_table(
 """
 
 
-def titled(title: str, unit: str) -> str:
-    """A title with its unit, as error / mm; what is counted names itself."""
+def title_with_unit(title: str, unit: str) -> str:
+    """A title with its unit, as error / mm; counts have no unit."""
     return escaped(title) + (
         "" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}"
     )
 
 
 def row(cells: Iterable[str]) -> str:
-    r"""Cells that are LaTeX already → a line of a table."""
+    r"""A line of a table from cells that are LaTeX."""
     return " & ".join(cells) + r" \\"
 
 
 def num(value: float | None, places: int) -> str:
-    r"""\num{…} with so many decimals; a dash for one that is missing."""
-    return rf"\num{{{value:.{places}f}}}" if known(value) else "--"
+    r"""\num{…} with `places` decimals; a dash for a missing number."""
+    return rf"\num{{{value:.{places}f}}}" if is_known(value) else "--"
 
 
 def num_figure(
     value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
 ) -> str:
     """A figure, bold or not, with its interval in brackets; a dash for None."""
-    if not known(value):
+    if not is_known(value):
         return "--"
     places = decimals(value, low, high, unit)
     ends = (
-        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}" if known(low) and known(high) else ""
+        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}"
+        if is_known(low) and is_known(high)
+        else ""
     )
     return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
 
 
 def p_value(p: float | None) -> str:
-    """A p-value; what is smaller than 0.001 is said to be."""
-    return rf"\num{{{p_text(p)}}}" if known(p) else "--"
+    """A p-value; below 0.001 it is printed as "< 0.001"."""
+    return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"

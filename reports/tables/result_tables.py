@@ -1,6 +1,5 @@
-"""The tables of a result as Markdown, in which nothing of a stranger's is markup, CSV and on the
-terminal (LaTeX: `reports.tables.latex`); and one sentence for each claim that a reader of the table
-needs."""
+"""The tables of a result as Markdown (with untrusted text escaped), as CSV and on the terminal
+(LaTeX: `reports.tables.latex`); and one sentence for each main comparison."""
 
 import html
 import re
@@ -21,7 +20,7 @@ from handbench.reports.tables.blocks import (
     blocks,
     caption,
     figure,
-    known,
+    is_known,
     number,
     p_text,
     ratio,
@@ -38,7 +37,7 @@ OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:
-    """A sentence for each of PAIRS that the result compares under equal treatment."""
+    """A sentence for each pair of PAIRS that the result compares under equal treatment."""
     return [sentence for pair in PAIRS if (sentence := _claim(result, *pair))]
 
 
@@ -51,30 +50,29 @@ def _claim(result: Result, first: str, second: str) -> str:
     if lines.empty:
         return ""
     titles = {method.name: method.title for method in result.about.methods}
-    told = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
-    common = [told[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in told]
-    over = [told[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in told]
+    amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
+    common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
+    over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]
     untested = lines.p_corrected.isna().all()
-    few = (
-        f" (on these {lines.n_captures.iloc[0]} captures, too few to tell of others)"
-        if untested
-        else ""
-    )
-    said = [_joined(told) or "not compared" for told in (common, over)]
+    few = f" ({lines.n_captures.iloc[0]} captures: too few for a test)" if untested else ""
+    summaries = [_joined(amounts) or "not compared" for amounts in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
-    return f"{between}, on the pixels that all see: {said[0]}; over completeness: {said[1]}{few}"
+    at_common, over_share = summaries
+    return (
+        f"{between}, on the pixels that all see: {at_common}; over completeness: {over_share}{few}"
+    )
 
 
-def _joined(told: list[tuple[str, str]]) -> str:
-    """Findings (who, by how much) in words; who is ahead twice is named once."""
-    groups = groupby(told, key=lambda finding: finding[0])
+def _joined(findings: list[tuple[str, str]]) -> str:
+    """Findings (which method, by how much) in words; a method that leads twice is named once."""
+    groups = groupby(findings, key=lambda finding: finding[0])
     return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
 
 
 def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
     places = 1 if line.difference >= 1 else 2
     amount, how = f"{number(line.difference, places)} mm", TREATMENTS[line.treatment]
-    if not known(line.p_corrected):
+    if not is_known(line.p_corrected):
         return f"{titles[line.better]} ahead by", f"{amount} {how}"
     if line.p_corrected < 1 - LEVEL:
         ends = f"[{number(line.low, places)}, {number(line.high, places)}]"
@@ -83,8 +81,7 @@ def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """A table of cells that are Markdown already; the first `texts` columns to the left, the others
-    to the right."""
+    """A table of Markdown cells; the first `texts` columns are aligned left, the others right."""
     rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
     return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
 
@@ -94,7 +91,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """`text` as it is, on one line."""
+    """`text` without markup, on one line."""
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
@@ -128,10 +125,11 @@ def markdown(result: Result) -> str:
 
 
 def comparisons_markdown(result: Result) -> str:
-    """Every tested difference: in words, with its p and size. Empty where nothing was compared."""
+    """Every tested difference in words, with its p and effect size. Empty if nothing was
+    compared."""
     if result.comparisons.empty:
         return ""
-    said = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
+    bullets = "".join(f"- {escaped(finding)}\n" for finding in findings(result))
     lines = (
         (
             escaped(c.sentence),
@@ -143,7 +141,7 @@ def comparisons_markdown(result: Result) -> str:
         for c in each(result.comparisons)
     )
     return (
-        f"# {escaped(result.about.name)}: which method is better\n\n{said}\n"
+        f"# {escaped(result.about.name)}: which method is better\n\n{bullets}\n"
         "In brackets the 95 % confidence interval; p corrected for all pairs of a metric (Holm); "
         "effect: the "
         "difference over the standard deviation of the paired differences.\n\n"
@@ -152,8 +150,8 @@ def comparisons_markdown(result: Result) -> str:
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """Costs and errors of each setting, a table a section; bold: the front, which no other setting
-    beats."""
+    """Time and error of each setting, one table per section; the front, which no other setting
+    beats, is bold."""
     parts = [
         f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
         "Bold: no other setting is as fast, "
@@ -168,7 +166,7 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
         )
         error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
-        seen = ["seen (%)"] if any(known(s.seen_percent) for s in settings) else []
+        seen = ["seen (%)"] if any(is_known(s.seen_percent) for s in settings) else []
         lines = []
         for s in settings:
             title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
@@ -181,7 +179,7 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
 
 
 def csv_text(result: Result) -> str:
-    """The result's lines with the ratio to the paper and the method's time beside every figure."""
+    """The result's lines with the ratio to the paper and the method's time in every line."""
     times = result.table[result.table.metric == "seconds"].drop_duplicates(["method", "reference"])
     seconds = times.set_index(["method", "reference"]).value
     lines = result.table.assign(ratio=ratio(result.table)).join(
@@ -204,8 +202,8 @@ def csv_text(result: Result) -> str:
 
 def stages(result: Result) -> pd.DataFrame:
     """The tasks of each method and stage, in the order in which they first ran: method, stage,
-    tasks, of them cached, and the medians of their seconds, cpu_seconds and peak_memory_mb, ready
-    to read."""
+    tasks, number of cached ones, and the medians of seconds, cpu_seconds and peak_memory_mb,
+    formatted."""
     titles = {method.name: method.title for method in result.about.methods}
     groups = result.tasks.groupby(["method", "stage"], sort=False)
     counts = groups.cached.agg(tasks="size", cached="sum")
@@ -215,7 +213,7 @@ def stages(result: Result) -> pd.DataFrame:
 
 
 def show(result: Result) -> None:
-    """Print the headline figures on stdout, as wide as they need."""
+    """Print the main figures on stdout, as wide as needed."""
     console = wide_console()
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
@@ -228,7 +226,7 @@ def show(result: Result) -> None:
 
 
 def wide_console() -> Console:
-    """A rich console on stdout; a pipe or a file has no width to keep to."""
+    """A rich console on stdout without a limit of width for a pipe or a file."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 200
@@ -241,7 +239,7 @@ def terminal_table(
     lines: Iterable[Sequence[str]],
     texts: Collection[str] = ("",),
 ) -> Table:
-    """A rich table; texts: the columns that are no numbers, by default those without a heading."""
+    """A rich table. texts: the columns that are not numbers; default: those without a heading."""
     grid = Table(
         title=Text(heading) if heading else None,
         title_justify="left",

@@ -12,7 +12,7 @@ import pytest
 
 from handbench.bench.datasets.native import NativeCapture
 from handbench.cli.main import FORMER, main
-from handbench.cli.options import COMMANDS, declared
+from handbench.cli.options import COMMANDS, declared_commands
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
@@ -300,6 +300,6 @@ def test_a_former_command_names_its_successor(command, capsys):
     assert main([command, "anything", "--overwrite"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line == f"handbench: {command!r} is now {FORMER[command]}"
-    assert command not in declared(COMMANDS)
+    assert command not in declared_commands(COMMANDS)
     for successor in re.findall(r"'handbench ([a-z-]+)", FORMER[command]):
-        assert successor in declared(COMMANDS)
+        assert successor in declared_commands(COMMANDS)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from handbench.cli.main import main, parser
-from handbench.cli.options import COMMANDS, declared
+from handbench.cli.options import COMMANDS, declared_commands
 from handbench.radar.methods.registry import methods
 from handbench.support import progress
 from tests.small_benchmark import write_bench
@@ -163,7 +163,7 @@ def test_an_output_of_another_kind_is_refused(command, capsys):
 def test_sections_of_the_list_are_those_of_its_option(capsys):
     from handbench.cli.list import SECTIONS
 
-    assert declared(COMMANDS)["list"]["options"]["section"]["choices"] == list(SECTIONS)
+    assert declared_commands(COMMANDS)["list"]["options"]["section"]["choices"] == list(SECTIONS)
     assert main(["list", "effects", "noise"]) == 0
     listed = capsys.readouterr().out
     assert "thermal noise" in listed and "roughness" not in listed and "3fsk" not in listed

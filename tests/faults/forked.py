@@ -17,7 +17,7 @@ from importlib import import_module
 
 from handbench.bench.run import reconstruct_stage
 from handbench.cli.main import main
-from handbench.support.closure import key_of
+from handbench.support.code_hash import key_of
 from handbench.support.rays import load_open3d
 from tests.bench.run.photographed import RUN
 

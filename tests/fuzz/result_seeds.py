@@ -67,7 +67,7 @@ def result(folder: Path) -> None:
 
     z_m, flat = np.full((5, 5), 0.3), np.zeros((5, 5))
     DepthMap(AXIS_M, AXIS_M, z_m, flat, "2fsk").save(results.depth_path(folder, "F", "2fsk"))
-    results.write_surface(folder, "F", "truth", results.Surface(AXIS_M, AXIS_M, z_m, flat))
+    results.write_surface(folder, "F", "truth", results.SurfaceMap(AXIS_M, AXIS_M, z_m, flat))
     results.write_errors(folder, "F", "2fsk", "truth", results.ErrorMap(AXIS_M, AXIS_M, flat, z_m))
     small_photo(folder)
     results.write_photo(folder, "F", folder / "hand.jpg")

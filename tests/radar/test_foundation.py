@@ -412,7 +412,7 @@ def test_values_that_differ_hash_differently(tmp_path):
 
 
 def test_what_cannot_be_told_apart_is_not_hashed():
-    with pytest.raises(TypeError, match="cannot tell values of object apart"):
+    with pytest.raises(TypeError, match="cannot distinguish values of object"):
         content_hash({"a": object()})
 
 

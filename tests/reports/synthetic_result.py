@@ -11,14 +11,14 @@ import pandas as pd
 from PIL import Image
 
 from handbench.bench import results
-from handbench.bench.evaluation.alike import SMOOTHING, Alike
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treat
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treated_figures
 from handbench.bench.evaluation.floor import budget, floor_interval, floor_mm
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import METRICS, of_captures
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from handbench.bench.evaluation.tables import CURVES, EQUAL, REPEATS, TASKS, frame
+from handbench.bench.evaluation.treatments import SMOOTHING, TreatedDepths
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 
@@ -83,11 +83,11 @@ def write_synthetic(
         },
     }
     surfaces["completed"] = surfaces["photogrammetry"]
-    maps_alike: dict[str, dict[str, Alike]] = {c: {} for c in captures}
+    maps_alike: dict[str, dict[str, TreatedDepths]] = {c: {} for c in captures}
     for reference in references:
         for c in captures:
             z, sigma = surfaces[reference][c].z_m, surfaces[reference][c].sigma_m
-            results.write_surface(folder, c, reference, results.Surface(axis, axis, z, sigma))
+            results.write_surface(folder, c, reference, results.SurfaceMap(axis, axis, z, sigma))
     for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
         maps = {reference: [] for reference in references}
         for c in captures:
@@ -95,8 +95,8 @@ def write_synthetic(
                 bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape))
             )
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
-            results.write_surface(folder, c, method, results.Surface(axis, axis, z))
-            maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
+            results.write_surface(folder, c, method, results.SurfaceMap(axis, axis, z))
+            maps_alike[c][method] = TreatedDepths(z, z, -np.hypot(axis, axis[:, None]))
             tasks.append(
                 (
                     f"{c}-{method}",
@@ -150,11 +150,11 @@ def write_synthetic(
 
 
 def equal_treatment(
-    alike: dict[str, dict[str, Alike]], truth: dict[str, np.ndarray], reference: str
+    alike: dict[str, dict[str, TreatedDepths]], truth: dict[str, np.ndarray], reference: str
 ) -> dict[str, pd.DataFrame]:
     """Tables of equal treatment; the maps are the same under each treatment."""
     figures, curves = [], []
-    each = [treat(maps, truth[c]) for c, maps in alike.items()]
+    each = [treated_figures(maps, truth[c]) for c, maps in alike.items()]
     for method in each[0]:
         for treatment in SMOOTHING:
             captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)

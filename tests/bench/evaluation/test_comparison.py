@@ -11,10 +11,10 @@ from handbench.bench.evaluation.paired import (
     amount_text,
     amounts_text,
     compare,
-    corrected,
     f_test,
-    paired,
-    unpaired,
+    holm_corrected,
+    paired_test,
+    welch_test,
 )
 from handbench.bench.evaluation.tables import COMPARISONS, frame, write
 from handbench.bench.results.result_folder import best, shown
@@ -70,12 +70,12 @@ def test_six_captures_have_students_paired_test():
 def test_two_samples_have_welchs_test():
     one, other = speckle(1, 7), speckle(2, 9) + 0.05
     expected = stats.ttest_ind(other, one, equal_var=False)
-    found = unpaired(one, other)
+    found = welch_test(one, other)
     assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
     assert (found.low, found.high) == pytest.approx(
         tuple(expected.confidence_interval(0.95)), rel=1e-9
     )
-    assert np.isnan(unpaired(one[:4], other).p) and unpaired(one[:4], other).difference > 0
+    assert np.isnan(welch_test(one[:4], other).p) and welch_test(one[:4], other).difference > 0
 
 
 def false_positives(methods: int, trials: int) -> int:
@@ -107,11 +107,13 @@ def test_many_pairs_find_no_more_false_differences_than_one():
 def test_holm_by_hand():
     """0.01·4, 0.02·3, 0.03·2 and 0.04·1, never falling: 0.04, 0.06, 0.06, 0.06, as in statsmodels'
     multipletests."""
-    assert corrected([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06], rel=1e-12)
-    assert corrected([0.5, np.nan, 0.9, 0.001]) == pytest.approx(
+    assert holm_corrected([0.04, 0.01, 0.03, 0.02]) == pytest.approx(
+        [0.06, 0.04, 0.06, 0.06], rel=1e-12
+    )
+    assert holm_corrected([0.5, np.nan, 0.9, 0.001]) == pytest.approx(
         [1, np.nan, 1, 0.003], rel=1e-12, nan_ok=True
     )
-    assert corrected([]) == []
+    assert holm_corrected([]) == []
 
 
 def test_more_of_a_share_is_better():
@@ -136,7 +138,7 @@ def test_what_cannot_be_tested_says_so():
     )
     assert (
         lines.sentence[0]
-        == "a is ahead of b by 0.50 mm (MAE) on these 4: too few captures to tell of others"
+        == "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
     )
     assert best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty
@@ -190,15 +192,15 @@ def test_amounts_have_one_place_from_one_two_from_a_tenth_and_three_below(differ
 
 def test_samples_that_do_not_scatter_differ_or_not():
     ones, five = np.ones(5), np.full(6, 1.5)
-    assert unpaired(ones, five) == (0.5, 0.5, 0.5, 0.0) and unpaired(ones, ones) == (0, 0, 0, 1)
-    assert unpaired(ones[:4], five)[0] == 0.5 and np.isnan(unpaired(ones[:4], five).p)
-    assert paired(five, five + 0.25) == pytest.approx((0.25, 0.25, 0.25, 0.0))
-    assert paired(five, five) == (0, 0, 0, 1)
+    assert welch_test(ones, five) == (0.5, 0.5, 0.5, 0.0) and welch_test(ones, ones) == (0, 0, 0, 1)
+    assert welch_test(ones[:4], five)[0] == 0.5 and np.isnan(welch_test(ones[:4], five).p)
+    assert paired_test(five, five + 0.25) == pytest.approx((0.25, 0.25, 0.25, 0.0))
+    assert paired_test(five, five) == (0, 0, 0, 1)
     none = np.full(6, np.nan)
     assert (
-        np.isnan(paired(none, five)[0])
-        and np.isnan(unpaired(none, five)[0])
-        and np.isnan(unpaired(five, none)[0])
+        np.isnan(paired_test(none, five)[0])
+        and np.isnan(welch_test(none, five)[0])
+        and np.isnan(welch_test(five, none)[0])
     )
 
 

@@ -9,7 +9,7 @@ from scipy.stats import binom
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.error_causes import (
     NOMINAL_PERCENT,
-    covered,
+    coverage_percent,
     negative_log_likelihood,
 )
 from handbench.radar.data.depthmap import DepthMap
@@ -80,9 +80,9 @@ def test_likelihood_is_its_closed_form():
 
 def test_coverage_counts_what_lies_within():
     deviations = np.array([0.0, 0.5, -0.7, 1.0, -1.5, 3.0])
-    assert covered(deviations, 50) == pytest.approx(100 * 2 / 6)  # ±0.674
-    assert covered(deviations, 68) == pytest.approx(100 * 3 / 6)  # ±0.994
-    assert covered(deviations, 99) == pytest.approx(100 * 5 / 6)  # ±2.576
+    assert coverage_percent(deviations, 50) == pytest.approx(100 * 2 / 6)  # ±0.674
+    assert coverage_percent(deviations, 68) == pytest.approx(100 * 3 / 6)  # ±0.994
+    assert coverage_percent(deviations, 99) == pytest.approx(100 * 5 / 6)  # ±2.576
 
 
 def test_flagged_pixels_are_told_apart_and_unknown_sigmas_left_out():

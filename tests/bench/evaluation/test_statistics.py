@@ -20,7 +20,7 @@ from handbench.bench.evaluation.intervals import (
     note,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import averaged, of_captures, pool
+from handbench.bench.evaluation.metrics import mean_figures, of_captures, pool
 from tests.strategies import examples
 
 AXIS_M = 2.5e-3 * np.arange(12)
@@ -78,10 +78,7 @@ def test_four_captures_have_no_interval_and_it_is_said():
         mean_interval([1.0, 2.0, 3.0, 4.0]) is None
         and mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
     )
-    assert (
-        note(3)
-        == "3 captures: too few captures to tell how others differ; 5 or more have intervals"
-    )
+    assert note(3) == "3 captures: no intervals, which need at least 5 captures"
     assert note(1).startswith("1 capture: too few") and note(FEWEST).endswith(
         "between which the figures vary"
     )
@@ -102,7 +99,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
     peak_mm = np.ones((12, 12))
     peak_mm[0, 0] = 10
     captures = of_captures([seen(4.0, quarter), seen(peak_mm), seen(1.0, False)])
-    found = averaged(captures)
+    found = mean_figures(captures)
     one_mm = (143 + 10) / 144
     assert found["mae_mm"] == pytest.approx((4 + one_mm) / 2)
     assert found["max_mm"] == pytest.approx((4 + 10) / 2)
@@ -119,7 +116,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
 
 def test_no_figure_from_nothing():
     for maps in ([], [seen(1.0, False)] * 6):
-        found = averaged(of_captures(maps))
+        found = mean_figures(of_captures(maps))
         assert (
             found["mae_mm"] is None and found["pooled_max_mm"] is None and found["n_observed"] == 0
         )
@@ -178,11 +175,9 @@ def test_an_interval_of_skewed_captures_is_halls(values):
 
 
 def test_a_note_counts_the_captures():
-    assert (
-        note(1) == "1 capture: too few captures to tell how others differ; 5 or more have intervals"
-    )
+    assert note(1) == "1 capture: no intervals, which need at least 5 captures"
     assert note(4).startswith("4 captures: too few") and note(5).startswith(
-        "5 captures: the intervals speak of"
+        "5 captures: the intervals are those of"
     )
 
 

@@ -43,7 +43,7 @@ def result(
     for name, errors in zip(names, errors_mm, strict=True):
         results.write_errors(folder, name, "3fsk", "truth", seen(errors, REFERENCE_M + shift_m))
         results.write_surface(
-            folder, name, "truth", results.Surface(AXIS_M, AXIS_M, REFERENCE_M + shift_m)
+            folder, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, REFERENCE_M + shift_m)
         )
     rng = np.random.default_rng(len(names))
     repeats = frame(
@@ -161,7 +161,7 @@ def test_three_captures_are_too_few_to_tell(tmp_path):
         and np.isnan([d.low, d.p_corrected]).all()
         and d.better == ""
     )
-    told = "in MAE against truth: too few captures to tell (B − A: 1.0 mm)"
+    told = "in MAE against truth: too few captures for a test (B − A: 1.0 mm)"
     assert d.sentence.endswith(f"{told}; needs 5 hands to show this difference") and d.needed == 5
 
 
@@ -223,7 +223,7 @@ def test_nothing_is_made_of_nothing(tmp_path):
     a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})
     for name, errors_mm, words in (
         ("n", nothing, "no figures to compare"),
-        ("l", lonely, "too few captures to tell"),
+        ("l", lonely, "too few captures for a test"),
     ):
         for names in (NAMES, tuple("GHIKLM")):
             d = line(compare_results(a, result(tmp_path / (name + names[0]), errors_mm, names)))
@@ -302,7 +302,7 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES:
         results.write_surface(
-            tmp_path / side, name, "truth", results.Surface(AXIS_M, AXIS_M, fewer_m)
+            tmp_path / side, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, fewer_m)
         )
     assert all(_same(found["a"], found["b"], name, "truth") == alike for name in NAMES)
 

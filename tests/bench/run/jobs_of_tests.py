@@ -18,7 +18,7 @@ from handbench.support.parallel import workers
 from handbench.support.store import Stage, Stamp
 
 if TYPE_CHECKING:
-    from handbench.bench.run.runner import Done, Run
+    from handbench.bench.run.runner import Run, StageOutcome
 
 SPAN_S = 0.2
 
@@ -60,7 +60,7 @@ def run_of(executor: Executor, root: Path) -> Run:
 
 def performed(
     executor: Executor, job: Callable[[Path, Stage], Any], root: Path, stages: list[Stage]
-) -> list[Done]:
+) -> list[StageOutcome]:
     """The outcomes of stages that a run has an executor carry out, by a job that stands for the
     real ones."""
     from handbench.bench.run import jobs, runner

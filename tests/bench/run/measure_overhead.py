@@ -34,7 +34,7 @@ from handbench.bench.results import errors_path, write_errors
 from handbench.bench.run import reconstruct_stage, runner
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.executors import executor
-from handbench.bench.run.outcome import Capture, Outcome, basis
+from handbench.bench.run.outcome import Outcome, RunCapture, common_subset
 from handbench.bench.run.runner import Run
 from handbench.bench.run.scoring import REFERENCES, SCORED, grid_name, write_reference
 from handbench.bench.run.write_result import scores, tabulate
@@ -173,7 +173,7 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
     table = frame(SCORES, lines)
     for source in bench.capture:
         name = str(source.path)
-        found.captures.append(Capture(base / name, name, CaptureFile(name=name)))
+        found.captures.append(RunCapture(base / name, name, CaptureFile(name=name)))
         found.references[name] = {"truth": (base / name / TRUTH, transform)}
         found.scores[name] = scores / name
         (found.scores[name] / "errors").mkdir(parents=True)
@@ -190,7 +190,7 @@ def scored_captures(bench: BenchFile, base: Path, scores: Path) -> Outcome:
 def table_record(found: Outcome) -> Record:
     """The table and its comparisons; memory: before and after."""
     process, start = psutil.Process(), time.perf_counter()
-    memory_mb, on = [process.memory_info().rss / 1e6], basis(found)
+    memory_mb, on = [process.memory_info().rss / 1e6], common_subset(found)
     tabulate(found, on, scores(found, on))
     memory_mb.append(process.memory_info().rss / 1e6)
     each_ms = 1e3 * (time.perf_counter() - start) / len(found.captures)

@@ -32,7 +32,7 @@ from handbench.bench.datasets.native import DESCRIPTION, save_capture_file
 from handbench.bench.evaluation.tables import Column
 from handbench.bench.run import jobs, runner
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.support.folder import MARKER, WORK
 from handbench.support.progress import say
@@ -59,7 +59,7 @@ COLUMNS = (
 )
 
 
-def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
+def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[RunCapture]]:
     """The first hands of the embedded benchmark `hands` by its methods and one more; kept once they
     have been run."""
     bench, base = load_benchmark("hands")
@@ -68,10 +68,10 @@ def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
     runner.run(bench, base, folder)
     stages = [jobs.opening(bench, base, source, frames=1, photos=True) for source in bench.capture]
     places = [(stage.folder(folder / WORK) / CAPTURE, stage.key) for stage in stages]
-    return bench, [Capture(place, key, open_capture(place).about) for place, key in places]
+    return bench, [RunCapture(place, key, open_capture(place).about) for place, key in places]
 
 
-def kept_stages(bench: BenchFile, capture: Capture) -> list[Stage]:
+def kept_stages(bench: BenchFile, capture: RunCapture) -> list[Stage]:
     """The stages of a capture that a run of the copies finds done."""
     return [
         jobs.inspection(capture),
@@ -79,7 +79,9 @@ def kept_stages(bench: BenchFile, capture: Capture) -> list[Stage]:
     ]
 
 
-def copies(bench: BenchFile, hands: list[Capture], first: Path, folder: Path, count: int) -> Path:
+def copies(
+    bench: BenchFile, hands: list[RunCapture], first: Path, folder: Path, count: int
+) -> Path:
     """Write a benchmark of so many copies, whose files are those of the hands, and of a run that
     has imaged them."""
     work, names = folder / "out" / WORK, [f"hand{number:04d}" for number in range(count)]
@@ -99,7 +101,7 @@ def copies(bench: BenchFile, hands: list[Capture], first: Path, folder: Path, co
             (place / DESCRIPTION).unlink()
             save_capture_file(place, hand.about.model_copy(update={"name": name}))
         key = open_capture(place).key(1)
-        mine = kept_stages(copied, Capture(place, key, open_capture(place).about))
+        mine = kept_stages(copied, RunCapture(place, key, open_capture(place).about))
         for source, stage in zip(kept_stages(bench, hand), mine, strict=True):
             if not stage.folder(work).exists():
                 copytree(source.folder(first / WORK), stage.folder(work), copy_function=os.link)

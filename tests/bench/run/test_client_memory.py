@@ -21,7 +21,7 @@ from handbench.bench.evaluation.floor import RESAMPLES, floor_interval
 from handbench.bench.evaluation.intervals import median_interval, precision_interval
 from handbench.bench.evaluation.tables import TASKS, frame
 from handbench.bench.run import executors, runner
-from handbench.bench.run.executors import Here
+from handbench.bench.run.executors import LocalExecutor
 from handbench.support.store import Stage, Stamp
 from tests.bench.evaluation.test_floor import level
 from tests.bench.run.jobs_of_tests import performed, run_of, stage_of, stamped
@@ -83,7 +83,7 @@ class Stamping:
 def test_a_run_keeps_no_stamp_of_a_stage_that_has_ended(tmp_path):
     """But its line, in the order of the list, and of each machine what its first stage of the list
     tells."""
-    run, job = run_of(Here(), tmp_path), Stamping()
+    run, job = run_of(LocalExecutor(), tmp_path), Stamping()
     with patch.object(runner, "cached", job):
         assert len(run.perform([stage_of("mesh", f"c{k}") for k in range(JOBS)])) == JOBS
     assert job.most <= 2  # the one at hand and the one before it
@@ -103,7 +103,7 @@ def test_a_cluster_keeps_no_future_of_a_stage_that_has_ended(tmp_path, monkeypat
     ) as client:
         monkeypatch.setattr(runner, "say", lambda line: known.append(len(client.futures)))
         ended = performed(
-            executors.Cluster(client),
+            executors.DaskExecutor(client),
             stamped,
             tmp_path,
             [stage_of("mesh", f"c{k}") for k in range(JOBS)],

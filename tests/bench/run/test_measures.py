@@ -16,9 +16,9 @@ from handbench.bench.evaluation.metrics import precision
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import BenchFile, DataSet, load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.run.sweep import Sweep
+from handbench.bench.run.sweep import TradeoffSweep
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
-from handbench.bench.tradeoff.run import opened
+from handbench.bench.tradeoff.run import open_inputs
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
@@ -45,7 +45,9 @@ def printed(small_bench, monkeypatch) -> Path:
     """The small benchmark with two printed balls: of two tones, which narrowband cannot image, and
     with cameras. Nothing is doubted: two tones fit no surface well, and are looked at for long
     (test_inspect)."""
-    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    monkeypatch.setattr(
+        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
+    )
     scene = (
         (small_bench.parent / "ball.toml")
         .read_text()
@@ -116,7 +118,7 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
     text = "those that every method of the table finished"
     assert (
         result.about.protocol["basis"]
-        == f"1 of 1 captures: {text}; the precision alone: 2 of 2 captures: {text}"
+        == f"1 of 1 captures: {text}; for the precision only: 2 of 2 captures: {text}"
     )
     assert {m.name: set(m.config) for m in result.about.methods} == {
         "2fsk": {"ball", "print0", "print1"},
@@ -161,7 +163,7 @@ def test_the_precision_needs_no_reference_and_its_failures_are_its_own(printed, 
     echoes.write_bytes(echoes.read_bytes()[:5000])
     spoilt = execute(printed, tmp_path / "recorded")
     assert {failure.capture for failure in spoilt.about.failures} == {"print1"}
-    assert "; the precision alone: 1 of 2 captures" in spoilt.about.protocol["basis"]
+    assert "; for the precision only: 1 of 2 captures" in spoilt.about.protocol["basis"]
     assert (
         spoilt.row("mae_mm", "2fsk", "truth").value
         == simulated.row("mae_mm", "2fsk", "truth").value
@@ -185,7 +187,7 @@ TARGET = '[calibration]\nscene = "ball.toml"\nmeasures = ["accuracy"]\n[[method]
         (
             "precision = true",
             "precision = false",
-            "the precision alone, but no method has precision = true",
+            "only the precision, but no method has precision = true",
         ),
         ('[[method]]\nid = "2fsk"', TARGET, "unknown key 'calibration.*measures'"),
     ],
@@ -219,9 +221,9 @@ def test_validate_asks_of_a_capture_what_it_measures(printed):
 
 def test_a_trade_off_sweeps_the_captures_of_the_accuracy(printed, tmp_path):
     bench, base = load_benchmark(str(with_prints(printed)))
-    bench = bench.model_copy(update={"tradeoff": Sweep(sections=("imaging",))})
+    bench = bench.model_copy(update={"tradeoff": TradeoffSweep(sections=("imaging",))})
     (tmp_path / "work").mkdir()
-    assert [c.name for c in opened(bench, base, tmp_path / "work").captures] == ["ball"]
+    assert [c.name for c in open_inputs(bench, base, tmp_path / "work").captures] == ["ball"]
 
 
 def test_the_noise_is_fitted_to_the_captures_of_the_precision(printed, monkeypatch):

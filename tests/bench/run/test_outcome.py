@@ -20,7 +20,7 @@ from handbench.bench.pipeline.score import reference_of_file, score
 from handbench.bench.results.about import MEASURES
 from handbench.bench.run import outcome, scoring, write_result
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
-from handbench.bench.run.outcome import Basis, Capture, Outcome
+from handbench.bench.run.outcome import CommonSubset, Outcome, RunCapture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.groundtruth.mesh.surface import Surface
@@ -50,7 +50,7 @@ def written(small_bench, tmp_path):
         names = ("spoilt", "plate") if spoil else ("plate",)
         found = Outcome(
             bench,
-            [Capture(tmp_path / name, "0" * 64, CaptureFile(name=name)) for name in names],
+            [RunCapture(tmp_path / name, "0" * 64, CaptureFile(name=name)) for name in names],
             [],
         )
         found.references["spoilt"] = (
@@ -71,7 +71,7 @@ def written(small_bench, tmp_path):
         for capture in found.captures:
             save_capture_file(capture.folder, capture.about)
             maps = {entry.id: tmp_path / f"{entry.id}.npz" for entry in bench.method}
-            with outcome.failing(found.failures, capture.name, "score"):
+            with outcome.recorded_failure(found.failures, capture.name, "score"):
                 files, scored = found.references[capture.name], tmp_path / "scored" / capture.name
                 scoring.make(scored, str(capture.folder), maps, files, bench.protocol)
                 found.scores[capture.name] = scored
@@ -152,7 +152,7 @@ def on(
     lost: dict[str, tuple[str, ...]],
     captures: str = "abcd",
     methods: tuple[str, ...] = ("2fsk", "3fsk"),
-) -> Basis:
+) -> CommonSubset:
     """The basis of a run in which captures were lost by method; "": by all."""
     bench = BenchFile(
         version=1,
@@ -165,11 +165,11 @@ def on(
         for method, names in lost.items()
         for name in names
     ]
-    found = [Capture(Path(name), "", CaptureFile(name=name)) for name in captures]
-    return outcome.basis(Outcome(bench, found, [], failures))
+    found = [RunCapture(Path(name), "", CaptureFile(name=name)) for name in captures]
+    return outcome.common_subset(Outcome(bench, found, [], failures))
 
 
-def names(basis: Basis) -> tuple[str, tuple[str, ...]]:
+def names(basis: CommonSubset) -> tuple[str, tuple[str, ...]]:
     return "".join(capture.name for capture in basis.captures), tuple(
         entry.id for entry in basis.methods
     )
@@ -194,8 +194,10 @@ def repeated(lost: dict[str, str]) -> tuple[str, str, str]:
         for method, names in lost.items()
         for name in names
     ]
-    found = [Capture(Path(name), "", CaptureFile(name=name), of) for name, of in measures.items()]
-    basis = outcome.basis(Outcome(bench, found, [], failures))
+    found = [
+        RunCapture(Path(name), "", CaptureFile(name=name), of) for name, of in measures.items()
+    ]
+    basis = outcome.common_subset(Outcome(bench, found, [], failures))
     assert names(basis)[1] == ("2fsk", "3fsk", "broadband")
     accuracy, _, precision = basis.text.partition("; the precision alone: ")
     assert accuracy.startswith(f"{len(basis.captures)} of 3 captures")

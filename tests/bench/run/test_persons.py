@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.run import jobs
-from handbench.bench.run.benchmark_file import BenchFile, embedded, load_benchmark
+from handbench.bench.run.benchmark_file import BenchFile, embedded_benchmarks, load_benchmark
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import HandTarget, SceneFile
 from handbench.bench.validation.inspection import problems_of
@@ -100,7 +100,7 @@ def test_a_scene_names_its_person(tmp_path: Path) -> None:
 
 def test_the_embedded_hands_are_twelve_people(tmp_path: Path) -> None:
     bench, base = load_benchmark("hands")
-    assert sorted(embedded()) == ["hands", "paper_table"]
+    assert sorted(embedded_benchmarks()) == ["hands", "paper_table"]
     assert sorted(number for source in bench.capture for number in source.persons or ()) == list(
         range(1, 13)
     )

@@ -22,7 +22,7 @@ from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
-from handbench.support.folder import claimed
+from handbench.support.folder import locked
 from tests.faults.processes import Runs
 
 
@@ -103,7 +103,7 @@ def test_a_folder_of_photographs_is_not_taken_for_a_result(small_bench, tmp_path
 
 
 def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
-    with claimed(tmp_path / "out"), pytest.raises(HandbenchError, match="another run"):
+    with locked(tmp_path / "out"), pytest.raises(HandbenchError, match="another run"):
         execute(small_bench, tmp_path / "out")
 
 
@@ -207,7 +207,7 @@ def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
     small_bench, recorded, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(
-        "handbench.bench.validation.doubts.of_capture", lambda recorded: iter(())
+        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
     )  # takes long with two tones
     with_another(small_bench, recorded, frequencies=2)  # enough for 2-FSK alone
     result = execute(small_bench, tmp_path / "out")

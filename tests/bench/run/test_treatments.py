@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.evaluation.alike import OPEN_DB, WINDOW_PX
+from handbench.bench.evaluation.treatments import OPEN_DB, WINDOW_PX
 from handbench.bench.run import reconstruct_stage
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.reconstruct_stage import read_treated, settled, write_treated
@@ -187,7 +187,8 @@ def test_a_table_of_equal_figures_is_made_by_hand_too(small_bench: Path, tmp_pat
         for m in ("2fsk", "narrowband")
     }
     maps = {
-        m: np.load(folder / "alike.npz")["none_z_m"].astype(float) for m, folder in folders.items()
+        m: np.load(folder / "treated.npz")["none_z_m"].astype(float)
+        for m, folder in folders.items()
     }
     truth_m = np.load(results.depth_path(tmp_path / "out", "ball", "truth"))["z_m"]
     both = np.isfinite(truth_m) & np.isfinite(maps["2fsk"]) & np.isfinite(maps["narrowband"])

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import pycolmap, registered
 from handbench.groundtruth.options import SparseOptions
@@ -35,7 +35,7 @@ from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 Intrinsics = tuple[float, float, float, float]
 CENTRE = slice(21, 24)  # among the numbers of a .camera file: after K, distortion and rotation
 JPEG_QUALITY, FEATURES = 95, "features.db"

@@ -17,7 +17,13 @@ from handbench.bench.results import (
     load_tradeoff,
     write_tradeoff,
 )
-from handbench.bench.run.sweep import ImagingEntry, Sweep, completed, default, imaging_settings
+from handbench.bench.run.sweep import (
+    ImagingEntry,
+    TradeoffSweep,
+    complete_sweep,
+    default,
+    imaging_settings,
+)
 from handbench.bench.tradeoff.imaging import counted_factor
 from handbench.bench.tradeoff.settings import answer, dominates, front, rank, with_acquisition
 from handbench.cli.tradeoff import LENGTHS, TIMES, quantity
@@ -182,8 +188,8 @@ def test_the_paper_s_count_on_its_own_grids():
     assert counted_factor(BroadbandConfig(), ThreeToneConfig()) == pytest.approx(128 * 81 / 7)
 
 
-def sweep(**entry: object) -> Sweep:
-    return parse(Sweep, {"imaging": [entry]}, "test")
+def sweep(**entry: object) -> TradeoffSweep:
+    return parse(TradeoffSweep, {"imaging": [entry]}, "test")
 
 
 def test_knobs_multiply_and_go_into_tables():
@@ -215,7 +221,7 @@ def test_a_list_among_the_values_is_one_value():
 def test_settings_that_differ_in_tables_alone_have_numbers():
     rough, fine = ({"start_m": -0.1, "stop_m": 0.1, "step_m": step} for step in (2e-3, 1e-3))
     entries = [{"method": "2fsk", "config": {"x": axis}} for axis in (rough, fine)]
-    settings = imaging_settings(parse(Sweep, {"imaging": entries}, "test"), {})
+    settings = imaging_settings(parse(TradeoffSweep, {"imaging": entries}, "test"), {})
     assert [(s.name, s.config["x"]) for s in settings] == [("2fsk", rough), ("2fsk-no-2", fine)]
 
 
@@ -249,8 +255,8 @@ def test_the_default_sweep_is_whole():
     settings = imaging_settings(default(), {})
     assert len(settings) >= 20 and default().reference in {s.name for s in settings}
     assert {"2fsk", "3fsk", "broadband", "narrowband"} <= {s.method for s in settings}
-    assert completed(None) == default()
-    own = completed(Sweep(repeats=7))
+    assert complete_sweep(None) == default()
+    own = complete_sweep(TradeoffSweep(repeats=7))
     assert (
         own.repeats == 7
         and own.imaging == default().imaging

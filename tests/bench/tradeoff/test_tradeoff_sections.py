@@ -14,17 +14,17 @@ import pytest
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.run.benchmark_file import BenchFile, Source
-from handbench.bench.run.outcome import Capture, Outcome
-from handbench.bench.run.sweep import ORDINARY, SimulationKnobs, Sweep
+from handbench.bench.run.outcome import Outcome, RunCapture
+from handbench.bench.run.sweep import ORDINARY, SimulationKnobs, TradeoffSweep
 from handbench.bench.scenes.build import build, load_scene
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.target_placements import placements
 from handbench.bench.tradeoff import groundtruth, simulated_sections
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
-from handbench.bench.tradeoff.settings import Inputs
+from handbench.bench.tradeoff.settings import TradeoffInputs
 from handbench.bench.tradeoff.simulated_sections import (
-    Way,
+    SimulationVariant,
     measure_registration,
     measure_simulation,
 )
@@ -53,18 +53,18 @@ BALL = {
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory) -> Capture:
+def ball(tmp_path_factory) -> RunCapture:
     """A capture without echoes: photographs, truth and description."""
     folder = tmp_path_factory.mktemp("ball") / "capture"
     write_photos(build(parse(SceneFile, BALL, "the ball")), folder)
-    return Capture(folder, "", open_capture(folder).about)
+    return RunCapture(folder, "", open_capture(folder).about)
 
 
 def inputs(
-    folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict
-) -> Inputs:
+    folder: Path, *captures: RunCapture, seed: int = 1, repeats: int = 1, **knobs: dict
+) -> TradeoffInputs:
     """The inputs of a section with these knobs; every capture has a true surface."""
-    sweep = parse(Sweep, {"repeats": repeats, **knobs}, "tradeoff")
+    sweep = parse(TradeoffSweep, {"repeats": repeats, **knobs}, "tradeoff")
     known = {
         "version": 1,
         "name": "swept",
@@ -75,7 +75,9 @@ def inputs(
     references = {
         capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures
     }
-    return Inputs(bench, folder, folder, Outcome(bench, list(captures), [], references=references))
+    return TradeoffInputs(
+        bench, folder, folder, Outcome(bench, list(captures), [], references=references)
+    )
 
 
 # --- ground truth
@@ -124,7 +126,7 @@ def shifted(monkeypatch):
     return reconstruct
 
 
-def too_small(ball: Capture) -> Surface:
+def too_small(ball: RunCapture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
     scene = build(
         parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball")
@@ -244,7 +246,11 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
-        return {choice.effect for choice in Way(without=without).choices(scene) if choice.on}
+        return {
+            choice.effect
+            for choice in SimulationVariant(without=without).choices(scene)
+            if choice.on
+        }
 
     shadows = set(NO_SHADOWS)
     assert on() & shadows == {"shadow_diffraction"}
@@ -256,9 +262,9 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
 
 def test_pixels_that_one_map_has_are_told():
     ours, exact = np.array([1.0, 2.0, np.nan, 4.0]), np.array([1.001, np.nan, 3.0, 4.003])
-    error_mm, both = simulated_sections.compared(ours, exact)
+    error_mm, both = simulated_sections.map_difference(ours, exact)
     assert error_mm == pytest.approx(2.0) and both == 0.5
-    assert simulated_sections.compared(ours, np.full(4, np.nan)) == (np.inf, 0.0)
+    assert simulated_sections.map_difference(ours, np.full(4, np.nan)) == (np.inf, 0.0)
 
 
 def test_an_unknown_scene_is_refused():
@@ -331,9 +337,11 @@ def drawn(monkeypatch):
             ]
             for side in (photo_m, radar_m)
         )
-        return simulated_sections.Registered(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
+        return simulated_sections.TargetMeasurement(
+            case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S
+        )
 
-    monkeypatch.setattr(simulated_sections, "registered", registered)
+    monkeypatch.setattr(simulated_sections, "measure_placement", registered)
     return refused
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.validation import checks
-from handbench.bench.validation.mistakes import conjugated
+from handbench.bench.validation.mistakes import conjugation_warnings
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
@@ -197,7 +197,7 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
             distance_m,
         ]
         capture = points_before(CROSS, BANDS_HZ[band], points_m, noise=0.1 * (number % 2))
-        assert conjugated(capture) == []
+        assert conjugation_warnings(capture) == []
 
 
 def test_arrays_with_missing_columns_and_scans_are_looked_at():
@@ -205,16 +205,16 @@ def test_arrays_with_missing_columns_and_scans_are_looked_at():
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
     right = points_before(array, BANDS_HZ["wide"], point_m)
     right.samples[:, :, ::2] = 0
-    [text] = conjugated(replace(right, samples=right.samples.conj()))
-    assert conjugated(right) == [] and "conjugate" in text
+    [text] = conjugation_warnings(replace(right, samples=right.samples.conj()))
+    assert conjugation_warnings(right) == [] and "conjugate" in text
     places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(
         -1, 3
     )
     path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
     samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * BANDS_HZ["26 GHz"][:, None] * path_m)[None]
     scan = RadarCapture(samples.astype(np.complex64), BANDS_HZ["26 GHz"], PlanarScan(places_m))
-    [text] = conjugated(replace(scan, samples=scan.samples.conj()))
-    assert conjugated(scan) == [] and "conjugate" in text
+    [text] = conjugation_warnings(replace(scan, samples=scan.samples.conj()))
+    assert conjugation_warnings(scan) == [] and "conjugate" in text
 
 
 def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, capsys):
@@ -230,8 +230,8 @@ def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, cap
 
 def test_a_single_tone_tells_its_sign(right):
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
-    assert conjugated(one) == []
-    [text] = conjugated(replace(one, samples=one.samples.conj()))
+    assert conjugation_warnings(one) == []
+    [text] = conjugation_warnings(replace(one, samples=one.samples.conj()))
     assert "conjugate" in text
 
 
@@ -312,7 +312,7 @@ def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
     for name, faces, words in (
         ("right", outside, "nothing looks wrong"),
         ("turned", outside[:, ::-1], "inside out"),
-        ("open", outside[:2], "belong to one triangle alone"),
+        ("open", outside[:2], "belong to only one triangle"),
     ):
         write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
         assert words in said(capsys, str(tmp_path / f"{name}.ply"))

@@ -198,7 +198,7 @@ def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
     words = (
         "distance_m is 300",
         "box_m reaches 90",
-        "an antenna lies",
+        "an antenna is",
         "gigahertz",
         "is 100 m long",
         "moves by 400 m",

@@ -203,7 +203,7 @@ def test_what_cannot_be_printed_is_refused():
     turned = Marker(id=2, corners_m=(np.array(square(2, (0.1, 0)).corners_m) * (1, -1, 1)).tolist())
     kite = Marker(id=2, corners_m=((0, 0, 0), (0.03, 0, 0), (0.05, -0.03, 0), (0, -0.03, 0)))
     for other, complaint in (
-        (raised, "do not lie in one plane"),
+        (raised, "are not in one plane"),
         (turned, "facing one way"),
         (kite, "marker 2 has sides of 30.00, 30.00, 36.06, 50.00 mm; expected a square"),
         (

@@ -12,7 +12,7 @@ from matplotlib.text import Text
 
 from handbench.bench import results
 from handbench.reports.figures import fronts
-from handbench.reports.figures.style import COLUMN, STYLE, looks
+from handbench.reports.figures.style import COLUMN, STYLE, method_styles
 from handbench.reports.page import html, rendering, tradeoff_section
 from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
@@ -81,7 +81,7 @@ def test_beaten_settings_differ_in_more_than_colour(drawn):
     fills = {line.get_fillstyle() for line in points}
     assert len(points) == 6 and fills == {"full", "none"}
     assert {line.get_color() for line in points} == {
-        looks([])[name][0] for name in ("2fsk", "3fsk", "broadband")
+        method_styles([])[name][0] for name in ("2fsk", "3fsk", "broadband")
     }
 
 

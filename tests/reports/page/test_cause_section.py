@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from handbench.bench import results
 from handbench.bench.evaluation.tables import each
 from handbench.radar.data.depthmap import DepthMap
-from handbench.reports.figures.charts import CAUSES, explained
+from handbench.reports.figures.charts import CAUSES, cause_charts
 from handbench.reports.page import html, sections
 from handbench.reports.tables.blocks import number
 from tests.bench.evaluation.explained import Scored, explain
@@ -64,7 +64,7 @@ def drawn(axis: Axes) -> dict[str, list[float]]:
 
 
 def test_pictures_show_what_the_tables_say(told):
-    first, _, reliable = explained(told)
+    first, _, reliable = cause_charts(told)
     lines = told.causes[
         (told.causes.reference == "photogrammetry") & (told.causes.method == "3fsk")
     ]

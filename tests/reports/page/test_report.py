@@ -20,10 +20,10 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.tables import COMPARISONS, frame
-from handbench.reports.figures.charts import added, counted, overview
+from handbench.reports.figures.charts import error_counts, overview, total_counts
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.layers import edges
-from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, PAGE, STYLE, looks
+from handbench.reports.figures.style import COLOURS, COLUMN, MARKERS, PAGE, STYLE, method_styles
 from handbench.reports.page import html, rendering, scene3d, sections
 from handbench.reports.page.rendering import render
 from handbench.support.errors import HandbenchError
@@ -270,7 +270,7 @@ def test_nothing_observed_is_drawn_and_said(tmp_path):
     for reference in results.REFERENCES:
         blank = results.ErrorMap(errors.x_m, errors.y_m, empty, errors.reference_z_m)
         results.write_errors(folder, "B", "3fsk", reference, blank)
-    results.write_surface(folder, "B", "3fsk", results.Surface(errors.x_m, errors.y_m, empty))
+    results.write_surface(folder, "B", "3fsk", results.SurfaceMap(errors.x_m, errors.y_m, empty))
     assert "3-FSK: nothing observed" in drawn(folder, "depth_B").alt
     assert (
         scene3d.scene(results.load(folder), results.load(folder).scored()[0])["surfaces"][-1][
@@ -320,9 +320,9 @@ def test_pictures_can_be_read_on_light_and_on_dark_pages(result_folder, tmp_path
 
 def test_errors_are_counted_alike_page_by_page_and_together(result_folder):
     result = results.load(result_folder)
-    parts = [counted(result, [capture]) for capture in result.scored()]
-    together = counted(result, result.scored())
-    for key, counts in added(parts).items():
+    parts = [error_counts(result, [capture]) for capture in result.scored()]
+    together = error_counts(result, result.scored())
+    for key, counts in total_counts(parts).items():
         np.testing.assert_array_equal(counts, together[key])
     errors = [result.errors(c.name, "3fsk", "truth").error_m for c in result.scored()]
     assert together["3fsk", "truth"][-1] == sum(np.isfinite(e).sum() for e in errors)
@@ -347,8 +347,8 @@ def test_the_distribution_of_errors_is_that_of_all_captures(result_folder):
 
 
 def test_every_method_has_its_own_look_whatever_else_is_shown():
-    assert looks(["3fsk"])["3fsk"] == looks(["mine", "3fsk", "2fsk"])["3fsk"]
-    many = looks([f"m{i}" for i in range(60)])
+    assert method_styles(["3fsk"])["3fsk"] == method_styles(["mine", "3fsk", "2fsk"])["3fsk"]
+    many = method_styles([f"m{i}" for i in range(60)])
     assert len(set(many.values())) == len(many) and len(COLOURS) == len(MARKERS)
 
 
@@ -516,13 +516,9 @@ def test_three_captures_have_a_report_that_says_that_they_are_too_few(tmp_path, 
     results.write_tables(folder, comparisons=compare(figures, "truth"))
     html.build(folder, tmp_path / "out")
     text = (tmp_path / "out" / "index.html").read_text("utf-8")
+    assert "Too few captures for a test" in text and "has the best figure" not in text
     assert (
-        "Too few captures to tell which method is better on others" in text
-        and "has the best figure" not in text
-    )
-    assert (
-        "3fsk is ahead of 2fsk by 5.0 mm (MAE) on these 3: too few captures to tell of others"
-        in text
+        "3fsk is ahead of 2fsk by 5.0 mm (MAE) on 3 captures: too few captures for a test" in text
     )
 
 
@@ -534,7 +530,8 @@ def test_captures_say_what_they_measure_and_those_of_the_precision_have_no_pictu
         **dict.fromkeys(("hand0", "hand1", "hand2"), ("precision", "–")),
     }
     assert (
-        grid.caption == "Captures; those of the precision alone are not scored and have no pictures"
+        grid.caption
+        == "Captures; those that only measure the precision are not scored and have no pictures"
     )
     scored = replace(result, about=result.about.model_copy(update={"captures": result.scored()}))
     assert sections.captures(scored).caption == "Captures"

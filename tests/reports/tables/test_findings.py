@@ -70,7 +70,7 @@ def test_a_claim_is_one_sentence(result):
         "see: 3-FSK ahead by 0.20 mm unsmoothed and 0.20 mm all averaged over 5 × 5; over "
         "completeness: not" in few
     )
-    assert few.endswith("(on these 2 captures, too few to tell of others)")
+    assert few.endswith("(2 captures: too few for a test)")
     assert findings(with_comparisons(result, frame(COMPARISONS, lines[-1:]))) == []
 
 

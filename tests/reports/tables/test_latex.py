@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from handbench.bench import results
 from handbench.bench.evaluation.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
 from handbench.bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
-from handbench.bench.results.compare_results import Compared, Side
+from handbench.bench.results.compare_results import Compared, ComparedResult
 from handbench.reports.tables import comparison, latex
 
 HOSTILE = (
@@ -95,7 +95,7 @@ def tradeoff(name: str) -> Tradeoff:
 
 
 def compared(name: str) -> Compared:
-    side = Side(f"runs/{name}", name, (name, "F"), None)
+    side = ComparedResult(f"runs/{name}", name, (name, "F"), None)
     figures = (
         1.0,
         0.9,

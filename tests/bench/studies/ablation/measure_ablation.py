@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool, precision
-from handbench.bench.evaluation.tables import Column, declared
+from handbench.bench.evaluation.tables import Column, declared_tables
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import choices, echo_scene
@@ -49,7 +49,7 @@ def _column(method: str, key: str, places: int, words: str = "") -> Column:
 
 
 COLUMNS = (
-    *declared(__file__)["rows"].columns,
+    *declared_tables(__file__)["rows"].columns,
     *(_column(m, key, places) for m in METHODS for key, places in SHOWN.items()),
     *(_column(m, "precision_mm", 3, "precision") for m in REPEATED),
 )

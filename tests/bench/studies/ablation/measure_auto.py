@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.scenes.build import Scene, load_scene
 from handbench.bench.scenes.echoes import choices, echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
@@ -37,7 +37,7 @@ from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 SCENES = Path(__file__).parent / "scenes"
 FEW = (
     "2fsk",

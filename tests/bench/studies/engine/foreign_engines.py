@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.cpu.exact import exact_sums
 from handbench.support.errors import HandbenchError
@@ -29,7 +29,7 @@ from tests.bench.studies.engine.foreign_paths import ENGINE, Contender, contende
 from tests.bench.studies.engine.scope import Inputs, Scope
 from tests.bench.studies.study import BLUE, GREEN, GREY, ORANGE, VERMILION, Study, relative_error
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 SMALL = Scope(
     lateral=Axis(start_m=-0.03, stop_m=0.03, step_m=0.001),
     depth=Axis(start_m=0.275, stop_m=0.295, step_m=0.001),

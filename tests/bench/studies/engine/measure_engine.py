@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from handbench.bench.evaluation.tables import declared, each
+from handbench.bench.evaluation.tables import declared_tables, each
 from tests.bench.studies import script
 from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.engine.checks import bars, compilation, growth
@@ -29,7 +29,7 @@ SECTIONS = {
     "growth": growth,
     "roofline": roofline_rows,
 }
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 OF_ROWS = ("volume", "3-FSK frame", "simulation")
 
 

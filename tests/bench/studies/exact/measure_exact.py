@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.run.sweep import SimulationKnobs
 from handbench.bench.tradeoff import simulated_sections
 from handbench.radar.data.arrays import qar50
@@ -43,7 +43,7 @@ from tests.references.exact.cases import (
     tones_hz,
 )
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 LADDERS = (  # of effects, each row one more of what the scene calls for
     ("obliquity",),
     ("obliquity", "shadow_centre"),
@@ -111,7 +111,7 @@ def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> l
     if ways:
         ladder = {
             way.words: partial(way.simulate, scene.body)
-            for way in simulated_sections.ways(SimulationKnobs())
+            for way in simulated_sections.variants(SimulationKnobs())
         }
     for effects, simulated in ladder.items():
         start, cpu_start = time.perf_counter(), time.process_time()

@@ -13,7 +13,7 @@ from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.references.exact.cases import MATERIALS, Case, body
 from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes
-from tests.references.exact.mie_series import Sphere
+from tests.references.exact.mie_series import CoatedSphere
 
 FINGER = Cylinder(0.0, 0.29, 8e-3)
 
@@ -22,7 +22,7 @@ FINGER = Cylinder(0.0, 0.29, 8e-3)
     ("made", "volume_m3"),
     [
         (FINGER.mesh(), np.pi * 8e-3**2 * 0.32),
-        (Sphere((0.0, 0.0, 0.29), 5e-3).mesh(), 4 / 3 * np.pi * 5e-3**3),
+        (CoatedSphere((0.0, 0.0, 0.29), 5e-3).mesh(), 4 / 3 * np.pi * 5e-3**3),
     ],
 )
 def test_a_mesh_is_closed(made, volume_m3):

@@ -22,7 +22,7 @@ from tests.radar.simulation.effects.plates import plate
 from tests.references.exact.cases import Case, body
 from tests.references.exact.cylinders import ALONG
 from tests.references.exact.half_planes import HalfPlane, half_plane_echoes
-from tests.references.exact.mie_series import Sphere, sphere_echoes
+from tests.references.exact.mie_series import CoatedSphere, sphere_echoes
 
 CLUSTERS = Path(__file__).parent / "sphere_clusters.npz"
 ONCE = ("obliquity", "shadow_antennas")
@@ -69,7 +69,7 @@ def test_the_series_of_a_sphere_is_treams(name):
     ((centre_m, radii_m),), _ = SCENES[name]
     tones_hz, coated = known["frequencies_hz"], len(radii_m) > 1
     core, coat = np.full(len(tones_hz), SKIN), np.full(len(tones_hz), COAT) if coated else None
-    sphere = Sphere(centre_m, radii_m[-1], radii_m[-1] - radii_m[0] if coated else 0.0)
+    sphere = CoatedSphere(centre_m, radii_m[-1], radii_m[-1] - radii_m[0] if coated else 0.0)
     found = sphere_echoes(sphere, tones_hz, array, np.array([0.0, 1.0, 0.0]), core, coat)
     expected = known[name.replace(" ", "_")]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
@@ -80,7 +80,7 @@ def test_the_series_of_a_sphere_is_treams(name):
 )
 def test_clusters_of_spheres(name, bound):
     known, array = _treams()
-    spheres = tuple(Sphere(centre_m, radii_m[-1]) for centre_m, radii_m in SCENES[name][0])
+    spheres = tuple(CoatedSphere(centre_m, radii_m[-1]) for centre_m, radii_m in SCENES[name][0])
     tones_hz = known["frequencies_hz"]
     scene = EchoScene(
         array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG))

@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from handbench.bench.datasets.simulated import write_photos
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.scenes.build import Scene, build
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
@@ -47,7 +47,7 @@ def study(work: Path, what: str, poses: str) -> Study:
 
 def tables(records: list[Record]) -> list[Table]:
     """The one table, of all records."""
-    return [Table("rows", declared(__file__)["rows"].columns, records)]
+    return [Table("rows", declared_tables(__file__)["rows"].columns, records)]
 
 
 def measure(case: Case, work: Path) -> Record:

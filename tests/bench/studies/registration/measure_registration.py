@@ -23,11 +23,11 @@ from scipy.stats import chi2
 
 from handbench.bench.datasets.native import TARGET
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.run.photogrammetry import calibrate_captures
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import choices, echo_scene
-from handbench.bench.scenes.target_placements import seen_cloud
+from handbench.bench.scenes.target_placements import optical_cloud
 from handbench.calibration.registration.register import measure, solve
 from handbench.calibration.spheres.description import save_target
 from handbench.calibration.transforms import Transform
@@ -41,7 +41,7 @@ from tests.bench.studies.registration.registration_score import Score, score
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import BLUE, Study
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 FAULTS = {
     "none": "the target as described, in view",
     "two hidden": "two elements of the square are covered: from the radar, in every second "
@@ -149,7 +149,7 @@ def sampled(number: int, fault: str, work: Path) -> Record:
     """Echoes simulated; in place of photographs a cloud of what the cameras would see of the
     spheres."""
     chosen = case(number, work / f"placement-{number}", fault, photographs=False)
-    points_m, normals = seen_cloud(chosen, chosen.seen)
+    points_m, normals = optical_cloud(chosen, chosen.seen)
     echoes = _echoes(chosen)
 
     def registered() -> Transform:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.target_placements import made, seen_cloud
+from handbench.bench.scenes.target_placements import manufactured_target, optical_cloud
 from handbench.calibration.spheres.description import default_target, match
 from handbench.calibration.spheres.optical_detection import find_spheres
 from handbench.calibration.transforms import Transform
@@ -71,7 +71,7 @@ def test_honest_errors_fall_into_the_band_and_others_do_not():
 
 def test_a_target_is_made_within_its_tolerances():
     described, rng = default_target(), np.random.default_rng(0)
-    targets = [made(described, rng) for _ in range(200)]
+    targets = [manufactured_target(described, rng) for _ in range(200)]
     offsets_m = np.array([t.ball_offsets_m for t in targets])
     radii_m = np.array([[e.sphere_radius_m for e in t.element] for t in targets])
     assert offsets_m.std() == pytest.approx(described.ball_offset_sigma_m, rel=0.05)
@@ -85,7 +85,7 @@ def test_a_target_is_made_within_its_tolerances():
 def test_the_cloud_shows_the_spheres_where_they_are(placement):
     """To 0.02 mm (the errors drawn are 0.03 mm a point, over a thousand points), from the cameras'
     side alone."""
-    points_m, normals = seen_cloud(placement)
+    points_m, normals = optical_cloud(placement)
     seen = match(
         find_spheres(points_m, normals, placement.described), placement.described, "photographs"
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 import pandas as pd
 
 from handbench.bench.evaluation.metrics import METRICS, TITLES
-from handbench.bench.evaluation.tables import Column, declared
+from handbench.bench.evaluation.tables import Column, declared_tables
 from handbench.bench.run.benchmark_file import load_benchmark
 from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
@@ -32,7 +32,7 @@ from tests.bench.studies.sensitivity.sensitivity_factors import (
 from tests.bench.studies.sensitivity.sensitivity_figure import draw_map, draw_tornadoes
 from tests.bench.studies.study import Study
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 SHOWN = 10  # settings of the joint design on its page
 SETTING = {column.name: column for column in SCHEMAS["setting"].columns}
 TOLD = [SETTING[name] for name in ("number", "name", "factor", "values", "placement")]

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
-from handbench.bench.evaluation.metrics import averaged, deviation, mean_deviation, of_captures
+from handbench.bench.evaluation.metrics import deviation, mean_deviation, mean_figures, of_captures
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
@@ -71,7 +71,7 @@ class Measurement:
         spread: dict[str, float | None] = {}
         for family, entry in self.entries.items():
             maps = [[of.maps[family, draw] for of in found if of.maps] for draw in case.draws]
-            draws = pd.DataFrame([averaged(of_captures(of_draw)) for of_draw in maps])
+            draws = pd.DataFrame([mean_figures(of_captures(of_draw)) for of_draw in maps])
             for key in KEYS[:2]:
                 name, values = f"{family}_{key}", draws[key].to_numpy(float)
                 figures[name] = float(values.mean()) if np.isfinite(values).all() else None

@@ -20,7 +20,7 @@ from handbench.radar.simulation.effects.sensor import PEAK_POINTS, strongest_amp
 from handbench.radar.simulation.physics.facets import unit
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes, generator, require_facets
-from handbench.support.closure import key_of
+from handbench.support.code_hash import key_of
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_npz, write_npz

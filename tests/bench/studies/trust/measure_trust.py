@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.evaluation.tables import declared
+from handbench.bench.evaluation.tables import declared_tables
 from handbench.radar.data.depthmap import FLAGGED, DepthMap
 from handbench.radar.methods import depth_uncertainty
 from handbench.radar.methods.depth_uncertainty import (
@@ -34,7 +34,7 @@ from handbench.radar.methods.depth_uncertainty import (
     weights_of,
 )
 from handbench.radar.methods.registry import method, method_key
-from handbench.support.closure import key_of
+from handbench.support.code_hash import key_of
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_npz, write_text
 from tests.bench.studies import script
@@ -49,7 +49,7 @@ from tests.bench.studies.trust.worth import (
     silent_percent,
 )
 
-SCHEMAS = declared(__file__)
+SCHEMAS = declared_tables(__file__)
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
 VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coherence", "narrowband")
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest

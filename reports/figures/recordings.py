@@ -1,5 +1,4 @@
-"""A recording and what stands around it: echoes over tones and range, antennas, cameras and
-frames."""
+"""Pictures of a recording: echoes over tones and range, antennas, cameras and frames."""
 
 from collections.abc import Mapping
 
@@ -21,8 +20,8 @@ def echoes_figure(
     profile: tuple[np.ndarray, np.ndarray] | None,
 ) -> Figure:
     """The level of every tone, levels_db [3, f] at SHARES of the channels; the antennas [n, 3] by
-    name, as seen from behind the array; profile: ranges [n] in metres up to where they repeat and
-    their level in dB, if there are any."""
+    name, seen from behind the array. profile: ranges [n] in metres, up to the unambiguous range,
+    and their level in dB, if known."""
     order = np.argsort(frequencies_hz)
     ghz, (low, middle, high) = frequencies_hz[order] / 1e9, levels_db[:, order]
     with matplotlib.rc_context(STYLE):
@@ -66,8 +65,8 @@ def echoes_figure(
 
 
 def frames_figure(title: str, frames: Mapping[str, np.ndarray], residuals_mm: np.ndarray) -> Figure:
-    """Frames in the one that the picture is drawn in, by name a matrix [4, 4] each: x, y and z in
-    orange, green and blue; beside them the distances left over, if there are any."""
+    """Coordinate frames in a common frame, by name a matrix [4, 4] each: x, y and z in orange,
+    green and blue; next to them the residual distances, if there are any."""
     long_m = max(
         0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03
     )

@@ -1,9 +1,10 @@
-"""The code that a module runs: itself and all that it imports, found by reading its import
-statements.
+"""Hashes of the code that a module runs: the module and all that it imports, found by reading
+import statements.
 
-A module's imports count wherever they stand, in functions too, as `importlib.import_module("a.b")`
-too, and with the packages on the way; those for types alone (`if TYPE_CHECKING:`) never run and do
-not. A module that asks for its `__file__` reads data beside it, which count as its code does.
+All imports of a module count, also those in functions and `importlib.import_module("a.b")`,
+together with the packages around them. Imports for types only (`if TYPE_CHECKING:`) never run and
+do not count. A module that uses its `__file__` reads data files from its folder, which count as
+code.
 """
 
 import ast
@@ -25,8 +26,8 @@ BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, 
 
 
 class _Module(NamedTuple):
-    """A module's hash, handbench's modules that it imports (with the packages on the way), the
-    other libraries."""
+    """A module's hash, the handbench modules that it imports (with the packages around them), and
+    the other libraries."""
 
     hash: str
     ours: frozenset[str]
@@ -34,20 +35,19 @@ class _Module(NamedTuple):
 
 
 class Sources:
-    """handbench's modules, whose package is in the folder `root`, as they are when they are first
-    asked for."""
+    """handbench's modules, whose package is in the folder `root`, each read once, on first use."""
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
         self.in_clone = not (
             root / "radar"
-        ).is_dir()  # the other rooms and the scripts are beside the package
+        ).is_dir()  # the other rooms and the scripts are next to the package
         self._file = cache(self._find)
         self._modules: dict[str, _Module] = {}
 
-    def closure(self, module: str) -> tuple[list[str], list[str]]:
-        """The modules that `module` runs, itself among them, and the other libraries' names; both
-        in order. Raises ModuleNotFoundError where there is no such module."""
+    def imports_of(self, module: str) -> tuple[list[str], list[str]]:
+        """The modules that `module` runs, itself among them, and the names of other libraries, both
+        in order. Raises ModuleNotFoundError for an unknown module."""
         ours: set[str] = set()
         others: set[str] = set()
         waiting = {module, *self._passed(module)}
@@ -60,9 +60,9 @@ class Sources:
         return sorted(ours), sorted(others - sys.stdlib_module_names)
 
     def key(self, module: str) -> str:
-        """Hash of all code that a module runs: handbench's content, the other libraries' versions
-        and Python's."""
-        ours, others = self.closure(module)
+        """Hash of all code that a module runs: the content of handbench's modules, and the versions
+        of other libraries and of Python."""
+        ours, others = self.imports_of(module)
         versions = [installed(name) for name in others]
         return content_hash(
             [[name, self._module(name).hash] for name in ours], versions, sys.version_info[:2]
@@ -93,7 +93,7 @@ class Sources:
         return _Module(content_hash(file, *named), ours, others)
 
     def _passed(self, name: str) -> list[str]:
-        """The modules that importing a name runs: those there are of a, a.b and a.b.c."""
+        """The modules that run when a name is imported: those of a, a.b and a.b.c that exist."""
         parts = name.split(".") if name.partition(".")[0] == PACKAGE else []
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
@@ -115,8 +115,8 @@ class Sources:
 
 @cache
 def key_of(module: str) -> str:
-    """`Sources.key` of the installed code, as it was when this process first asked, which is the
-    code that runs."""
+    """`Sources.key` of the installed code as first read by this process, which is the code that it
+    runs."""
     return _INSTALLED.key(module)
 
 
@@ -125,8 +125,8 @@ _INSTALLED = Sources()
 
 @cache
 def _imported(source: bytes, package: str) -> frozenset[str]:
-    """The full names that a module of `package` imports; of `from a import b` both a and a.b, which
-    may be a module."""
+    """The full names that a module of `package` imports. For `from a import b` these are a and a.b,
+    which may be a module."""
     collecting = gc.isenabled()
     gc.disable()  # it would go through each tree many times while it grows
     try:
@@ -154,7 +154,7 @@ def _names(tree: ast.Module, package: str, calls: bool) -> Iterator[str]:
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """All statements below a node, but those that are for types alone."""
+    """All statements below a node, without those for types only."""
     types = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
     for block in BLOCKS[types:]:
         for inner in getattr(node, block, ()):
@@ -164,16 +164,16 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def installed(library: str) -> tuple[str, ...]:
-    """The distributions that bring a library, as it is imported, with their versions; where there
-    is none, the library with "none"."""
+    """The distributions that provide an imported library, with their versions; without one, the
+    library's name with "none"."""
     brought_by = {one.metadata["Name"] for one in _distributions().get(library, [])}
     return tuple(sorted(map(with_version, brought_by or {library})))
 
 
 @cache
 def _distributions() -> dict[str, list[metadata.Distribution]]:
-    """The installed distributions by the names that they bring, as
-    `metadata.packages_distributions` tells, but from the records' text: an object of each of 30 000
+    """The installed distributions by the names that they provide. Same result as
+    `metadata.packages_distributions`, from the text of the records: one object for each of 30 000
     files takes four times as long."""
     found: dict[str, list[metadata.Distribution]] = {}
     for one in metadata.distributions():
@@ -184,7 +184,7 @@ def _distributions() -> dict[str, list[metadata.Distribution]]:
 
 
 def with_version(distribution: str) -> str:
-    """A distribution's name with the version that is installed."""
+    """A distribution's name with its installed version."""
     try:
         return f"{distribution} {metadata.version(distribution)}"
     except metadata.PackageNotFoundError:  # an extra that is not installed

@@ -1,5 +1,6 @@
-"""Doubts about data that every reader takes: sentences with what seems wrong and its cure. None is
-sure; all are cheap beside the hours that wrong data cost."""
+"""Warnings about a capture's or an image's data, which every reader accepts: sentences with the
+likely mistake and its remedy. None is certain; all cost little compared with the hours that wrong
+data cost."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import DOUBTS, FAR_M, NativeCapture
+from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.validation import mistakes
 from handbench.bench.validation.checks import array_warnings, map_warnings
@@ -27,7 +28,7 @@ from handbench.support.progress import say
 
 # share of pixels on the surface with which a mistake explains an image; and of the best other share
 EXPLAINED = 0.9
-FIRST = "first_depth_m"  # where some methods begin to look
+FIRST = "first_depth_m"  # first depth of methods that have one
 FURTHER_M = (
     1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
 )
@@ -40,32 +41,33 @@ PROBES = (
 
 
 def make(folder: Path, capture: str) -> None:
-    """The stage of a run that inspects a capture: doubts → DOUBTS, each said once. What cannot be
-    looked into is told by the stages that need it."""
+    """The stage of a run that inspects a capture. Prints each warning once and writes all to
+    INSPECTION. Captures that cannot be read are skipped: the stages that need them report the
+    error."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
-            doubts = list(of_capture(open_capture(capture)))
+            warnings = list(warnings_of_capture(open_capture(capture)))
         except HandbenchError:
-            doubts = []
-    for doubt in doubts:
-        say(f"{capture}: {doubt}")
-    write_json(folder / DOUBTS, {"doubts": doubts})
+            warnings = []
+    for warning in warnings:
+        say(f"{capture}: {warning}")
+    write_json(folder / INSPECTION, {"doubts": warnings})
 
 
-def of_capture(recorded: NativeCapture) -> Iterator[str]:
-    """Doubts about a capture: its arrays and tones, its echoes' focus, and where it has a surface,
-    its frames."""
+def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
+    """Warnings about a capture: its arrays and tones, the focus of its echoes and, if it has a
+    surface, its frames."""
     capture = recorded.echoes(1)
     plain = list(array_warnings(capture))
     yield from plain
     if plain:
         return  # all that follows would be about these
     compile_kernels()
-    surface, imaged = surface_of(recorded), _imaged(recorded, capture)
+    surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
-        return  # what lies on its surface needs no further look
-    wrong = mistakes.conjugated(capture)
+        return  # the image is on its surface: no further check
+    wrong = mistakes.conjugation_warnings(capture)
     yield from wrong
     if wrong or imaged is None:
         return
@@ -74,7 +76,7 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
     if surface is None or as_is is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))
-    near, _ = _imaged(recorded, capture, start_m) or imaged
+    near, _ = _depth_map(recorded, capture, start_m) or imaged
     found = mistakes.fit(near, surface)
     if found.covers and found.explains(as_is):
         begun = (
@@ -84,29 +86,29 @@ def of_capture(recorded: NativeCapture) -> Iterator[str]:
         yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
         return
     further, _ = (
-        _imaged(recorded, capture, FURTHER_M) or imaged
-    )  # for where the surface lies may be the mistake
-    yield from _explained(recorded, capture, surface, (depth, near, further), start_m)
+        _depth_map(recorded, capture, FURTHER_M) or imaged
+    )  # since the surface's distance may be the mistake
+    yield from _likely_mistake(recorded, capture, surface, (depth, near, further), start_m)
 
 
-def _explained(
+def _likely_mistake(
     recorded: NativeCapture,
     capture: RadarCapture,
     surface: Surface,
     depths: tuple[DepthMap, ...],
     start_m: float,
 ) -> list[str]:
-    """The mistake, if any, without which an image fits its surface, which begins start_m away,
-    best; two where one in the order of the data explains it as well as one of frames, as exchanged
-    antennas of an array that is its own mirror image. Others than that of the antennas are looked
-    for only where no frame or unit explains the images."""
+    """The mistake without which an image fits its surface best, if any fits well. Two are returned
+    if one in the order of the data fits as well as one of frames, as for exchanged antennas of an
+    array that is its own mirror image. start_m: distance of the surface. Mistakes other than those
+    of the antennas are tried only if no frame or unit explains the images."""
     as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max(
         (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
     )
     found: dict[str, float] = {}
-    for name, cure, undone, scale in _undone(capture, every=share < EXPLAINED):
-        image = _imaged(recorded, undone, scale * start_m)
+    for name, cure, undone, scale in _corrections(capture, every=share < EXPLAINED):
+        image = _depth_map(recorded, undone, scale * start_m)
         fitted = (
             mistakes.fit(image[0], mistakes.moved(surface, scale * np.eye(3))) if image else as_is
         )
@@ -122,10 +124,13 @@ def _explained(
     return [f"{text}; or {moved[0]}"] if EXPLAINED * found[text] < share else [text]
 
 
-def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, RadarCapture, float]]:
-    """Mistakes in the order and the phases of a capture's data: the name and the cure of each, the
-    capture without it, and by how much larger all that it shows then is: a phase cannot tell half
-    the path from half the scene. every: those in the tones and the phases too."""
+def _corrections(
+    capture: RadarCapture, every: bool
+) -> Iterator[tuple[str, str, RadarCapture, float]]:
+    """Corrections of mistakes in the order and the phases of a capture's data. Each has the
+    mistake's name, its remedy, the corrected capture, and the factor by which its scene is then
+    larger, because a phase does not distinguish half the path from half the scene. every: also
+    mistakes in tones and phases."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
@@ -160,20 +165,20 @@ def _undone(capture: RadarCapture, every: bool) -> Iterator[tuple[str, str, Rada
         )
 
 
-def of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Doubts about a depth map and, where there are some, about the echoes that it was imaged
-    from."""
+def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
+    """Warnings about a depth map and, if there are any, about the echoes from which it was
+    imaged."""
     about = list(map_warnings(depth))
     yield from about
     try:
-        yield from mistakes.conjugated(capture) if about else ()
-    except HandbenchError:  # a doubt that cannot be looked into takes no result away
+        yield from mistakes.conjugation_warnings(capture) if about else ()
+    except HandbenchError:  # a failed check takes no result away
         return
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:
-    """The capture's surface in the radar's frame: the true one, or the measured one where a
-    transform carries it."""
+    """The capture's surface in the radar's frame: the true one, or the measured one if a transform
+    carries it there."""
     if recorded.truth is not None:
         return read_surface(recorded.truth)
     mesh, transform = recorded.mesh(), recorded.transform()
@@ -182,11 +187,11 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
     return read_surface(mesh).moved(transform)
 
 
-def _imaged(
+def _depth_map(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
-    """The depth map of the first of PROBES that the capture's tones serve, and its configuration;
-    first_depth_m: where those that begin with a depth do (None: at their own)."""
+    """The depth map by the first method of PROBES that can use the capture's tones, and its
+    configuration. first_depth_m: first depth for methods that have one (None: their default)."""
     for name in PROBES:
         begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
         begun = begun and FIRST in method(name).config.model_fields

@@ -1,0 +1,20 @@
+"""The equal treatments: every method with the same thresholds and filters; and the depth maps that
+they give."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+WINDOW_PX = 5  # of the averaging filter that all are given
+SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
+OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
+
+
+class TreatedDepths(NamedTuple):
+    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above the method's
+    own threshold and open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitudes that order the
+    pixels of open_z_m."""
+
+    z_m: np.ndarray
+    open_z_m: np.ndarray
+    open_db: np.ndarray
