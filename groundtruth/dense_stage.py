@@ -9,7 +9,7 @@ from handbench.groundtruth.dense import completion, cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.kernels import compile_kernels
-from handbench.groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
+from handbench.groundtruth.dense.volume import board_plane, narrow_volume, volume, warn_of_cuts
 from handbench.groundtruth.mesh.poisson import clean
 from handbench.groundtruth.options import DenseOptions, Effort
 from handbench.groundtruth.photos.masks import Masks, find_masks
@@ -33,7 +33,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(COARSER * chosen.effort.shrink, 1)
-        bounds = narrowed(
+        bounds = narrow_volume(
             bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
         )
     say(bounds.describe())
@@ -71,6 +71,6 @@ def _fused(
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
     if effort.thorough:
         return fuse(
-            completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
+            completion.complete_maps(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
         )
     return fuse(maps, box_m)

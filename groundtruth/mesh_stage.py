@@ -8,13 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import Camera, registered
+from handbench.groundtruth.cameras.cameras import Camera, registered_images
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane, Volume, board_plane
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.poisson import surface
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
+from handbench.groundtruth.mesh.target import (
+    Components,
+    TargetParts,
+    keep_target,
+    margin_m,
+    remove_board,
+)
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import MeshOptions
 from handbench.groundtruth.photos.photos import find_photos
@@ -47,18 +53,20 @@ def measured_surface(
     components: Components,
     plane: Plane | None,
     box_m: np.ndarray | None,
-) -> tuple[Surface, Target]:
+) -> tuple[Surface, TargetParts]:
     """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what
     that is."""
     count = len(cloud.points_m)
-    cloud = cloud if plane is None else off_board(cloud, plane)
+    cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
     target = keep_target(
         mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m)
     )
     target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
+    sigma_m, observed = surface_sigma(
+        cloud, vertices_m, registered_images(sparse.model), sparse.known
+    )
     sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
     return Surface(vertices_m, faces, sigma_m, observed), target
 

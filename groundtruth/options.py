@@ -38,7 +38,7 @@ PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = (
 BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
 
 
-def predicted(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
+def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
     """Processor time, seconds, and bytes at the peak, from photographs of so many megapixels
     together to a mesh."""
     seconds = (

@@ -17,7 +17,7 @@ from handbench.groundtruth.dense.volume import Volume
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.mesh_files import write_cloud
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.mesh.target import Target
+from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.mesh_stage import MESH, TARGET
 from handbench.groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
 from handbench.groundtruth.sparse.frame import Scale
@@ -33,7 +33,7 @@ SUMMARY_VERSION = 1
 
 
 @dataclass(frozen=True)
-class Result:
+class GroundTruth:
     """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud
     it was made of, and how well the photographs fit together."""
 
@@ -44,7 +44,7 @@ class Result:
     reprojection_error_px: float
     scale: Scale
     volume: Volume
-    target: Target
+    target: TargetParts
     seconds: dict[str, float]
 
     def summary(self) -> dict[str, object]:
@@ -91,7 +91,9 @@ def stages(
     return sparse, dense, staged("mesh", mesh_stage.make, MeshOptions, [dense.key], sparse, dense)
 
 
-def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:
+def reconstruct(
+    photos: str | Path, options: Options, workdir: str | Path | None = None
+) -> GroundTruth:
     """Photographs in a folder to a mesh.
 
     workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud),
@@ -108,8 +110,8 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
         error_px = sparse.model.compute_mean_reprojection_error()
         volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
-        target = Target(**read_json(made / TARGET, "the target of a mesh stage"))
-        result = Result(
+        target = TargetParts(**read_json(made / TARGET, "the target of a mesh stage"))
+        result = GroundTruth(
             surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds
         )
         if workdir is not None:

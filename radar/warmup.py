@@ -3,8 +3,8 @@ they are cached."""
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.ascent import scatter
-from handbench.radar.imaging.cpu.descent import gather
+from handbench.radar.imaging.cpu.adjoint import scatter
+from handbench.radar.imaging.cpu.forward import gather
 from handbench.support.compiled import compile_once
 
 

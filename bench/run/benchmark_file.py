@@ -105,7 +105,7 @@ class GroundTruth(Config):
 class MethodEntry(Config):
     """A method with what its configuration changes; precision = true measures its precision too;
     every_nth_antenna: of transmitters and receivers, in the order of the file (see
-    `radar.data.capture.thinned`).
+    `radar.data.capture.thin_antennas`).
 
     A method that handbench does not have (`bench.run.foreign`) has `maps`, the folder of its depth
     maps, CAPTURE.npz, relative to the benchmark file; or `command`, a line that makes one, with the

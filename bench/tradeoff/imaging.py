@@ -12,8 +12,8 @@ receivers):
 
 What follows the images (phases, filters, projection) is no sum over channels, thousands of times
 less, and not counted. What a frame has really summed, passes and points as the echoes brought them,
-`radar.imaging.api.watch` counts; the engine reaches the same images with fewer operations, of which
-it keeps no count. Measured is against two baselines: the exact sum, of both methods alike and as a
+`radar.imaging.api.count_imaging` counts; the engine reaches the same images with fewer operations,
+of which it keeps no count. Measured is against two baselines: the exact sum, of both methods alike and as a
 few planes of the volume, scaled; and this engine.
 """
 
@@ -50,7 +50,7 @@ from handbench.bench.tradeoff.settings import (
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
-from handbench.radar.imaging.api import image_volume, watch
+from handbench.radar.imaging.api import count_imaging, image_volume
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
@@ -132,7 +132,7 @@ def _frame(capture: Capture, setting: ImagingSetting) -> tuple[DepthMap, dict[st
         ctypes.CDLL(None).malloc_trim(0)
     with added() as cost:
         _, first_s = timed(task.image)
-    with watch() as laps:
+    with count_imaging() as laps:
         result, seconds = timed(task.image)
     return result.depth, {
         "seconds": seconds,

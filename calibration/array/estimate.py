@@ -17,8 +17,8 @@ from handbench.calibration.array.array_file import ArrayCalibration, Side
 from handbench.calibration.array.model import (
     EACH,
     Antennas,
-    Echoes,
     State,
+    TargetEchoes,
     directions,
     normal_equations,
 )
@@ -48,11 +48,11 @@ def estimate_array(
         )
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
-    echoes = Echoes(target, capture.frequencies_hz)
-    live, raw, begun = prior.start(samples, prior.nominal_state(mean, target), echoes)
+    echoes = TargetEchoes(target, capture.frequencies_hz)
+    live, raw, begun = prior.initial_states(samples, prior.nominal_state(mean, target), echoes)
     samples = samples[live[0]][:, live[1]]
-    state, covariance = fitted(samples, begun, echoes)
-    before, after = (left_over(samples, s, echoes) for s in (raw, state))
+    state, covariance = fit_state(samples, begun, echoes)
+    before, after = (unexplained_share(samples, s, echoes) for s in (raw, state))
     prior.check(state, after, target, source)
     n_tx, n_rx, _ = state.counts
     every = np.arange(n_tx + n_rx)  # antenna
@@ -73,7 +73,7 @@ def estimate_array(
     )
 
 
-def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np.ndarray]:
+def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, np.ndarray]:
     """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from
     what is left."""
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
@@ -84,7 +84,7 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np
         variance = max(
             power * samples.size / freedom, floor
         )  # of the real and of the imaginary part
-        pull = right / variance - information @ prior.surprises(state, echoes.target)
+        pull = right / variance - information @ prior.prior_residuals(state, echoes.target)
         inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
         step = inverse @ pull
         state = state.moved(step)
@@ -96,7 +96,7 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np
     )
 
 
-def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
+def unexplained_share(samples: np.ndarray, state: State, echoes: TargetEchoes) -> float:
     """Part of the target's energy in samples [t, r, f] that the state does not explain, noise
     deducted: at least what the noise leaves uncertain.
 
@@ -130,7 +130,7 @@ def _side(
     found: Antennas,
     covariance: np.ndarray,
     centres_m: np.ndarray,
-    echoes: Echoes,
+    echoes: TargetEchoes,
 ) -> Side:
     """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]

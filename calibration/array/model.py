@@ -98,7 +98,7 @@ def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.nd
 
 
 @dataclass(frozen=True)
-class Echoes:
+class TargetEchoes:
     """The balls of a target as a sweep of frequencies_hz [f] sees them."""
 
     target: Target
@@ -146,7 +146,7 @@ class Echoes:
 
 
 def normal_equations(
-    samples: np.ndarray, state: State, echoes: Echoes
+    samples: np.ndarray, state: State, echoes: TargetEchoes
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """JᵀJ [u, u], Jᵀρ [u] and the mean power of the residual ρ = samples − model, for samples [t,
     r, f].

@@ -14,8 +14,8 @@ from handbench.calibration.array.model import (
     PHASE,
     PLACE,
     Antennas,
-    Echoes,
     State,
+    TargetEchoes,
     split,
 )
 from handbench.calibration.spheres.description import Target, match
@@ -54,14 +54,14 @@ def prior_information(state: State, target: Target) -> np.ndarray:
     return matrix
 
 
-def surprises(state: State, target: Target) -> np.ndarray:
+def prior_residuals(state: State, target: Target) -> np.ndarray:
     """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls'
     misplacements."""
     strengths = np.zeros(2 * len(state.log_ball))
     parts = (
         state.tx.unknowns,
         state.rx.unknowns,
-        state.centres_m - placed(target, state.centres_m),
+        state.centres_m - place_target(target, state.centres_m),
         strengths,
     )
     return np.concatenate([part.ravel() for part in parts])
@@ -83,7 +83,7 @@ def check(state: State, left: float, target: Target, source: str) -> None:
             f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing "
             "else echoes there"
         )
-    off_m = state.centres_m - placed(target, state.centres_m)
+    off_m = state.centres_m - place_target(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
     if np.linalg.norm(off_m[worst]) > 2 * MOST_SIGMAS * shape_sigma_m(target):
         raise HandbenchError(
@@ -151,17 +151,17 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
         Antennas(m, np.zeros(len(m), np.complex128), np.zeros(len(m)), np.zeros_like(m))
         for m in places_m
     )
-    return State(tx, rx, placed(target, seen_m), np.zeros(len(seen_m), np.complex128))
+    return State(tx, rx, place_target(target, seen_m), np.zeros(len(seen_m), np.complex128))
 
 
-def placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
+def place_target(target: Target, seen_m: np.ndarray) -> np.ndarray:
     """The balls' described centres [i, 3], moved as one body to where they are seen [i, 3]."""
     described_m = target.centres_m + target.ball_offsets_m
     pose = umeyama(described_m, seen_m)
     return described_m @ pose[:3, :3].T + pose[:3, 3]
 
 
-def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, State]:
+def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, State]:
     """The state with the balls' strengths that fit best with the gains as they are, and with
     strengths and gains that fit best together; samples [t, r, f].
 
@@ -187,20 +187,20 @@ def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[Sta
     )
 
 
-def start(
-    samples: np.ndarray, nominal: State, echoes: Echoes
+def initial_states(
+    samples: np.ndarray, nominal: State, echoes: TargetEchoes
 ) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
     """Masks [t] and [r] of the transmitters and receivers that are not WEAKEST_DB below their
     median, and the states of these alone: as they are, and as they fit samples [t, r, f] best."""
-    raw, state = fitted_gains(samples, nominal, echoes)
+    raw, state = fit_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
     live_tx, live_rx = (
         level > np.median(level) + WEAKEST_DB / 20 * np.log(10) for level in (tx, rx)
     )
-    return (live_tx, live_rx), without(raw, live_tx, live_rx), without(state, live_tx, live_rx)
+    return (live_tx, live_rx), live_part(raw, live_tx, live_rx), live_part(state, live_tx, live_rx)
 
 
-def without(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
+def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
     """The state of the live antennas alone, in the gauge: no mean level, phase or delay on either
     side; the balls take them over."""
     sides, taken = [], 0.0

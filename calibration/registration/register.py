@@ -98,7 +98,7 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
 
 
 @dataclass(frozen=True)
-class Motion:
+class RigMotion:
     """The motion that carries one capture's transform to another's, about the hand's centre: step =
     [shift_m, rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second
     name the captures."""
@@ -159,7 +159,7 @@ def motion(
     second: Transform,
     common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
-) -> Motion:
+) -> RigMotion:
     """The rig's motion between two captures of the target, from each one's own transform.
 
     common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an
@@ -188,7 +188,7 @@ def motion(
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
     step = np.array([*shift_m, *turn, np.log(second.scale / first.scale)])[: len(one)]
-    return Motion(step, covariance, *names)
+    return RigMotion(step, covariance, *names)
 
 
 def combine(
@@ -212,7 +212,7 @@ def combine(
         replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names))
         for name, pairs in both
     ]
-    require_rest([solve(pairs, with_scale) for pairs in named], names)
+    require_no_motion([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()
     unknowns, offsets = (
@@ -232,7 +232,7 @@ def combine(
     return found
 
 
-def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:
+def require_no_motion(transforms: Sequence[Transform], names: Sequence[str]) -> None:
     """HandbenchError when the rig moved between any two captures; every pair of them is compared,
     at a level that leaves 1 % for a false alarm in all (Bonferroni)."""
     every_two = combinations(zip(transforms, names, strict=True), 2)

@@ -133,7 +133,7 @@ class Pairs:
 
 
 @dataclass(frozen=True)
-class Fit:
+class RigidFit:
     """A 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3] in the
     target's frame; distances: [n] of the pairs in their own standard deviations; freedom: degrees
     of freedom."""
@@ -160,7 +160,7 @@ class Fit:
         return mahalanobis(offsets, np.linalg.inv(pairs.covariances(self.matrix[:3, :3]) + spread))
 
 
-def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
+def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
     """The similarity that carries source centres to target centres, by maximum likelihood; they
     must hold a rotation.
 
@@ -197,7 +197,7 @@ def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
     inflation = max(1.0, misfit / freedom) if misfit > chi2.ppf(0.99, freedom) else 1.0
     whole = matrix.copy()
     whole[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
-    return Fit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
+    return RigidFit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
 
 
 def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -219,7 +219,7 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, Fit]:
+def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidFit]:
     """Mask [n] of the pairs that agree, and their fit.
 
     HandbenchError when they leave the rotation open (with its condition number), when they
@@ -271,7 +271,7 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
         )
 
 
-def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Fit]:
+def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, RigidFit]:
     """Mask [n] of the pairs that agree, none of them without a majority that does, and the fit."""
     if pairs.condition(with_scale) <= CONDITION:
         matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 
 from handbench.calibration.spheres.description import Element, Target
-from handbench.calibration.spheres.radar_detection import Ball, mimo_array, specular_echo
+from handbench.calibration.spheres.radar_detection import DetectedBall, mimo_array, specular_echo
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.exact import exact_images
@@ -35,8 +35,11 @@ REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
 
 
 def fit_balls(
-    capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball] = ()
-) -> dict[int, Ball]:
+    capture: RadarCapture,
+    target: Target,
+    heard: Mapping[int, DetectedBall],
+    others: Sequence[DetectedBall] = (),
+) -> dict[int, DetectedBall]:
     """The recognised balls (element → ball) with fitted centres and the covariances that the
     residual gives them: white noise, or more where the image of what is left shows more around a
     ball (echoes of what stands there too).
@@ -94,7 +97,7 @@ def _settle(
     capture: RadarCapture,
     target: Target,
     centres_m: Mapping[int, np.ndarray],
-    others: Sequence[Ball],
+    others: Sequence[DetectedBall],
 ) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
     """Gauss–Newton from centres near the balls until they move no more: the elements' balls'
     centres, the inverse normal matrix of all unknowns in the last step, and what is left of the
@@ -193,7 +196,7 @@ def _strangers(
     capture: RadarCapture,
     target: Target,
     centres_m: Mapping[int, np.ndarray],
-    others: Sequence[Ball],
+    others: Sequence[DetectedBall],
 ) -> np.ndarray:
     """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak,
     and their derivatives by place: with complex strengths of their own, they make up for what is

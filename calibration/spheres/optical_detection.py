@@ -51,15 +51,15 @@ class Sphere(Candidate):
 
 
 @dataclass(frozen=True)
-class Cloud:
+class OrientedPoints:
     """points_m [n, 3]; normals [n, 3] of unit length, outward if `oriented`."""
 
     points_m: np.ndarray
     normals: np.ndarray
     oriented: bool
 
-    def __getitem__(self, chosen: np.ndarray) -> "Cloud":
-        return Cloud(self.points_m[chosen], self.normals[chosen], self.oriented)
+    def __getitem__(self, chosen: np.ndarray) -> "OrientedPoints":
+        return OrientedPoints(self.points_m[chosen], self.normals[chosen], self.oriented)
 
 
 def find_spheres(
@@ -73,7 +73,7 @@ def find_spheres(
     """
     _check(points_m, normals)
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
-    cloud = thin(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
+    cloud = thin_cloud(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
     found: list[Sphere] = []
     if len(cloud.points_m) < NEIGHBOURS:
         return found
@@ -97,7 +97,7 @@ def find_spheres(
     return sorted(found, key=lambda sphere: -sphere.inliers)
 
 
-def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cloud:
+def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> OrientedPoints:
     """One mean point (and normal) per occupied voxel, so that every part of a surface counts alike.
     Normals that are not given come from local planes, and their sign stays open."""
     owner = _cells(points_m, voxel_m)
@@ -109,7 +109,7 @@ def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cl
         )  # a range, since k = 1 would drop an axis
         near = mean[cKDTree(mean).query(mean, k=nearest)[1]]
         spread = near - near.mean(axis=1, keepdims=True)
-        return Cloud(
+        return OrientedPoints(
             mean,
             np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0],
             oriented=False,
@@ -117,10 +117,10 @@ def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cl
     normal = _mean_by(owner, count, normals)
     length = np.linalg.norm(normal, axis=1)
     flat = length > 0.5  # normals that cancel belong to no surface
-    return Cloud(mean[flat], normal[flat] / length[flat, None], oriented=True)
+    return OrientedPoints(mean[flat], normal[flat] / length[flat, None], oriented=True)
 
 
-def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
+def meeting_points(cloud: OrientedPoints, radius_m: float) -> Iterator[np.ndarray]:
     """Centres [3] on which the votes of many points agree, the most voted first."""
     votes = cloud.points_m - radius_m * cloud.normals
     if not cloud.oriented:
@@ -136,7 +136,7 @@ def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
 
 
 def fit_sphere(
-    cloud: Cloud,
+    cloud: OrientedPoints,
     centre_m: np.ndarray,
     radius_m: float,
     elements: tuple[int, ...],
@@ -219,7 +219,7 @@ def distances(points_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points_m - centre_m, axis=1)
 
 
-def _consistent(cloud: Cloud, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
+def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
     """Points near the sphere's surface whose normal is the sphere's."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)

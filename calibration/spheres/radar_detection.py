@@ -70,7 +70,7 @@ class Peak:
 
 
 @dataclass(frozen=True)
-class Ball(Candidate):
+class DetectedBall(Candidate):
     """A steel ball. peak_m: where the image has its maximum; level_db: against the strongest
     echo."""
 
@@ -80,7 +80,7 @@ class Ball(Candidate):
 
 def find_balls(
     capture: RadarCapture, target: Target, search: EchoSearch | None = None
-) -> list[Ball]:
+) -> list[DetectedBall]:
     """Every echo that could be one of the target's balls, the strongest first; an echo appears once
     for each size of element, since its centre depends on it. Raises HandbenchError when the capture
     has no MIMO array."""
@@ -97,13 +97,15 @@ def find_balls(
         )
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
-    peaks = separate(samples, frequencies_hz, array, seeds_m, search, radius_m)
+    peaks = separate_echoes(samples, frequencies_hz, array, seeds_m, search, radius_m)
     strongest = max((peak.strength for peak in peaks), default=1.0)
     balls = []
     for peak, ((radius_m, delay_m), elements) in product(peaks, _sizes(target).items()):
         centre_m = ball_centre(peak.position_m, frequencies_hz, array, radius_m, delay_m)
         level_db = float(20 * np.log10(peak.strength / strongest))
-        balls.append(Ball(centre_m, peak.covariance_m2, elements, peak.position_m, level_db))
+        balls.append(
+            DetectedBall(centre_m, peak.covariance_m2, elements, peak.position_m, level_db)
+        )
     return balls
 
 
@@ -131,7 +133,7 @@ def coarse_peaks(
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
     half = AntennaArray(
         array.tx_m[::2], array.rx_m[::2]
-    )  # enough for seeds; `separate` refuses a false one
+    )  # enough for seeds; `separate_echoes` refuses a false one
     magnitude = np.abs(
         image_volume(samples[:, ::2, ::2], frequencies_hz, half, grid, tolerance=1e-2)
     )
@@ -139,7 +141,7 @@ def coarse_peaks(
     return grid.points_m()[loud & (magnitude == maximum_filter(magnitude, size=3))]
 
 
-def separate(
+def separate_echoes(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
     array: AntennaArray,

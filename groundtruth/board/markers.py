@@ -51,7 +51,7 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
         (name, k): corner
         for name, quad in zip(names, found, strict=True)
         if name in known and names.count(name) == 1
-        for k, corner in enumerate(refined(light, quad.reshape(4, 2).astype(np.float64)))
+        for k, corner in enumerate(refine_corners(light, quad.reshape(4, 2).astype(np.float64)))
         if not np.isnan(corner).any()
     }
 
@@ -117,7 +117,7 @@ def to_light(tones: np.ndarray) -> np.ndarray:
     )
 
 
-def refined(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
+def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
     """The corners [4, 2] of a dark square on white as indices (column, row), clockwise, from a
     guess `quad` within two pixels or so; NaN beside an edge that is covered, faint or not straight.
     light [height, width] float32."""

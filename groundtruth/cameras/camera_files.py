@@ -17,7 +17,7 @@ from handbench.groundtruth.cameras.cameras import (
     camera_in,
     load_cameras,
     pycolmap,
-    registered,
+    registered_images,
 )
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
@@ -90,7 +90,7 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
     A HandbenchError when fewer than three photographs remain, or one has another size in the model.
     """
     model = read_model(folder)
-    images = registered(model)
+    images = registered_images(model)
     if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
         raise HandbenchError(
             f"{folder}: has rigs of several cameras; expected single ones: export it without rigs"
@@ -115,9 +115,9 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
             model.deregister_frame(image.frame_id)
         else:
             image.name = photo.name
-    if len(registered(model)) < FEWEST:
+    if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{folder}: holds {len(registered(model))} of the {len(photos)} photographs; "
+            f"{folder}: holds {len(registered_images(model))} of the {len(photos)} photographs; "
             f"expected at least {FEWEST}, "
             "by the same names"
         )
@@ -131,7 +131,7 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
         model = pycolmap.Reconstruction(str(folder))
-        registered(model)  # by their names, which are text
+        registered_images(model)  # by their names, which are text
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
             f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected "
@@ -140,11 +140,11 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
         ) from error
     finally:
         pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    numbers = [image.cam_from_world().matrix() for image in registered(model)]
+    numbers = [image.cam_from_world().matrix() for image in registered_images(model)]
     numbers += [camera.params for camera in model.cameras.values()]
     numbers += [point.xyz for point in model.points3D.values()]
     broken = not all(np.isfinite(part).all() for part in numbers) or not all(
-        map(_is_rigid, registered(model))
+        map(_is_rigid, registered_images(model))
     )
     lenses = model.cameras.values()
     if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
@@ -164,7 +164,7 @@ def _is_rigid(image: "pycolmap.Image") -> bool:
 def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
     """The cameras and poses of a model's registered images, by name."""
     cameras = []
-    for image in registered(model):
+    for image in registered_images(model):
         camera, pose = camera_in(image), image.cam_from_world()
         found = Camera(
             name=image.name,

@@ -152,7 +152,7 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
     write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})
 
 
-def registered(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
+def registered_images(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
     """The registered photographs, by name."""
     return sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name

@@ -8,7 +8,7 @@ again as before.
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
+from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, ViewDepth, refine_planes
 from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.views import Stereo, View
@@ -18,14 +18,14 @@ CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not matc
 STEEPEST = 8.0  # disparities per pixel
 
 
-def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
+def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) -> list[ViewDepth]:
     """The depth maps made again, from their own depths and, where these have none, from the
     others'. sources: of each view."""
     for _ in range(LOOKS):
         cloud, again = fuse(maps, None, CONFIRMATIONS), []
         for m, used in zip(track(maps, "another look"), sources, strict=True):
             stereo = Stereo.of(m.view, [maps[s].view for s in used])
-            depth_m, normals = rendered(cloud, m.view)
+            depth_m, normals = render_cloud(cloud, m.view)
             known = np.isfinite(m.depth_m)
             depth_m, normals = (
                 np.where(known, m.depth_m, depth_m),
@@ -34,12 +34,12 @@ def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list
             planes = _filled(
                 planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST)
             )
-            again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
+            again.append(refine_planes(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
         maps = again
     return maps
 
 
-def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
+def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
     """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the
     view at each pixel."""
     h, w = view.gray.shape

@@ -26,7 +26,7 @@ import numpy as np
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import pycolmap
-from handbench.groundtruth.dense.dense import DepthMap, refined
+from handbench.groundtruth.dense.dense import ViewDepth, refine_planes
 from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
@@ -46,7 +46,7 @@ INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
 TELLING = ("Check failed", "rror")  # lines that name what went wrong
 
 
-def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[DepthMap]:
+def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
     """Depth of every view, as `dense.depth_maps`; a HandbenchError when COLMAP fails."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
@@ -143,7 +143,7 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
 
 def _depth_map(
     folder: Path, views: list[View], i: int, sources: list[int], suffix: str
-) -> DepthMap:
+) -> ViewDepth:
     view = views[i]
     h, w = view.gray.shape
     depth_m, normals = (
@@ -153,7 +153,7 @@ def _depth_map(
         for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
     )
     stereo = Stereo.of(view, [views[s] for s in sources])
-    return refined(
+    return refine_planes(
         view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0
     )
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
 from handbench.groundtruth.dense import patchmatch
 from handbench.groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
-from handbench.groundtruth.dense.prediction import predicted
+from handbench.groundtruth.dense.prediction import predict_cost
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import Masks
 from handbench.groundtruth.photos.photos import Photo
@@ -40,7 +40,7 @@ JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surf
 
 
 @dataclass(frozen=True)
-class DepthMap:
+class ViewDepth:
     """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3],
     world frame."""
 
@@ -61,7 +61,7 @@ def open_views(
     sources (see `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one
     is known to hold the target and little else."""
     by_name = {photo.name: photo for photo in photos}
-    images = registered(model)
+    images = registered_images(model)
     points = list(model.points3D.values())
     points_m = np.array([point.xyz for point in points])
     column = {image.image_id: i for i, image in enumerate(images)}
@@ -92,7 +92,7 @@ def open_views(
 
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
-) -> list[DepthMap]:
+) -> list[ViewDepth]:
     """Depth of every view from its sources; thorough: sweep in several directions, and keep
     surfaces that are seen at low angles."""
     coarse = [view.halved() for view in views]
@@ -103,7 +103,7 @@ def depth_maps(
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
     rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
     say(
-        predicted(
+        predict_cost(
             views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)
         ).describe()
     )
@@ -114,7 +114,9 @@ def depth_maps(
             views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough
         )
         maps.append(
-            refined(views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL)
+            refine_planes(
+                views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL
+            )
         )
     return maps
 
@@ -137,14 +139,14 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
     return chosen
 
 
-def refined(
+def refine_planes(
     view: View,
     stereo: Stereo,
     planes: np.ndarray,
     iterations: int,
     seed: int = 0,
     limits: Limits = USUAL,
-) -> DepthMap:
+) -> ViewDepth:
     """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by
     PatchMatch, a polish with curved windows, and the filters. No iterations: polish and filters
     alone."""
@@ -155,7 +157,7 @@ def refined(
     normals, cosine = _normals(view, planes)
     good = (cost < limits.cost) & (cosine > limits.cosine) & (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
-    return DepthMap(view, depth_m, normals @ view.R)
+    return ViewDepth(view, depth_m, normals @ view.R)
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

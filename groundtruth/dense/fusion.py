@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handbench.groundtruth.dense.dense import DepthMap
+from handbench.groundtruth.dense.dense import ViewDepth
 from handbench.groundtruth.dense.planesweep import LESS
 from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from handbench.support.compiled import njit, prange
@@ -62,7 +62,7 @@ class Cloud:
 
 
 def fuse(
-    maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
+    maps: list[ViewDepth], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
 ) -> Cloud:
     """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of
     all that agree."""

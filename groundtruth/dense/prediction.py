@@ -47,7 +47,7 @@ class Prediction(NamedTuple):
         )
 
 
-def predicted(
+def predict_cost(
     views: list[View],
     stereo: Stereo,
     sources: int,

@@ -153,7 +153,7 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
     )
 
 
-def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
+def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
     """A volume that was found, cut to what a coarse cloud and the features show off the board, with
     room; the volume itself where either shows hardly any."""
     box = found.box()

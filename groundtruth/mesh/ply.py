@@ -32,7 +32,7 @@ TYPES |= dict(
 CORNERS = ("vertex_indices", "vertex_index")
 
 
-class Property(NamedTuple):
+class PlyProperty(NamedTuple):
     """A column: the type of its values and, if each row has a list of them, that of the list's
     length. Types are a byte order and a letter that `struct` and numpy read alike."""
 
@@ -42,12 +42,12 @@ class Property(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Element:
+class PlyElement:
     """A table: its name, its number of rows, its columns."""
 
     name: str
     count: int
-    properties: list[Property]
+    properties: list[PlyProperty]
 
     def dtype(self, lengths: dict[str, int]) -> np.dtype:
         """One row, its lists as long as `lengths` says."""
@@ -83,7 +83,7 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
     return vertices, faces
 
 
-def _header(content: bytes) -> tuple[str, list[Element], int]:
+def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
     """The byte order, the elements (all numbers of an ASCII file are read as doubles), and where
     their rows begin."""
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
@@ -98,7 +98,7 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
             f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes"
         )
     order, known = "", TYPES
-    elements: list[Element] = []
+    elements: list[PlyElement] = []
     for number, line in enumerate(lines[1:], 2):
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
@@ -108,7 +108,7 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
             case ["element", name, count] if (
                 count.isascii() and count.isdigit() and len(count) < 10
             ):
-                elements.append(Element(name, int(count), []))
+                elements.append(PlyElement(name, int(count), []))
             case ["property", "list", length, kind, name] if (
                 elements and {length, kind} <= TYPES.keys()
             ):
@@ -118,10 +118,10 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
                         "number"
                     )
                 elements[-1].properties.append(
-                    Property(name, order + known[kind], order + known[length])
+                    PlyProperty(name, order + known[kind], order + known[length])
                 )
             case ["property", kind, name] if elements and kind in TYPES:
-                elements[-1].properties.append(Property(name, order + known[kind], None))
+                elements[-1].properties.append(PlyProperty(name, order + known[kind], None))
             case _:
                 raise ValueError(
                     f"line {number} of its header is '{line.strip()[:60]}', which is no PLY"
@@ -151,7 +151,7 @@ def _numbers(text: bytes) -> np.ndarray:
             raise ValueError("what follows its header is not numbers alone") from None
 
 
-def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
+def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
     """The columns of an element whose rows begin at `offset`, and where they end. Lists of one
     length are an array [rows, length], others a list of tuples."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
@@ -185,7 +185,7 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
 
 
 def _walk(
-    element: Element, body: bytes, offset: int, count: int
+    element: PlyElement, body: bytes, offset: int, count: int
 ) -> Iterator[tuple[dict[str, Any], int]]:
     """Row for row, each with where it ends."""
     for _ in range(count):

@@ -20,7 +20,7 @@ Components = Literal["target", "largest", "all"]
 
 
 @dataclass(frozen=True)
-class Target:
+class TargetParts:
     """The parts kept: in words; the share of the cloud's points that were dropped with the board's
     plane; the shares of the surface's area of the parts kept, largest first; the number of other
     parts, and their share."""
@@ -37,7 +37,7 @@ def margin_m(plane: Plane, pixel_m: float) -> float:
     return max(plane.rough_m, OFF_PX * pixel_m)
 
 
-def off_board(cloud: Cloud, plane: Plane) -> Cloud:
+def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
     """The cloud's points that stand off the board's plane on the cameras' side; a HandbenchError
     where there are none."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
@@ -54,7 +54,7 @@ def off_board(cloud: Cloud, plane: Plane) -> Cloud:
 
 def keep_target(
     mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
-) -> Target:
+) -> TargetParts:
     """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against
     the largest; with the board's plane, those too that nowhere rise above it far beyond least_m."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
@@ -77,7 +77,7 @@ def keep_target(
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
     parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
-    target = Target(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
+    target = TargetParts(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
     listed = ", ".join(f"{share:.1%}" for share in target.parts)
     say(f"target: {kept}, {len(target.parts)} of {len(shares)} parts, with {listed} of the surface")
     if target.dropped_parts:

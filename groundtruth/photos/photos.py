@@ -38,7 +38,7 @@ QUARTER_TURNS = {
     8: 3,
 }  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
-LOOK_PX = 1000  # longer side at which photographs are looked at
+QUALITY_PX = 1000  # longer side at which photographs are looked at
 DIRECTIONS = 8
 FEWEST_FEATURES = 40  # of a photograph that may register
 BLURRED = (
@@ -212,7 +212,7 @@ def _open(path: Path) -> Photo:
 
 
 @dataclass(frozen=True)
-class Look:
+class PhotoQuality:
     """Measures of one photograph: hash of its pixels, sharpness, number of features (or of enough
     of them)."""
 
@@ -221,10 +221,10 @@ class Look:
     features: int
 
 
-def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
+def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     """The photographs without repetitions and without those that are blurred against the others;
     says which are left out. A HandbenchError when fewer than three differ or show any texture."""
-    looks = {photo.name: look_at(photo) for photo in track(photos, "looking")}
+    looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
         if first[look.pixels] != name:
@@ -246,7 +246,9 @@ def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     return _without_blurred(photos, looks)
 
 
-def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple[Photo, ...]:
+def _without_blurred(
+    photos: tuple[Photo, ...], looks: dict[str, PhotoQuality]
+) -> tuple[Photo, ...]:
     typical = np.median([looks[photo.name].sharpness for photo in photos])
     blurred = [photo for photo in photos if looks[photo.name].sharpness < BLURRED * typical]
     spared = len(photos) - len(blurred) >= FEWEST
@@ -259,7 +261,7 @@ def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple
     return tuple(photo for photo in photos if photo not in blurred) if spared else photos
 
 
-def look_at(photo: Photo) -> Look:
+def photo_quality(photo: Photo) -> PhotoQuality:
     """Sharpness is the power of the picture's second derivative along a line over that of its
     first, in the direction where this is least: contrast and plain surfaces cancel, and a camera
     that moved along a line is noticed too."""
@@ -267,7 +269,7 @@ def look_at(photo: Photo) -> Look:
 
     gray = photo.gray()
     pixels = content_hash(gray)
-    scale = LOOK_PX / max(gray.shape)
+    scale = QUALITY_PX / max(gray.shape)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     slopes = np.gradient(gray)  # by row and by column
@@ -278,7 +280,7 @@ def look_at(photo: Photo) -> Look:
         slope = cosine * slopes[1] + sine * slopes[0]
         bend = cosine**2 * xx + cosine * sine * (xy + yx) + sine**2 * yy
         sharpness = min(sharpness, float(bend.var() / max(slope.var(), 1e-12)))
-    return Look(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
+    return PhotoQuality(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
 
 
 def _features(gray: np.ndarray) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import pycolmap, registered
+from handbench.groundtruth.cameras.cameras import pycolmap, registered_images
 from handbench.groundtruth.sparse.bundle import Bundle, pseudo_inverse
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import pixel_jacobians
@@ -71,7 +71,7 @@ def _descend(bundle: Bundle) -> None:
 def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
     """Move all points, those left out too, to where the cameras see them now."""
     config = pycolmap.BundleAdjustmentConfig()
-    for image in registered(model):
+    for image in registered_images(model):
         config.add_image(image.image_id)
     options = pycolmap.BundleAdjustmentOptions(print_summary=False)
     options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = (

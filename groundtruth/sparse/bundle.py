@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import pycolmap, registered, set_pose
+from handbench.groundtruth.cameras.cameras import pycolmap, registered_images, set_pose
 from handbench.groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
 # scale below which features are located alike: their noise goes as the root of both squares
@@ -35,7 +35,7 @@ FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
 GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
 
 
-class Seen(NamedTuple):
+class Observations(NamedTuple):
     """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the
     model's points and, after these, the board's corners, and the pixels' standard deviations:
     noise_px times a spread [n, 1]."""
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
         )
 
 
-class Normal(NamedTuple):
+class NormalEquations(NamedTuple):
     """Normal equations of d camera parameters and p points: cameras [d, d] and their right side
     [d], the points' blocks [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the
     cost."""
@@ -67,7 +67,7 @@ class Normal(NamedTuple):
     cost: float
 
     @classmethod
-    def empty(cls, d: int, p: int) -> "Normal":
+    def empty(cls, d: int, p: int) -> "NormalEquations":
         """Nothing is seen yet."""
         return cls(
             np.zeros((d, d)),
@@ -110,7 +110,7 @@ class Bundle:
     scales_px: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.images = registered(self.model)
+        self.images = registered_images(self.model)
         cameras = sorted({image.camera_id for image in self.images})
         first, k = POSE * len(self.images), len(self.free)
         self.size = first + k * len(cameras)
@@ -133,7 +133,7 @@ class Bundle:
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
-    def _features(self) -> list[Seen]:
+    def _features(self) -> list[Observations]:
         shown: dict[int, list[tuple[int, int]]] = {image.image_id: [] for image in self.images}
         for number, point in enumerate(self.points):
             for element in point.track.elements:
@@ -147,10 +147,10 @@ class Bundle:
             if image.name in self.scales_px:
                 spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
             pixels = np.array([image.points2D[k].xy for k in places.tolist()])
-            seen.append(Seen(image, pixels, numbers, spread[:, None]))
+            seen.append(Observations(image, pixels, numbers, spread[:, None]))
         return self._with_noise(seen)
 
-    def _known(self) -> list[Seen]:
+    def _known(self) -> list[Observations]:
         names = [
             (name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))
         ]
@@ -159,10 +159,12 @@ class Bundle:
         for image in self.images:
             if at := self.corners.get(image.name):
                 numbers = np.array([number[corner] for corner in at])
-                seen.append(Seen(image, np.array([*at.values()]), numbers, np.ones((len(at), 1))))
+                seen.append(
+                    Observations(image, np.array([*at.values()]), numbers, np.ones((len(at), 1)))
+                )
         return self._with_noise(seen)
 
-    def _with_noise(self, seen: list[Seen]) -> list[Seen]:
+    def _with_noise(self, seen: list[Observations]) -> list[Observations]:
         """The observations, save of points behind the camera, with the noise that what is left of
         them shows."""
         xyz = self._xyz()
@@ -173,14 +175,17 @@ class Bundle:
         )
         noise_px = max(MAD * float(np.median(left)), LEAST_NOISE_PX) if len(left) else np.nan
         shown = [(s, b) for s, b in zip(seen, before, strict=True) if b.any()]
-        return [Seen(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px) for s, b in shown]
+        return [
+            Observations(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px)
+            for s, b in shown
+        ]
 
     def _count_unknowns(self) -> None:
         """Make the noise larger by what the unknowns have fitted of it, each kind of observation
         its own share of them (Förstner, "Ein Verfahren zur Schätzung von Varianz- und
         Kovarianzkomponenten", AVN 1979)."""
         information, _, _ = self.normal().reduced(0.0)
-        of_known, xyz = Normal.empty(self.size, 0), self._xyz()
+        of_known, xyz = NormalEquations.empty(self.size, 0), self._xyz()
         for seen in self.known:
             self._add(of_known, seen, xyz, seen.off(xyz))
         inverse = pseudo_inverse(information)
@@ -193,9 +198,9 @@ class Bundle:
         """Positions [p, 3] of the model's points, and after them of the board's corners."""
         return np.concatenate([self.points_m, *self.corners_m.values()])
 
-    def normal(self, jacobians: bool = True) -> Normal:
+    def normal(self, jacobians: bool = True) -> NormalEquations:
         """The normal equations where the model stands; without jacobians, the cost alone."""
-        equations = Normal.empty(self.size, len(self.points))
+        equations = NormalEquations.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
             off = seen.off(xyz)
@@ -204,7 +209,9 @@ class Bundle:
                 self._add(equations, seen, xyz, off)
         return equations._replace(cost=cost)
 
-    def _add(self, equations: Normal, seen: Seen, xyz: np.ndarray, off: np.ndarray) -> None:
+    def _add(
+        self, equations: NormalEquations, seen: Observations, xyz: np.ndarray, off: np.ndarray
+    ) -> None:
         by_point, by_camera = pixel_jacobians(seen.image, xyz[seen.numbers], self.free)
         sigma_px = seen.noise_px * seen.spread
         weight = 1 / (1 + (off**2).sum(axis=1, keepdims=True) / CAUCHY**2) / sigma_px
@@ -223,7 +230,7 @@ class Bundle:
             np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
-    def _add_priors(self, equations: Normal) -> float:
+    def _add_priors(self, equations: NormalEquations) -> float:
         """Add what is known of any lens; returns its cost."""
         cost = 0.0
         for camera_id, columns in self.intrinsics.items():
@@ -301,7 +308,7 @@ def pseudo_inverse(information: np.ndarray) -> np.ndarray:
     return (vectors / values[kept]) @ vectors.T
 
 
-def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:
+def _with_redundancy(seen: list[Observations], unknowns: float) -> list[Observations]:
     """The observations with the noise of which residuals are what `unknowns` of their numbers have
     left."""
     count = 2 * sum(len(s.pixels) for s in seen)

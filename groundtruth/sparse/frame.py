@@ -10,7 +10,7 @@ import numpy as np
 from handbench.calibration.transforms import MAJORITY, triples, umeyama
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
 from handbench.groundtruth.options import Distance
 from handbench.support.errors import HandbenchError
 
@@ -43,7 +43,7 @@ def board_from_model(
     """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated
     corners."""
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
-    for image in registered(model):
+    for image in registered_images(model):
         for corner, pixel in seen.get(image.name, {}).items():
             observed.setdefault(corner, []).append((pixel, image))
     points = {
@@ -65,7 +65,7 @@ def poses_from_model(
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
     pairs = [
         (image.projection_center(), known[image.name])
-        for image in registered(model)
+        for image in registered_images(model)
         if image.name in known
     ]
     source, target_m = (
@@ -87,7 +87,7 @@ def distances_from_model(
     A HandbenchError when a photograph is not registered or a distance misses the fit by more than 2
     %.
     """
-    centre = {image.name: image.projection_center() for image in registered(model)}
+    centre = {image.name: image.projection_center() for image in registered_images(model)}
     for distance in distances:
         for name in (distance.first, distance.second):
             if name not in centre:

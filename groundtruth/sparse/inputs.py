@@ -18,7 +18,7 @@ from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
-from handbench.groundtruth.photos.photos import Photo, find_photos, usable
+from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -28,7 +28,7 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SparseInputs:
     """The photographs; the known camera of each (None: unknown); the board (None: none) and its
     corners in each; a COLMAP model of the photographs to start from (None: they have to be
     registered)."""
@@ -112,11 +112,11 @@ def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
     return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
 
 
-def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
+def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
     """The inputs in a folder of photographs, looked at and checked, and the options with the files
     found there."""
     photos, options = _completed(folder, options)
-    photos = usable(photos)
+    photos = select_usable(photos)
     cameras = (
         None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     )
@@ -148,7 +148,7 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
         corners = require_board(
             {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board
         )
-    return Inputs(photos, cameras, board, corners, options.model), options
+    return SparseInputs(photos, cameras, board, corners, options.model), options
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
 from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
@@ -162,7 +162,7 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
     return options
 
 
-def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
+def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> float:
     """Keep the matches that the known motion of all cameras explains instead; returns their number,
     over that of the matches that any motion explained."""
     with pycolmap.Database.open(database) as stored:
@@ -227,7 +227,7 @@ def structure_from_motion(
     return best
 
 
-def triangulated(
+def triangulate_known_poses(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
     """The model of photographs with known cameras (all with R, t), which stay as they are bit for
@@ -249,7 +249,7 @@ def triangulated(
         for image in stored.read_all_images():
             model.add_image_with_trivial_frame(image, _pose(given[image.name]))
     match(database, seed)
-    share = agreement(database, model)
+    share = keep_agreeing_matches(database, model)
     if share < LEAST_AGREEING:
         raise HandbenchError(
             f"{pictures}: {share:.0%} of the matched features agree with the given poses, "
@@ -262,23 +262,23 @@ def triangulated(
     model = pycolmap.triangulate_points(
         model, database, pictures, folder, options=pipeline_options(seed)
     )
-    for image in registered(model):
+    for image in registered_images(model):
         if image.num_points3D < FEWEST_POINTS:
             model.deregister_frame(image.frame_id)
-    if len(registered(model)) < FEWEST:
+    if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{pictures}: {len(registered(model))} of {len(photos)} photographs see "
+            f"{pictures}: {len(registered_images(model))} of {len(photos)} photographs see "
             f"{FEWEST_POINTS} "
             f"points with the given poses, {FEWEST} are needed; take photographs with more "
             "overlap and texture"
         )
-    for image in registered(
+    for image in registered_images(
         model
     ):  # back to where it was given: COLMAP scales its models, and back
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(
-        f"{model.num_points3D()} points of {len(registered(model))} photographs with known "
+        f"{model.num_points3D()} points of {len(registered_images(model))} photographs with known "
         f"poses, {error_px:.2f} px off"
     )
     return model
@@ -288,12 +288,14 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
     return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.rotation), camera.translation_m)
 
 
-def changes(
+def camera_changes(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distances [n] of a model's cameras from those given, and angles [n] between them, radians."""
     given = {camera.name: camera for camera in cameras}
-    pairs = [(image, given[image.name]) for image in registered(model) if image.name in given]
+    pairs = [
+        (image, given[image.name]) for image in registered_images(model) if image.name in given
+    ]
     moved = np.array(
         [np.linalg.norm(image.projection_center() - camera.centre_m) for image, camera in pairs]
     )
@@ -303,9 +305,9 @@ def changes(
     return moved, np.array(turned_rad)
 
 
-def refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
+def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
     """The change of a model's cameras against those given, in words."""
-    moved, turned_rad = changes(model, cameras)
+    moved, turned_rad = camera_changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (
         f"refined: the given cameras moved by {moved.mean():.3g} (at most {moved.max():.3g}; "

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.cameras.camera_files import cameras_in, load_model, write_model
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
@@ -22,15 +22,15 @@ from handbench.groundtruth.sparse.frame import (
     distances_from_model,
     poses_from_model,
 )
-from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.inputs import SparseInputs
 from handbench.groundtruth.sparse.sfm import (
     DATABASE,
     Lenses,
-    changes,
-    refinement,
+    camera_changes,
+    describe_refinement,
     scales_px,
     structure_from_motion,
-    triangulated,
+    triangulate_known_poses,
 )
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
@@ -71,14 +71,14 @@ class Sparse:
         return cameras_in(self.model)
 
 
-def register(inputs: Inputs, options: SparseOptions) -> Sparse:
+def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
     """The photographs' model, found or given, adjusted and carried into the metric frame; a board,
     which is known in that frame, takes part in the adjustment."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
         scales = scales_px(database) if database.exists() else {}
-    unregistered(inputs.photos, model)
+    warn_of_unregistered(inputs.photos, model)
     check_geometry(model)
     board = inputs.board
     seen = (
@@ -97,14 +97,16 @@ def register(inputs: Inputs, options: SparseOptions) -> Sparse:
         if options.refine_poses:  # it stays in the frame of the given cameras
             if board is None:
                 apply(model, poses_from_model(model, before)[0])
-            say(refinement(model, before))
+            say(describe_refinement(model, before))
     scale = scale or _to_metric_frame(model, inputs, options)
     return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
 
 
-def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
+def warn_of_unregistered(
+    photos: tuple[Photo, ...], model: pycolmap.Reconstruction
+) -> tuple[str, ...]:
     """Names of the photographs that are not part of a reconstruction; said aloud."""
-    known = {image.name for image in registered(model)}
+    known = {image.name for image in registered_images(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
         say(
@@ -117,7 +119,7 @@ def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> t
 def check_geometry(model: pycolmap.Reconstruction) -> None:
     """A HandbenchError when the cameras hardly moved, against the distance of what they see: such
     photographs register, and carry no depth."""
-    images = [image for image in registered(model) if image.num_points3D]
+    images = [image for image in registered_images(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
     reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
     seen = [
@@ -139,7 +141,7 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
         )
 
 
-def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     """The given model, with points: one without any is completed, its cameras as they are."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
@@ -147,21 +149,21 @@ def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Re
         return model
     cameras = cameras_in(model)
     names = {camera.name for camera in cameras}
-    return triangulated(
+    return triangulate_known_poses(
         tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed
     )
 
 
-def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     if inputs.posed and inputs.cameras is not None:
-        return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
+        return triangulate_known_poses(inputs.photos, inputs.cameras, scratch, options.seed)
     found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
     lenses = Lenses(inputs.cameras, options.intrinsics, options.refine_distortion, found_px, shared)
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
 def _free(
-    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> tuple[int, ...]:
     """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe
     are held."""
@@ -182,7 +184,7 @@ def _free(
 
 
 def _to_metric_frame(
-    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> Scale:
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
@@ -191,7 +193,7 @@ def _to_metric_frame(
     elif inputs.model is not None and options.metric:
         return Scale("model")
     elif inputs.posed and inputs.cameras is not None and not options.unscaled:
-        moved_m = changes(model, inputs.cameras)[0]
+        moved_m = camera_changes(model, inputs.cameras)[0]
         rms_m = float(np.sqrt(np.mean(moved_m**2))) if options.refine_poses else 0.0
         return Scale("poses", len(moved_m), len(moved_m), rms_m)
     elif not options.unscaled:

@@ -134,7 +134,7 @@ class BistaticScan:
 Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
-def as_of_an_array(aperture: Aperture, lengths: Any) -> Any:
+def array_legs(aperture: Aperture, lengths: Any) -> Any:
     """Lengths of both legs [t, …], [r, …] whose sums for every t and r are the paths; a list of
     pairs is seen as an array of one receiver that adds nothing."""
     to, back = lengths

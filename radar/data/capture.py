@@ -101,7 +101,7 @@ class RadarCapture:
         )
 
 
-def single(samples: np.ndarray) -> np.ndarray:
+def as_complex64(samples: np.ndarray) -> np.ndarray:
     """Samples as complex64; HandbenchError where that would make all of them zero, or one
     infinite."""
     largest = largest_part(samples)
@@ -118,7 +118,7 @@ def largest_part(samples: np.ndarray) -> float:
     return float(np.maximum(float(parts.max(initial=0)), -float(parts.min(initial=0))))
 
 
-def near_one(samples: np.ndarray) -> np.ndarray:
+def scaled_to_one(samples: np.ndarray) -> np.ndarray:
     """The samples times the power of two that brings the largest near 1: not a digit is lost, and
     powers and sums of them stay within float32, whatever the receiver's unit."""
     largest = largest_part(samples := np.asarray(samples, np.result_type(samples, np.complex64)))
@@ -138,12 +138,12 @@ def _parts(samples: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(samples).view(samples.real.dtype)
 
 
-def evenly(count: int, most: int) -> np.ndarray:
+def even_subset(count: int, most: int) -> np.ndarray:
     """At most `most` of the numbers 0 to count − 1, in even steps from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
-def thinned(capture: RadarCapture, every: int) -> RadarCapture:
+def thin_antennas(capture: RadarCapture, every: int) -> RadarCapture:
     """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the
     order of the file, from the first; of a scan every `every`-th position. HandbenchError for less
     than 1."""

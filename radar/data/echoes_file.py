@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
-from handbench.radar.data.capture import RadarCapture, single
+from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.radar.data.recording import Recording
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -63,7 +63,7 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
 def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Data sets, and the attributes that version 2 has; none of these where version 1 can hold the
     capture."""
-    aperture, samples = capture.aperture, single(capture.samples)
+    aperture, samples = capture.aperture, as_complex64(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
         data["pairs"] = np.repeat(np.arange(len(aperture.tx_m))[:, None], 2, axis=1)

@@ -14,7 +14,7 @@ from handbench.radar.data.arrays import (
     positions,
     tones,
 )
-from handbench.radar.data.capture import RadarCapture, single
+from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 
@@ -52,7 +52,7 @@ class Recording:
                 raise HandbenchError(
                     "samples: no channel was measured; expected numbers, NaN where there are none"
                 )
-            samples = single(np.where(missing, 0, samples) if missing.any() else samples)
+            samples = as_complex64(np.where(missing, 0, samples) if missing.any() else samples)
         places_m = [positions(name, places) for name, places in self.places_m.items()]
         aperture: Aperture
         if "position_m" in self.places_m:
@@ -109,7 +109,7 @@ class Recording:
         return samples, missing | ~(alive if alive.ndim == missing.ndim else alive.all(axis=0))
 
 
-def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
+def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
     """The capture of several arrays at once, of which each hears itself alone; HandbenchError where
     their frames or tones differ, and where one is no array."""
     from scipy.linalg import block_diag

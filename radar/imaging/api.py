@@ -14,21 +14,28 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import wraps
 from math import prod
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from handbench.radar.data.arrays import Aperture, positions, tones
-from handbench.radar.data.capture import largest_part, near_one
+from handbench.radar.data.capture import largest_part, scaled_to_one
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.cpu.exact import check_samples
-from handbench.radar.imaging.device import chosen
+from handbench.radar.imaging.device import current_device
 from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
-from handbench.radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
-from handbench.radar.imaging.tree import Family, clusters, crowded
+from handbench.radar.imaging.plan import (
+    GridPlan,
+    TreePlan,
+    exact_terms,
+    get_or_compute,
+    lattice_box,
+    node_cost,
+)
+from handbench.radar.imaging.tree import Family, clusters, needs_direct_sum
 from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
@@ -41,7 +48,7 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 
 @dataclass
-class Laps:
+class ImagingLoad:
     """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these
     images have, one for each point, tone and channel; tones: most that one of them summed."""
 
@@ -50,14 +57,14 @@ class Laps:
     tones: int = 0
 
 
-_laps: ContextVar[Laps | None] = ContextVar("laps", default=None)
+_laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
 
 
 @contextmanager
-def watch() -> Iterator[Laps]:
+def count_imaging() -> Iterator[ImagingLoad]:
     """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless
     somebody asks."""
-    laps = Laps()
+    laps = ImagingLoad()
     token = _laps.set(laps)
     try:
         yield laps
@@ -86,7 +93,7 @@ def _scaled(function: Image) -> Image:
             raise HandbenchError(
                 f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them"
             )
-        near = near_one(samples.astype(np.complex128))
+        near = scaled_to_one(samples.astype(np.complex128))
         factor = np.float64(largest / largest_part(near))
         image: Any = function(near, frequencies_hz, aperture, *others, **named)
         return (
@@ -152,15 +159,17 @@ def image_points(
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
     terms = np.inf if planned else exact_terms(len(samples) * len(points), aperture)
-    parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
-    if 2 * len(parts) * node_cost(aperture) > terms:  # a limb and a leaf each
+    parts = (
+        [] if tolerance is None or needs_direct_sum(aperture) else clusters(points, frequencies_hz)
+    )
+    if 2 * len(parts) * node_cost(aperture) > terms:  # a cell and a leaf each
         parts = []
     family = Family(tolerance or 0.0, apart)
     plans = [
-        points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
+        points_executor(frequencies_hz, aperture, points[near], family, _device().executor)
         for near in parts
     ]
-    if any(executor.plan.countless for executor in plans):
+    if any(executor.plan.too_many_leaves for executor in plans):
         plans, parts = [], []
     places = [executor.plan.sort(points[near]) for executor, near in zip(plans, parts, strict=True)]
     if (
@@ -241,10 +250,10 @@ def points_executor(
     executor: Callable[[TreePlan], Made],
 ) -> Made:
     """The work of `executor` on a plan for points_m [n, 3] and others nearby."""
-    box = roomy(points_m.min(axis=0), points_m.max(axis=0))
-    what = (chosen(), executor.__module__, *box)
+    box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
+    what = (current_device(), executor.__module__, *box)
     build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
-    return kept(what, frequencies_hz, aperture, family, build)
+    return get_or_compute(what, frequencies_hz, aperture, family, build)
 
 
 class GridImager:
@@ -256,8 +265,8 @@ class GridImager:
     ) -> None:
         device = _device()
         self.plan, self._how = plan, (frequencies_hz, aperture, apart)
-        self._executor = None if plan.tree is None else device.Executor(plan.tree)
-        self.upsampler = device.Upsampler(plan)
+        self._executor = None if plan.tree is None else device.executor(plan.tree)
+        self.upsampler = device.upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
         """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's
@@ -284,15 +293,25 @@ def check(tolerance: float | None) -> None:
         )
 
 
-def _device() -> Any:
-    """The module with what runs on the chosen device: Executor, Upsampler, exact_images."""
-    return cpu if chosen() == "cpu" else gpu
+class _Device(NamedTuple):
+    """The classes and the function that run on one device."""
+
+    executor: Callable[[TreePlan], Any]
+    upsampler: Callable[[GridPlan], Any]
+    exact_images: Callable[..., np.ndarray]
+
+
+def _device() -> _Device:
+    """The implementation for the current device."""
+    if current_device() == "cpu":
+        return _Device(cpu.CpuExecutor, cpu.CpuUpsampler, cpu.exact_images)
+    return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
     """Say how long exact sums of so many images, one a point and tone, are going to take where that
     is long, or refuse them; another device's rate is not known."""
-    if chosen() == "cpu":
+    if current_device() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
 
@@ -302,7 +321,7 @@ def _grid_imager(
     """The imager of a grid or, where it is one plane, of that and others near it."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
-        box = roomy(*grid.ends_m)
+        box = lattice_box(*grid.ends_m)
         z_m = np.array([box.low_m[2], box.high_m[2]])
 
     def build() -> GridImager:
@@ -311,8 +330,8 @@ def _grid_imager(
         )
         return GridImager(plan, frequencies_hz, aperture, family.apart)
 
-    return kept(
-        (chosen(), "volume", planes, grid.x_m, grid.y_m, z_m),
+    return get_or_compute(
+        (current_device(), "volume", planes, grid.x_m, grid.y_m, z_m),
         frequencies_hz,
         aperture,
         family,

@@ -106,13 +106,13 @@ def certify_points(
     points [k, 3]."""
     if (certificate := _opened.get()) is None:
         return
-    samples, aperture = _heard(samples, aperture)
-    bright = Brightness(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
+    samples, aperture = _live_antennas(samples, aperture)
+    bright = ImagePower(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
     count = _count(samples)
     if whole := bright.voxels <= count:
         index, weight = np.arange(bright.voxels), np.ones(bright.voxels)
     else:
-        places, weight = picked(bright, count)
+        places, weight = draw_places(bright, count)
         index = np.ravel_multi_index(places, images.shape[1:])
     exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
     error = images.reshape(len(images), -1)[:, index] - exact
@@ -131,7 +131,7 @@ def certify_nodes(
     certificate is open."""
     if (certificate := _opened.get()) is None:
         return
-    samples, aperture = _heard(samples, aperture)
+    samples, aperture = _live_antennas(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     axes = zip(
         _axes(grid), _axes(nodes), strict=True
@@ -141,8 +141,8 @@ def certify_nodes(
         np.bincount(near, minlength=len(node))
         for near, node in zip(nearest, _axes(nodes), strict=True)
     )
-    bright = Brightness(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
-    (row, along), weight = picked(bright, _count(samples))
+    bright = ImagePower(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
+    (row, along), weight = draw_places(bright, _count(samples))
     places, generator = (row // len(y), row % len(y), along), np.random.default_rng(images.size)
     voxels = np.stack([  # any of the voxels that are nearest to a node
         np.searchsorted(near, place) + (generator.random(len(place)) * voxels[place]).astype(int)
@@ -157,7 +157,7 @@ def certify_nodes(
     certificate.add(found - exact, weight, bright.mean_square(), FACTOR)
 
 
-class Brightness:
+class ImagePower:
     """Power of images [f or 1, rows, n] whose places stand for rows [rows] × counts [n] voxels,
     relative to their largest part so that float32 holds it."""
 
@@ -188,7 +188,7 @@ class Brightness:
         return (np.abs(self.images[:, row] / self.largest).astype(np.float64) ** 2).sum(axis=0)
 
 
-def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+def draw_places(bright: ImagePower, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """So many places of images: (row and place in it, [count] each), weight [count]. The weighted
     mean of any quantity at them is on average its mean over all voxels."""
     rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
@@ -211,7 +211,7 @@ def _count(samples: np.ndarray) -> int:
     )
 
 
-def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
+def _live_antennas(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
     """Samples and aperture without antennas that no sample stems from. Where few are left, many
     leaves of a plan keep all of them and have no error, and the more voxels are looked at."""
     heard: np.ndarray = samples[0]

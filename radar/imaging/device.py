@@ -25,7 +25,7 @@ BLOCK_BYTES = (
 Array = Any  # a numpy.ndarray or a cupy.ndarray
 
 
-def chosen() -> str:
+def current_device() -> str:
     """The device that imaging runs on: HANDBENCH_DEVICE, or the processor."""
     name = os.environ.get(SETTING, "") or "cpu"
     if name not in DEVICES:
@@ -42,15 +42,15 @@ def use_device(name: str | None) -> Iterator[None]:
     """
     before = os.environ.get(SETTING)
     try:
-        os.environ[SETTING] = name or chosen()
-        if chosen() != "cpu":
+        os.environ[SETTING] = name or current_device()
+        if current_device() != "cpu":
             _try(array_module())
         yield
     except MemoryError as error:
-        if chosen() == "cpu":
+        if current_device() == "cpu":
             raise
         raise HandbenchError(
-            f"--device {chosen()}: its memory is full ({error}); close what else uses it, or "
+            f"--device {current_device()}: its memory is full ({error}); close what else uses it, or "
             "leave the option out"
         ) from error
     finally:
@@ -61,7 +61,7 @@ def use_device(name: str | None) -> Iterator[None]:
 
 def array_module(device: str | None = None) -> ModuleType:
     """numpy or cupy, for the device given or chosen; refuses what is not there."""
-    device = device or chosen()
+    device = device or current_device()
     if device == "numpy":
         return np
     if device != "cuda":
@@ -106,7 +106,7 @@ def to_host(array: Array) -> np.ndarray:
 
 def describe(device: str | None = None) -> str:
     """The device given or chosen, in words for a result: cpu, or cuda with the name of the card."""
-    device = device or chosen()
+    device = device or current_device()
     if device != "cuda":
         return device
     cuda = array_module(device).cuda

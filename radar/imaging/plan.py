@@ -19,17 +19,28 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import Array, cis, distances
-from handbench.radar.imaging.skeleton import Resampler, regaining
-from handbench.radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
+from handbench.radar.imaging.skeleton import Resampler, resampler_for_channels
+from handbench.radar.imaging.tree import (
+    DIRECT,
+    Box,
+    Family,
+    Node,
+    child_node,
+    needs_direct_sum,
+    root_node,
+    split,
+)
 from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
-LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating
+LEAVES_PER_CELL_SIDE = (
+    3  # ... and leaves along each axis of a cell: the balance of compressing against evaluating
+)
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # its share of the tolerance
-KEPT = 24  # plans; the oldest goes first
+CACHED = 24  # plans; the oldest goes first
 # What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a
 # small one takes. A grid's plan, which images share, may cost PLANNED in any case (some 3 s);
 # beyond that, and of points, a plan costs no more than the exact sum of the image it is for.
@@ -39,14 +50,14 @@ GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
 SCAN = 16
 MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
 
-Kept = TypeVar("Kept")
+Built = TypeVar("Built")
 
-_kept: OrderedDict[bytes, Any] = OrderedDict()
+_cache: OrderedDict[bytes, Any] = OrderedDict()
 _lock = Lock()
 
 
-class Sorted(NamedTuple):
-    """Points [3, n] by limb and leaf: order [n] of the original ones, starts [leaves + 1] of each
+class SortedPoints(NamedTuple):
+    """Points [3, n] by cell and leaf: order [n] of the original ones, starts [leaves + 1] of each
     leaf's."""
 
     points_m: np.ndarray
@@ -55,7 +66,7 @@ class Sorted(NamedTuple):
 
 
 class TreePlan:
-    """A box's root, and its division into limbs and leaves, for images and echoes of points within
+    """A box's root, and its division into cells and leaves, for images and echoes of points within
     it."""
 
     def __init__(
@@ -66,52 +77,52 @@ class TreePlan:
         leaves = np.maximum(
             np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1
         ).astype(int)
-        self.limbs = np.maximum(np.round(leaves / LIMB), 1).astype(int)
-        self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
-        self.leaves_per_limb = int(np.prod(self.leaves))
+        self.cells = np.maximum(np.round(leaves / LEAVES_PER_CELL_SIDE), 1).astype(int)
+        self.leaves = np.ceil(leaves / self.cells).astype(int)  # of each cell
+        self.leaves_per_cell = int(np.prod(self.leaves))
         self.passes, self.reference_m = carriers(aperture)
         self.node_cost = node_cost(aperture)
-        self.trunk = trunk(frequencies_hz, aperture)
-        self.root = branch(self.trunk, box, family, keep_antennas=True)
-        self.count = prod(self.limbs.tolist())  # of limbs
-        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.limbs, strict=True)]
-        self.countless = self.count * self.leaves_per_limb > MOST_LEAVES
+        self.root_node = root_node(frequencies_hz, aperture)
+        self.top_node = child_node(self.root_node, box, family, keep_antennas=True)
+        self.count = prod(self.cells.tolist())  # of cells
+        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.cells, strict=True)]
+        self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
-    def touched(self, where: Sorted) -> list[int]:
-        """The limbs that points lie in."""
-        begin = where.starts[:: self.leaves_per_limb]
-        return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
+    def touched(self, where: SortedPoints) -> list[int]:
+        """The cells that points lie in."""
+        begin = where.starts[:: self.leaves_per_cell]
+        return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
 
-    def cost(self, where: Sorted | None = None) -> float:
-        """Cost of planning the limbs and leaves that points lie in, or all, in terms (point × tone
+    def cost(self, where: SortedPoints | None = None) -> float:
+        """Cost of planning the cells and leaves that points lie in, or all, in terms (point × tone
         × channel) of the exact sum."""
-        nodes = self.count * (1 + self.leaves_per_limb)
+        nodes = self.count * (1 + self.leaves_per_cell)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         return nodes * self.node_cost
 
-    def limb(self, limb: int) -> Node:
-        """A limb, planned anew: executors keep those that points touch."""
-        place = zip(self.edges_m, np.unravel_index(limb, self.limbs), strict=True)
+    def cell(self, cell: int) -> Node:
+        """A cell, planned anew: executors keep those that points touch."""
+        place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
-        return branch(self.root, box, self.family)
+        return child_node(self.top_node, box, self.family)
 
-    def leaves_of(self, limb: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Leaves of a limb by number, planned anew."""
-        boxes = split(limb.box, self.leaves)
-        return {leaf: branch(limb, boxes[leaf], self.family) for leaf in wanted}
+    def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
+        """Leaves of a cell by number, planned anew."""
+        boxes = split(cell.box, self.leaves)
+        return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
-    def sort(self, points_m: np.ndarray) -> Sorted:
-        """Points [n, 3] within the box, by limb and leaf."""
-        counts = self.limbs * self.leaves
+    def sort(self, points_m: np.ndarray) -> SortedPoints:
+        """Points [n, 3] within the box, by cell and leaf."""
+        counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
-        cell = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
-        limb, leaf = np.divmod(cell, self.leaves)
-        key = np.ravel_multi_index(limb.T, self.limbs) * self.leaves_per_limb
+        place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
+        cell, leaf = np.divmod(place, self.leaves)
+        key = np.ravel_multi_index(cell.T, self.cells) * self.leaves_per_cell
         key += np.ravel_multi_index(leaf.T, self.leaves)
         order = np.argsort(key.astype(np.int32), kind="stable")
         starts = np.searchsorted(key[order], np.arange(int(np.prod(counts)) + 1))
-        return Sorted(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
+        return SortedPoints(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
 
 
 class GridPlan:
@@ -144,7 +155,9 @@ class GridPlan:
         self.x, self.y, self.z = (
             Resampler(axis, ())
             if planes and axis is grid.z_m
-            else regaining(axis, along, half, UPSAMPLING * family.tolerance, places_m, waves)
+            else resampler_for_channels(
+                axis, along, half, UPSAMPLING * family.tolerance, places_m, waves
+            )
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
@@ -155,7 +168,7 @@ class GridPlan:
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         self.tree = (
             None
-            if crowded(aperture)
+            if needs_direct_sum(aperture)
             else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         )
         terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
@@ -163,7 +176,7 @@ class GridPlan:
             self.tree = None
         elif self.tree is not None:
             require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")
-        self._sorted: Sorted | None = None
+        self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
         """The nodes of the grid, or of the plane at z_m [1]."""
@@ -201,10 +214,10 @@ class GridPlan:
         turns = np.multiply.outer(path_m, turns_per_m).reshape(*points_m.shape[:2], -1)
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
-    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
+    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
         """The nodes in the order of the plan's tree, which no plane's depth changes while the
         leaves are one layer."""
-        if self.planes and tree.limbs[2] * tree.leaves[2] > 1:
+        if self.planes and tree.cells[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
             self._sorted = tree.sort(nodes.points_m().reshape(-1, 3))
@@ -223,7 +236,7 @@ def _outermost(position_m: np.ndarray) -> np.ndarray:
 
 
 def node_cost(aperture: Aperture) -> float:
-    """Cost of planning a limb or a leaf, in terms of an array's exact sum."""
+    """Cost of planning a cell or a leaf, in terms of an array's exact sum."""
     antennas = [float(len(leg.position_m)) for leg in aperture.legs]
     return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
 
@@ -275,33 +288,33 @@ def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
     return towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-12)[:, None]
 
 
-def roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
+def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
     """The box from low_m to high_m, widened to a lattice of about its size, so that the points of
     one frame and the next share a plan; what they do not touch is never planned."""
     extent = high_m - low_m
-    cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
-    return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
+    step = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
+    return Box(np.floor(low_m / step) * step, np.ceil(high_m / step) * step)
 
 
 @contextmanager
 def fresh_plans() -> Iterator[None]:
     """Begin without a plan, as a new process does, and drop those made in the block when it
     ends."""
-    global _kept
-    before, _kept = _kept, OrderedDict()
+    global _cache
+    before, _cache = _cache, OrderedDict()
     try:
         yield
     finally:
-        _kept = before
+        _cache = before
 
 
-def kept(
+def get_or_compute(
     what: tuple[Any, ...],
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     family: Family,
-    build: Callable[[], Kept],
-) -> Kept:
+    build: Callable[[], Built],
+) -> Built:
     """The plan of this geometry with its executor, built once by `build`."""
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
@@ -311,12 +324,12 @@ def kept(
         digest.update(repr(part).encode())
     key = digest.digest()
     with _lock:
-        if key not in _kept:
+        if key not in _cache:
             with (
                 one_blas_thread()
             ):  # rounding, and with it the plan, must not depend on the number of threads
-                _kept[key] = build()
-            if len(_kept) > KEPT:
-                _kept.popitem(last=False)
-        _kept.move_to_end(key)
-        return cast(Kept, _kept[key])
+                _cache[key] = build()
+            if len(_cache) > CACHED:
+                _cache.popitem(last=False)
+        _cache.move_to_end(key)
+        return cast(Built, _cache[key])

@@ -170,7 +170,7 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
     return Resampler(fine_m, ())
 
 
-def regaining(
+def resampler_for_channels(
     fine_m: np.ndarray,
     along: int,
     half_band: float,

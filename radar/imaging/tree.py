@@ -27,7 +27,7 @@ from handbench.radar.imaging.skeleton import band_kernel, skeleton
 # Of the tolerance, for each skeleton that keeps more members than the second number: residuals are
 # held below it at their worst member. The errors of many members differ and average out; so few as
 # five are all alike and near their
-# bound: those of both legs in limb and leaf, and of tones, add up to √6 of it (1.2 of the tolerance
+# bound: those of both legs in cell and leaf, and of tones, add up to √6 of it (1.2 of the tolerance
 # was measured 100 m away). Chosen so that a single live channel, whose error no other averages,
 # keeps the tolerance (measured: 0.9 of it at worst on the paper's volume, where white noise uses
 # 0.7; with 1.6 in place of 1.3: 1.16).
@@ -107,13 +107,13 @@ class Family(NamedTuple):
     beside: float = 0.0
 
 
-def crowded(aperture: Aperture) -> bool:
+def needs_direct_sum(aperture: Aperture) -> bool:
     """True where the aperture is none for skeletons: its antennas are too many, as a raster scan's
     tens of thousands of positions, or do not all hear each other."""
     return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
-def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
+def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     """The node above the root: all tones, all antennas, no phase taken out."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
     legs = tuple(
@@ -127,7 +127,7 @@ def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     )
 
 
-def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
+def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
     """The node of a box within its parent's."""
     lengths = [
         leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs

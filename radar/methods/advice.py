@@ -21,7 +21,7 @@ CLOSER, CLOSEST = (
     16,
 )  # times as close as a method's pair: tones that reach further, and still tell the period
 STRONGEST = 200  # pixels whose echoes tell where the target is, together
-ALIKE = 0.5  # coherence of two tones' images, from which on they show one thing
+LEAST_COHERENCE = 0.5  # coherence of two tones' images, from which on they show one thing
 TONES = (
     "f1_hz",
     "f2_hz",
@@ -31,7 +31,7 @@ TONES = (
 )  # settings of one tone each, the pair that is close first
 
 
-def asked_hz(config: Config) -> np.ndarray | None:
+def requested_tones_hz(config: Config) -> np.ndarray | None:
     """The tones [f] that a configuration asks for; None where it names none."""
     told: Any = getattr(config, "ladder_hz", getattr(config, "tones_hz", None))
     return None if told is None else np.asarray(told() if callable(told) else told)
@@ -40,15 +40,17 @@ def asked_hz(config: Config) -> np.ndarray | None:
 def require_tones(capture: RadarCapture, config: Config) -> None:
     """HandbenchError where the capture lacks tones that a configuration asks for; names settings
     for those it has."""
-    if (asked := asked_hz(config)) is None:
+    if (asked := requested_tones_hz(config)) is None:
         return
     try:
         capture.tones(asked)
     except HandbenchError as error:
-        settings = _suiting(np.unique(capture.frequencies_hz)[::-1], type(config).model_fields)
+        settings = _matching_settings(
+            np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
+        )
         try:
             suited = type(config).model_validate({**config.model_dump(), **settings})
-            capture.tones(np.asarray(asked_hz(suited)))
+            capture.tones(np.asarray(requested_tones_hz(suited)))
         except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
             raise error from None
         told = " ".join(
@@ -57,7 +59,7 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
         raise HandbenchError(f"{error}, as by {told}") from None
 
 
-def _suiting(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
+def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
     """The settings among those known by which a method takes tones that are there, the highest of
     them first."""
     if "count" in known:
@@ -86,7 +88,7 @@ def _text(value: Any) -> str:
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
     """Sentences on what limits a depth map of this capture's frame."""
-    seen, asked = np.isfinite(depth.z_m), asked_hz(config)
+    seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
     steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
@@ -156,6 +158,8 @@ def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: 
     strongest = seen[np.argsort(depth.amplitude_db.ravel()[seen])[-STRONGEST:]]
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(strongest, depth.z_m.ravel()[strongest])
     a, b = image_points(samples, pair_hz, capture.aperture, points_m, None, apart=True)
-    if abs(np.vdot(a, b)) < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):  # noise has no distance
+    if abs(np.vdot(a, b)) < LEAST_COHERENCE * np.linalg.norm(a) * np.linalg.norm(
+        b
+    ):  # noise has no distance
         return 0.0
     return float(depth_step_m(np.vdot(a, b), np.ones(1), pair_hz[1] - pair_hz[0])[0])

@@ -99,7 +99,7 @@ def align(
     return Alignment(shift_m, sigma_m, first, 1 / (1 + np.exp(np.clip(odds, -MANY, MANY))))
 
 
-def agreed(
+def filter_by_agreement(
     depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
 ) -> DepthMap:
     """An aligned depth map of that coherence [ny, nx] without what is no depth, filtered. σ is that
@@ -173,7 +173,7 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         placed(sigma_m),
         wrapped,
     )
-    depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    depth = filter_by_agreement(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
     seen = db >= config.threshold_db  # where it is, no longer in the first plane
     z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))
     return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))

@@ -33,11 +33,11 @@ import numpy as np
 from scipy.ndimage import label, maximum_filter, minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.data.capture import RadarCapture, evenly, near_one
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.support.config import Config
@@ -288,7 +288,9 @@ def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
     return float(np.abs(tone.images(near, None)).max()), float(spread_m2)
 
 
-def with_trust(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> DepthMap:
+def with_p_gross(
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
+) -> DepthMap:
     """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map
     stays as it is."""
     if depth.method in capture.sensors:
@@ -355,12 +357,14 @@ def _of_tones(
 ) -> dict[str, np.ndarray]:
     """Features [n] that the method's own tones, or the capture's where its configuration names
     none, tell at the depths that it found."""
-    tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
-    some = evenly(len(tones_hz), TONES)
+    tones_hz = capture.frequencies_hz if (asked := requested_tones_hz(config)) is None else asked
+    some = even_subset(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
     tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
-    images = image_points(near_one(samples), f, capture.aperture, points_m, tolerance, apart=True)
+    images = image_points(
+        scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
+    )
     magnitude, apart_hz = np.abs(images).astype(np.float64), np.abs(f - f[0])
     power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
     close, far = np.argsort(apart_hz)[[min(1, len(f) - 1), -1]]

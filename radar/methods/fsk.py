@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from handbench.radar.data.capture import RadarCapture, near_one
+from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
 from handbench.radar.imaging.api import image_points, image_volume
@@ -109,7 +109,7 @@ class Tones:
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
         """The configured tones of a frame."""
         samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
-        return cls(near_one(samples), frequencies_hz, capture.aperture, config)
+        return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config)
 
     def __len__(self) -> int:
         return len(self.samples)

@@ -18,7 +18,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
-from handbench.radar.methods.alignment import agreed
+from handbench.radar.methods.alignment import filter_by_agreement
 from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
 from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
@@ -54,7 +54,9 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
         sigma_m=placed(sigma_m),
         wrapped=placed(_another_period(step, half_period_m, config), False) > 0,
     )
-    return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
+    return filter_by_agreement(
+        depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config
+    )
 
 
 def other_sensor(

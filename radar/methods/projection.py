@@ -4,7 +4,7 @@ with.
 A projection needs little of a volume: the strongest voxel of each pixel and, between voxels, its
 neighbours along z. An engine that never holds a whole volume hands over its `Peaks`. Which of two
 voxels is the stronger, and which pixel is on target, is the exact image's answer: where two
-candidates differ by less than the image's error allows for, both are imaged exactly (`settled`). A
+candidates differ by less than the image's error allows for, both are imaged exactly (`settle_peaks`). A
 faster image thus leads to the same map, unless it leaves three voxels of a pixel in doubt.
 """
 
@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
-from handbench.radar.data.capture import RadarCapture, evenly, near_one
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.cpu.executor import ToneSkeleton
 from handbench.radar.imaging.peaks import Peaks
-from handbench.radar.imaging.plan import kept as kept_plan
+from handbench.radar.imaging.plan import get_or_compute as kept_plan
 from handbench.radar.imaging.tree import Family
-from handbench.radar.methods.alignment import agreed, align, capon, coherence_factor
+from handbench.radar.methods.alignment import align, capon, coherence_factor, filter_by_agreement
 from handbench.radar.methods.fsk import path_rise
 from handbench.radar.methods.projection_config import AlignedConfig, ProjectionConfig
 
@@ -59,8 +59,8 @@ def project(
     """`maximum_projection` of the configured voxels, which are never held all at once; flagged as
     well are the pixels at whose depth the tones do not agree."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
-    samples, grid = near_one(samples), config.grid()
-    kept, reuse = _KEPT.get(({}, False))
+    samples, grid = scaled_to_one(samples), config.grid()
+    kept, reuse = _CACHE.get(({}, False))
     key = (
         id(capture),
         frame,
@@ -74,10 +74,10 @@ def project(
     _, peaks = kept[key]
 
     exact = _exact(samples, frequencies_hz, capture.aperture, grid)
-    peaks = settled(peaks, config.threshold_db, exact, len(grid.z_m) * config.subvoxel)
+    peaks = settle_peaks(peaks, config.threshold_db, exact, len(grid.z_m) * config.subvoxel)
     depth = maximum_projection(peaks, config, method)
     capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
-    some = evenly(len(frequencies_hz), CHECKED * (1 + capons))
+    some = even_subset(len(frequencies_hz), CHECKED * (1 + capons))
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
     if least >= 1 and not isinstance(
@@ -120,7 +120,7 @@ def project(
     )
 
 
-def settled(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
+def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
     """The peaks whose strongest voxels, where pixels are at or above the threshold, are those of
     the exact image.
 
@@ -172,7 +172,7 @@ def least_coherence(count: int, known: int, range_cells: float) -> float:
 def _exact(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
 ) -> Exact:
-    """The exact image for `settled`: voxels' magnitudes, of as many tones of an array as carry all
+    """The exact image for `settle_peaks`: voxels' magnitudes, of as many tones of an array as carry all
     the others."""
 
     @cache
@@ -213,21 +213,25 @@ def _aligned(
         shift_m = coherence_factor(image, reach_m)
     z_m, own_m = (pixels.on_map(index, told) for told in (points_m[:, 2] + shift_m, found.sigma_m))
     coherence = pixels.on_map(index, found.coherence, 1.0)
-    return agreed(replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config)
+    return filter_by_agreement(
+        replace(depth, z_m=z_m, sigma_m=own_m), coherence, bandwidth_hz, config
+    )
 
 
-_KEPT: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = ContextVar("kept peaks")
+_CACHE: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = ContextVar("kept peaks")
 
 
 @contextmanager
-def peaks_kept(kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False) -> Iterator[None]:
+def cached_peaks(
+    kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False
+) -> Iterator[None]:
     """While it lasts, `project` keeps the peaks of its captures' volumes; reuse: and takes them
     from there, for maps that differ in filters and thresholds alone have one volume."""
-    token = _KEPT.set((kept, reuse))
+    token = _CACHE.set((kept, reuse))
     try:
         yield
     finally:
-        _KEPT.reset(token)
+        _CACHE.reset(token)
 
 
 def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> DepthMap:

@@ -172,7 +172,7 @@ def _coarse(scene: EchoScene) -> EchoScene:
     measured = np.abs(scene.frequencies_hz - tones_hz[:, None]).argmin(axis=1)
     coarse = replace(scene, frequencies_hz=tones_hz, time_s=scene.time_s[measured], coarser=COARSER)
     if scene.target is not None:
-        coarse.kept(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
+        coarse.cached(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
     return coarse
 
 

@@ -4,8 +4,15 @@ in the order of known_effects.toml, in which they are applied."""
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from handbench.radar.simulation.effects import dielectric, further, motion, sensor, target_surface
-from handbench.radar.simulation.effects.coarse import QuickEstimate, echo_s
+from handbench.radar.simulation.effects import (
+    clutter,
+    dielectric,
+    motion,
+    multipath,
+    sensor,
+    target_surface,
+)
+from handbench.radar.simulation.effects.quick_estimate import QuickEstimate, echo_s
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
@@ -101,9 +108,9 @@ EFFECTS: tuple[Effect, ...] = (
         "multipath",
         OPAQUE,
         _opaque,
-        further.multipath,
-        further.multipath_cost_s,
-        further.estimate_multipath,
+        multipath.multipath,
+        multipath.multipath_cost_s,
+        multipath.estimate_multipath,
     ),
     Effect(
         "motion",
@@ -123,9 +130,9 @@ EFFECTS: tuple[Effect, ...] = (
         "clutter",
         "[stand] with reflectivity_db",
         lambda scene: bool(scene.room),
-        further.clutter,
-        further.clutter_cost_s,
-        further.estimate_clutter,
+        clutter.clutter,
+        clutter.clutter_cost_s,
+        clutter.estimate_clutter,
     ),
     Effect("channels", "[sensor.channels] with an error", _imperfect_channels, sensor.channels),
     Effect(

@@ -47,7 +47,7 @@ class Oscillator(Config):
 Direction = tuple[float, float, float]
 
 
-def somewhere(direction: Direction) -> Direction:
+def require_direction(direction: Direction) -> Direction:
     """Refuse a direction without a length."""
     if not 1e-6 < sum(part**2 for part in direction) < 1e6:
         raise ValueError("expected a direction as [0, 0, 1]")
@@ -62,7 +62,7 @@ class Motion(Config):
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
     velocity_m_s: float = Field(default=0.0, ge=-100, le=100)
-    direction: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 0.0, 1.0)
+    direction: Annotated[Direction, AfterValidator(require_direction)] = (0.0, 0.0, 1.0)
 
 
 class Roughness(Config):
@@ -74,7 +74,7 @@ class Roughness(Config):
     correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
     layer_depth_m: float = Field(default=0.0, ge=0, le=1e-3)
     layer_pitch_m: float = Field(default=2e-4, ge=1e-5, le=1)
-    layers_along: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 1.0, 0.0)
+    layers_along: Annotated[Direction, AfterValidator(require_direction)] = (0.0, 1.0, 0.0)
 
     @property
     def sigma_m(self) -> float:

@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions
 from handbench.radar.imaging.api import points_executor
-from handbench.radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
-from handbench.radar.imaging.cpu.executor import Executor
+from handbench.radar.imaging.cpu.adjoint import FULL_SIGHT, PackedScatterers, Sight
+from handbench.radar.imaging.cpu.executor import CpuExecutor
 from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
 from handbench.support.errors import HandbenchError
@@ -101,7 +101,7 @@ def simulate(
                     family = family._replace(
                         tolerance=sight_tolerance, whole=False, beside=sight.beside
                     )
-            executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
+            executor = points_executor(frequencies_hz, array, position[chosen], family, CpuExecutor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
             samples += executor.echoes(
@@ -141,7 +141,7 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
 
 def _source(
     part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
-) -> Source:
+) -> PackedScatterers:
     """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with
     sight."""
     count = len(part.position_m)
@@ -154,7 +154,7 @@ def _source(
     seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
     weight = np.asarray(part.weight, np.complex64)
     sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
-    return Source(
+    return PackedScatterers(
         points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight
     )
 

@@ -103,7 +103,7 @@ class EchoScene:
     coarser: float = 1.0
     mirrors_coarser: float = 1.0
     nodes_apart: float = 1.0
-    _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def body(self) -> Body:
@@ -179,8 +179,8 @@ class EchoScene:
         """True if there is a target whose surface hides and mirrors."""
         return self.target is not None and not self.target.transparent
 
-    def kept(self, key: Hashable, make: Any) -> Any:
+    def cached(self, key: Hashable, make: Any) -> Any:
         """make(), computed once per scene: estimates share what they look at."""
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]

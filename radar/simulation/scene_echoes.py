@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
@@ -24,7 +24,7 @@ TARGET = "echoes"  # the target's own echoes, among the effects that times are c
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ScatteringSurface:
     """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex
     amplitude [f] per layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p],
     bool [r, p]), None: all; sight: how much of it each sees, None: all of it; delay_m [p]: extra
@@ -39,7 +39,7 @@ class Surface:
     sight: Sight | None = None
     delay_m: np.ndarray | None = None
 
-    def where(self, chosen: np.ndarray) -> "Surface":
+    def where(self, chosen: np.ndarray) -> "ScatteringSurface":
         """Only the facets that the mask [p] chooses."""
         return replace(
             self,
@@ -67,7 +67,7 @@ class Echoes:
 
     scene: EchoScene
     array: AntennaArray
-    surface: Surface | None
+    surface: ScatteringSurface | None
     ball_delay_m: np.ndarray
     frames: int = 1
     tolerance: float | None = 1e-5
@@ -120,7 +120,7 @@ class Echoes:
                 )
         return samples
 
-    def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
+    def _surface_echo(self, surface: ScatteringSurface, array: AntennaArray) -> np.ndarray:
         """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
@@ -175,7 +175,7 @@ def bare_echoes(
     """The echoes of a scene before any effect. levels: as those with the target have them; these
     are then of the room without it."""
     body = scene.target if levels is None else None
-    surface = None if body is None else Surface(body, facing(scene, body))
+    surface = None if body is None else ScatteringSurface(body, front_facets(scene, body))
     still = np.zeros(len(scene.balls))
     return Echoes(
         scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {}
@@ -197,13 +197,13 @@ def require_facets(facets: Facets) -> Facets:
     return facets
 
 
-def facing(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
+def front_facets(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
     """The body's facets, with edges of `longest` wavelengths at most, whose face turns its front to
     some antenna. Made once."""
-    return scene.kept(("facing", id(body), longest), lambda: _facing(scene, body, longest))
+    return scene.cached(("facing", id(body), longest), lambda: _front_facets(scene, body, longest))
 
 
-def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
+def _front_facets(scene: EchoScene, body: Body, longest: float) -> Facets:
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])

@@ -13,7 +13,7 @@ import numpy as np
 
 from handbench.radar.simulation.ablation import FINE, Ablation, Change
 from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
-from handbench.radar.simulation.effects.coarse import echo_s
+from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice, check_names
 from handbench.radar.simulation.scene import EchoScene
 from handbench.support.errors import HandbenchError

@@ -14,7 +14,7 @@ from handbench.radar.data.arrays import (
     SPEED_OF_LIGHT_M_S,
     AntennaArray,
     Aperture,
-    as_of_an_array,
+    array_legs,
     tones,
 )
 from handbench.radar.data.capture import largest_part
@@ -82,7 +82,7 @@ def exact_sums(
         leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2)
         for leg in aperture.legs
     ]
-    lengths = as_of_an_array(aperture, lengths)
+    lengths = array_legs(aperture, lengths)
     images = np.empty((len(samples), len(points)), np.complex128)
     count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
 
@@ -114,7 +114,7 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
     """Length of every channel's path over a point [3], metres: [t, r] or [n]."""
-    to, back = as_of_an_array(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
+    to, back = array_legs(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
     return (to[:, None] + back).reshape(aperture.channels)
 
 

@@ -1,4 +1,4 @@
-"""Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix
+"""Execution on the processor: cells on all cores, leaves by compiled code; volumes by matrix
 products along x, y and z that make every voxel of the coarse nodes, so that a projection along z
 never holds the volume."""
 
@@ -9,46 +9,46 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.cpu.ascent import Source, ascend, scatter
-from handbench.radar.imaging.cpu.descent import (
+from handbench.radar.imaging.cpu.adjoint import PackedScatterers, scatter, to_parent
+from handbench.radar.imaging.cpu.exact import exact_images as exact_images
+from handbench.radar.imaging.cpu.forward import (
     Leaves,
     complex_samples,
-    descend,
     gather,
     pack,
     planes,
+    to_child,
     turn,
 )
-from handbench.radar.imaging.cpu.exact import exact_images as exact_images
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
-from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
-from handbench.radar.imaging.tree import Box, Family, Node, branch, trunk
+from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
+from handbench.radar.imaging.tree import Box, Family, Node, child_node, root_node
 from handbench.support.parallel import for_each, one_blas_thread
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
 
 
-class Executor:
-    """Images and echoes of points by a plan, whose limbs and leaves stay once points have touched
+class CpuExecutor:
+    """Images and echoes of points by a plan, whose cells and leaves stay once points have touched
     them."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
-        self._limbs: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
+        self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
-    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
+    def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
         at sorted points."""
         plan, order = self.plan, where.order
         with one_blas_thread():
-            root = _down(planes(samples), plan.trunk, plan.root)
+            root = _down(planes(samples), plan.root_node, plan.top_node)
         images = np.empty((len(samples) if plan.family.apart else 1, len(order)), np.complex64)
 
-        def work(limb: int) -> None:
-            node, leaves, starts = self._limb(limb, where)
-            below = _down(root, plan.root, node)
+        def work(cell: int) -> None:
+            node, leaves, starts = self._cell(cell, where)
+            below = _down(root, plan.top_node, node)
             images[:, starts[0] : starts[-1]] = gather(
                 below,
                 node.turns_per_m,
@@ -65,39 +65,39 @@ class Executor:
         unsorted[:, order] = images
         return unsorted
 
-    def echoes(self, source: Source, where: Sorted) -> np.ndarray:
+    def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
         """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones
         summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 
-        def work(limb: int) -> None:
-            node, leaves, starts = self._limb(limb, where)
+        def work(cell: int) -> None:
+            node, leaves, starts = self._cell(cell, where)
             shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
             samples = scatter(
                 source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape
             )
-            parts[limb] = _up(samples, plan.root, node)
+            parts[cell] = _up(samples, plan.top_node, node)
 
         for_each(work, touched)
         with one_blas_thread():  # parts are added in order: no result depends on the threads
             samples = _up(
-                sum((parts[limb] for limb in touched), np.zeros((), np.float32)),
-                plan.trunk,
-                plan.root,
+                sum((parts[cell] for cell in touched), np.zeros((), np.float32)),
+                plan.root_node,
+                plan.top_node,
             )
         return complex_samples(samples)
 
-    def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
-        """A limb, its leaves and where each one's points start."""
-        count = self.plan.leaves_per_limb
-        starts = where.starts[limb * count : (limb + 1) * count + 1]
+    def _cell(self, cell: int, where: SortedPoints) -> tuple[Node, Leaves, np.ndarray]:
+        """A cell, its leaves and where each one's points start."""
+        count = self.plan.leaves_per_cell
+        starts = where.starts[cell * count : (cell + 1) * count + 1]
         touched = set(np.flatnonzero(np.diff(starts)).tolist())
-        node, planned, leaves = self._limbs.get(limb) or (self.plan.limb(limb), {}, None)
+        node, planned, leaves = self._cells.get(cell) or (self.plan.cell(cell), {}, None)
         if leaves is None or not touched <= planned.keys():
             planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
             leaves = pack(planned, count)
-            self._limbs[limb] = (
+            self._cells[cell] = (
                 node,
                 planned,
                 leaves,
@@ -122,8 +122,8 @@ class ToneSkeleton:
         high_m: np.ndarray,
         tolerance: float,
     ) -> None:
-        self._all = trunk(frequencies_hz, aperture)
-        self._few = branch(
+        self._all = root_node(frequencies_hz, aperture)
+        self._few = child_node(
             self._all, Box(low_m, high_m), Family(tolerance, apart=False), keep_antennas=True
         )
         self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
@@ -146,7 +146,7 @@ class ToneSkeleton:
         )
 
 
-class Upsampler:
+class CpuUpsampler:
     """Volumes by a plan, from its nodes and their images [k or 1, nz, ny, nx]."""
 
     def __init__(self, plan: GridPlan) -> None:
@@ -230,12 +230,12 @@ class Upsampler:
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return descend(
+    return to_child(
         samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
     )
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return ascend(
+    return to_parent(
         samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
     )

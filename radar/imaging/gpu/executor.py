@@ -2,7 +2,7 @@
 their nodes.
 
 Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch
-is one product per tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point,
+is one product per tone, as in `radar.imaging.cpu.forward`: ΔR in float64 against a reference point,
 what is left of it in float32. Nodes' images pass through the processor's memory: there are thirty
 times fewer of them than voxels.
 
@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
 from handbench.radar.imaging.gpu.levels import Level, level
 from handbench.radar.imaging.peaks import Peaks, root_mean_square
-from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
+from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.skeleton import Resampler
 from handbench.radar.imaging.tree import Node
 from handbench.support.parallel import for_each
@@ -47,47 +47,49 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Placed:
+class DevicePoints:
     """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves,
     and the batches."""
 
     count: int
-    limbs: Level
+    cells: Level
     leaves: Level
     rows: Array
     batches: list[Batch]
 
 
-class Executor:
-    """As `radar.imaging.cpu.executor.Executor`, on the chosen device, where the limbs that points
+class GpuExecutor:
+    """As `radar.imaging.cpu.executor.CpuExecutor`, on the chosen device, where the cells that points
     have touched stay."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._xp = array_module()
-        self._top = level(self._xp, [plan.root], [plan.trunk], [0])
+        self._top = level(self._xp, [plan.top_node], [plan.root_node], [0])
         self._planned: dict[int, tuple[Node, list[Node]]] = {}
         self._levels: tuple[Level, Level] | None = None
-        self._last: tuple[Sorted | None, Placed | None] = None, None
+        self._last: tuple[SortedPoints | None, DevicePoints | None] = None, None
         self._lock = Lock()
 
-    def place(self, where: Sorted) -> Placed:
+    def place(self, where: SortedPoints) -> DevicePoints:
         """Sorted points on the device; those of the call before stay there."""
         last, placed = self._last
         if placed is None or last is not where:
-            per_limb = self.plan.leaves_per_limb
-            touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all limbs
-            limbs, leaves, limb_rows = self._require(np.unique(touched // per_limb))
-            rows = limb_rows[touched // per_limb] * per_limb + touched % per_limb
+            per_cell = self.plan.leaves_per_cell
+            touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all cells
+            cells, leaves, cell_rows = self._require(np.unique(touched // per_cell))
+            rows = cell_rows[touched // per_cell] * per_cell + touched % per_cell
             antennas = sum(length.shape[1] for length in leaves.length_m)
             point_bytes = antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
             batches = _batches(where, touched, rows, point_bytes)
             on_device = [Batch(*map(self._xp.asarray, batch)) for batch in batches]
-            placed = Placed(len(where.order), limbs, leaves, self._xp.asarray(rows), on_device)
+            placed = DevicePoints(
+                len(where.order), cells, leaves, self._xp.asarray(rows), on_device
+            )
             self._last = where, placed
         return placed
 
-    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
+    def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
         """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
         at sorted points."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
@@ -95,8 +97,8 @@ class Executor:
             samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
         )
         root = self._top.descend(whole, xp.arange(1))
-        limbs = placed.limbs.descend(root, xp.arange(placed.limbs.centre_m.shape[1]))
-        leaves = placed.leaves.descend(limbs, placed.rows)
+        cells = placed.cells.descend(root, xp.arange(placed.cells.centre_m.shape[1]))
+        leaves = placed.leaves.descend(cells, placed.rows)
         images = xp.empty((len(samples) if apart else 1, placed.count + 1), np.complex64)
         for batch in placed.batches:
             tones = self._evaluate(placed.leaves, leaves, batch)
@@ -128,33 +130,33 @@ class Executor:
         heard *= waves[1]
         return heard.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
-    def _require(self, limbs: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """The levels of limbs and leaves with these limbs planned, and each limb's row there
-        [limbs] (−1: none)."""
+    def _require(self, cells: np.ndarray) -> tuple[Level, Level, np.ndarray]:
+        """The levels of cells and leaves with these cells planned, and each cell's row there
+        [cells] (−1: none)."""
         with self._lock:
-            new = [int(limb) for limb in limbs if int(limb) not in self._planned]
+            new = [int(cell) for cell in cells if int(cell) not in self._planned]
             if new or self._levels is None:
-                for_each(self._plan_limb, new)
-                nodes = [self._planned[limb] for limb in sorted(self._planned)]
-                above = [limb for limb, _ in nodes]
+                for_each(self._plan_cell, new)
+                nodes = [self._planned[cell] for cell in sorted(self._planned)]
+                above = [cell for cell, _ in nodes]
                 below = [leaf for _, leaves in nodes for leaf in leaves]
                 parent = [row for row, (_, leaves) in enumerate(nodes) for _ in leaves]
                 self._levels = (
-                    level(self._xp, above, [self.plan.root], [0] * len(above)),
+                    level(self._xp, above, [self.plan.top_node], [0] * len(above)),
                     level(self._xp, below, above, parent),
                 )
             rows = np.full(self.plan.count, -1)
             rows[sorted(self._planned)] = np.arange(len(self._planned))
             return *self._levels, rows
 
-    def _plan_limb(self, limb: int) -> None:
-        node = self.plan.limb(limb)
-        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_limb))
-        self._planned[limb] = node, list(leaves.values())
+    def _plan_cell(self, cell: int) -> None:
+        node = self.plan.cell(cell)
+        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_cell))
+        self._planned[cell] = node, list(leaves.values())
 
 
-class Upsampler:
-    """As `radar.imaging.cpu.executor.Upsampler`, on the chosen device."""
+class GpuUpsampler:
+    """As `radar.imaging.cpu.executor.CpuUpsampler`, on the chosen device."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan, self._xp = plan, array_module()
@@ -226,7 +228,7 @@ class Upsampler:
 
 
 def _batches(
-    where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int
+    where: SortedPoints, touched: np.ndarray, rows: np.ndarray, point_bytes: int
 ) -> Iterator[Batch]:
     """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even
     pieces, the largest first, so that little is padded. Padding repeats a piece's last point."""
@@ -267,7 +269,7 @@ def exact_images(
             leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None])
             for leg in aperture.legs
         ]
-        paths_a, paths_b = as_of_an_array(aperture, lengths)
+        paths_a, paths_b = array_legs(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
             heard = xp.matmul(

@@ -3,7 +3,7 @@
 Foam (n − 1 ≪ 1): rays pass straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets
 that face the array reflect with Γ = (1 − n)/(1 + n) and those that turn away with −Γ, seen from
 inside; foam casts no shadow. Plastic: only its surface, since what enters is bent far away from the
-straight path; `lost` says where its far wall echoes, too.
+straight path; `unsimulated_echo` says where its far wall echoes, too.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.effects.coarse import CENTRE_M
-from handbench.radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
+from handbench.radar.simulation.effects.quick_estimate import CENTRE_M
+from handbench.radar.simulation.physics.facets import Facets, face_vectors, join_facets, volume_m3
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, Surface, facing
+from handbench.radar.simulation.scene_echoes import Echoes, ScatteringSurface, front_facets
 from handbench.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
@@ -68,7 +68,7 @@ def far_wall_db(body: Body, frequency_hz: float) -> float:
     return float(20 * np.log10(entered) - 40 / np.log(10) * abs(wave.imag) * chord_m)
 
 
-def lost(scene: EchoScene) -> str:
+def unsimulated_echo(scene: EchoScene) -> str:
     """The part of the scene's echoes that is not simulated, as a sentence for people; "" if none
     that counts."""
     if scene.target is None or scene.target.material.kind != "plastic":
@@ -88,14 +88,16 @@ def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surface:
+def _transparent(
+    scene: EchoScene, surface: ScatteringSurface, front: np.ndarray
+) -> ScatteringSurface:
     """All of the body's facets, in two layers: facing the array, with `front` [f], and turned
     away."""
     body = surface.body
-    parts = facing(scene, body), turned_away(scene, body)
+    parts = front_facets(scene, body), back_facets(scene, body)
     index = np.sqrt(body.material.real_permittivity)
-    facets = joined(parts)
-    return Surface(
+    facets = join_facets(parts)
+    return ScatteringSurface(
         body,
         facets,
         surface.oblique,
@@ -106,12 +108,12 @@ def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surfa
     )
 
 
-def turned_away(scene: EchoScene, body: Body) -> Facets:
+def back_facets(scene: EchoScene, body: Body) -> Facets:
     """The facets that the array would see from inside the body, their normals turned inwards."""
-    inside_out = scene.kept(
+    inside_out = scene.cached(
         ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
     )
-    return facing(scene, inside_out)
+    return front_facets(scene, inside_out)
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.coarse import CLOSED, QuickEstimate
+from handbench.radar.simulation.effects.quick_estimate import CLOSED, QuickEstimate
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, generator
 from handbench.support.errors import HandbenchError

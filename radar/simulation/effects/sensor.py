@@ -80,10 +80,10 @@ def _channel_factor(
 
 def dead(echoes: Echoes) -> Echoes:
     """The channels of dead antennas are zero."""
-    return echoes.record(silenced(echoes.samples, echoes.scene.causes.dead))
+    return echoes.record(silence_dead_antennas(echoes.samples, echoes.scene.causes.dead))
 
 
-def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:
+def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
     """Samples [..., t, r] with the dead antennas' channels zero."""
     alive = np.ones(samples.shape[-2:], np.float32)
     for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
@@ -192,7 +192,7 @@ def converter(echoes: Echoes) -> Echoes:
     causes = echoes.scene.causes.converter
     scale = echoes.level("converter", lambda: full_scale(echoes.samples, causes))
     return echoes.record(
-        np.stack([quantised(frame, causes, scale) for frame in echoes.samples]), converter=scale
+        np.stack([quantise(frame, causes, scale) for frame in echoes.samples]), converter=scale
     )
 
 
@@ -202,7 +202,7 @@ def full_scale(samples: np.ndarray, converter: Converter) -> float:
     return float(largest * 10 ** (converter.headroom_db / 20))
 
 
-def quantised(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
+def quantise(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
     """Samples rounded to the middles of 2^bits steps over ±scale (mid-rise): complex64."""
     if scale == 0 or converter.bits is None:
         return samples

@@ -14,21 +14,21 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.coarse import (
+from handbench.radar.simulation.effects.quick_estimate import (
     CENTRE_M,
     QuickEstimate,
-    beside_outlines,
     coarse_surface,
-    seen_from_centre,
+    near_outlines,
     visible_from,
+    visible_from_centre,
 )
-from handbench.radar.simulation.physics.diffracted import NODES_M, samples_of, sight_of
-from handbench.radar.simulation.physics.diffraction import kept_edges, outline
+from handbench.radar.simulation.physics.diffraction import cached_edges, outline
 from handbench.radar.simulation.physics.facets import Facets, convex, face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
+from handbench.radar.simulation.physics.sight import NODES_M, samples_of, sight_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, facing, generator, require_facets
+from handbench.radar.simulation.scene_echoes import Echoes, front_facets, generator, require_facets
 
 FACETS_PER_S = 6e4  # coarse ones, each seen from all antennas
 OUTLINES, LOOKED_AT = (
@@ -71,7 +71,9 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
     if echoes.surface is None:
         return echoes
     body, array = echoes.surface.body, echoes.array
-    facets = facing(echoes.scene, body)  # anew: what the centre does not see may be seen by others
+    facets = front_facets(
+        echoes.scene, body
+    )  # anew: what the centre does not see may be seen by others
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     seen = facets_in_sight(rays_of(echoes.scene, body), body, facets, antennas_m)
     tx, rx = np.split(seen, [len(array.tx_m)])
@@ -82,7 +84,7 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
 def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
     """The share of the surface that not all of the array sees, as the aperture's centre sees or
     would see it."""
-    facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
+    facets, visible = coarse_surface(scene, scene.body), visible_from_centre(scene)
     (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
     disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
     cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(
@@ -103,7 +105,7 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
     if echoes.surface is None:
         return echoes
     scene, body = echoes.scene, echoes.surface.body
-    facets = facing(scene, body)
+    facets = front_facets(scene, body)
     sight, some = sight_of(
         scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M
     )
@@ -121,7 +123,7 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
     body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
     facets, edges = (
         every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)),
-        kept_edges(scene, body),
+        cached_edges(scene, body),
     )
     ratio = 0.0
     for leg in scene.array.legs:
@@ -129,7 +131,7 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
         for view_m in views_m:
             middle_m = outline(body, edges, view_m).beside_m
             outline_m = middle_m[:: 1 + len(middle_m) // OUTLINES]
-            near = beside_outlines(
+            near = near_outlines(
                 facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m
             )
             faced_m2 = facets.area_m2 * np.maximum(
@@ -191,7 +193,7 @@ def roughness(echoes: Echoes) -> Echoes:
     if echoes.surface is None:
         return echoes
     waves = waves_of(echoes.scene.causes.roughness, generator(echoes.seed("roughness")))
-    facets = roughened(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
+    facets = displace_facets(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
     return replace(echoes, surface=replace(echoes.surface, facets=facets))
 
 
@@ -209,7 +211,7 @@ def waves_of(
     return vectors[there], amplitude_m[there], random.uniform(0, 2 * np.pi, WAVES + 1)[there]
 
 
-def roughened(
+def displace_facets(
     facets: Facets,
     vectors: np.ndarray,
     amplitude_m: np.ndarray,

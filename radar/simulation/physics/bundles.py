@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.ascent import ascend
-from handbench.radar.imaging.cpu.descent import complex_samples
+from handbench.radar.imaging.cpu.adjoint import to_parent
+from handbench.radar.imaging.cpu.forward import complex_samples
 from handbench.radar.imaging.cpu.steering import steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 from handbench.radar.simulation.physics.bounces import radiate
 from handbench.radar.simulation.physics.line_of_sight import nodes
 from handbench.radar.simulation.physics.polarisation import tube_factors
-from handbench.radar.simulation.physics.ray_tubes import Traced
+from handbench.radar.simulation.physics.ray_tubes import RayTrace
 from handbench.radar.simulation.physics.vectors import minus, norm, vec
 from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each
@@ -64,7 +64,7 @@ class Cells(NamedTuple):
         return cls(index, centre_m, [points_m[one[:: 1 + len(one) // PROBES]] for one in members])
 
 
-class Ends(NamedTuple):
+class LegWeights(NamedTuple):
     """One leg of the paths: distance_m [c, a] of each cell's centre to each antenna, weights
     [nodes, a] by which the nodes stand for all antennas in each cell."""
 
@@ -74,7 +74,7 @@ class Ends(NamedTuple):
     @classmethod
     def of(
         cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float
-    ) -> Ends:
+    ) -> LegWeights:
         """Those of antennas [a, 3] with nodes at the indices `at`."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
         places = zip(cells.points_m, cells.centre_m, strict=True)
@@ -85,7 +85,7 @@ class Ends(NamedTuple):
         return cls(distance_m, weights)
 
 
-class FewTones(NamedTuple):
+class ToneSubset(NamedTuple):
     """Tones that stand for others: their indices [k] and the weights [k, f], none where they are
     all."""
 
@@ -93,7 +93,7 @@ class FewTones(NamedTuple):
     weights: np.ndarray
 
     @classmethod
-    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> FewTones:
+    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> ToneSubset:
         """Those of paths that differ by up to ±reach_m."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
@@ -122,7 +122,7 @@ class Bundles:
 
     def __init__(
         self,
-        traced: Traced,
+        traced: RayTrace,
         layer: np.ndarray,
         at: tuple[np.ndarray, np.ndarray],
         dipole: np.ndarray,
@@ -179,7 +179,7 @@ class Bundles:
             products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = (
-            Ends.of(cells, leg, at, turns_per_m.max(), ridge)
+            LegWeights.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
         )
         first, last = self._places.T
@@ -187,8 +187,8 @@ class Bundles:
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
         before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]
         reach_m = np.abs(before_m).max(axis=1) + np.abs(after_m).max(axis=1) + self._reach_m
-        whole = FewTones.of(turns_per_m, float(reach_m.max()))
-        tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
+        whole = ToneSubset.of(turns_per_m, float(reach_m.max()))
+        tones = {reach: ToneSubset.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
         alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
         some_per_m, unmoved_m = (
@@ -205,17 +205,17 @@ class Bundles:
                     own = tones[self._reach_m[n]]
                     few = self._few(n, turns_per_m, own.chosen, array, products, pattern, ratios)
                     mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
-                    landed += ascend(
+                    landed += to_parent(
                         few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY
                     )
                 weights = rx.weights[last[group[0]]]
-                parts[i] += ascend(
+                parts[i] += to_parent(
                     landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights
                 )
 
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
-        samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
+        samples = to_parent(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
         return -complex_samples(samples)
 
     def _few(

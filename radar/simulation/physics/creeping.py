@@ -84,7 +84,7 @@ class Roundness(NamedTuple):
 
 def roundness_of(scene: EchoScene, body: Body) -> Roundness:
     """Found once per scene, at its middle frequency; skin's is that of thin skin."""
-    return scene.kept(("roundness", id(body)), lambda: _roundness(scene, body))
+    return scene.cached(("roundness", id(body)), lambda: _roundness(scene, body))
 
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:

@@ -77,7 +77,7 @@ class Outline(NamedTuple):
         )
 
 
-class Cells(NamedTuple):
+class PointCells(NamedTuple):
     """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts
     [cells + 1] of cells; centre_m [cells, 3], radius_m [cells]."""
 
@@ -105,9 +105,9 @@ def edges_of(body: Body) -> Edges:
     return Edges(directed[one], faces, unit(outwards), sharp, planes)
 
 
-def kept_edges(scene: EchoScene, body: Body) -> Edges:
+def cached_edges(scene: EchoScene, body: Body) -> Edges:
     """A body's edges, found once per scene."""
-    return scene.kept(("edges", id(body)), lambda: edges_of(body))
+    return scene.cached(("edges", id(body)), lambda: edges_of(body))
 
 
 def outline(
@@ -132,7 +132,7 @@ def outline(
     )
 
 
-def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
+def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
     """The part that the antenna sees, against what `rays` meet."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
@@ -142,7 +142,7 @@ def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
     return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
 
 
-def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
+def cells_of(points_m: np.ndarray, cell_m: float) -> PointCells:
     """Points [n, 3], asked together which edges they need, by cells of that width."""
     place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
@@ -152,12 +152,12 @@ def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
     centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
     off_m = sorted_m - np.repeat(centre_m, np.diff(starts), axis=0)
     radius_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=1), starts[:-1]))
-    return Cells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
+    return PointCells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
 
 
 def edge_waves(
     antenna_m: np.ndarray,
-    cells: Cells,
+    cells: PointCells,
     edges: Outline,
     wavenumbers: np.ndarray,
     farthest: float = FARTHEST,

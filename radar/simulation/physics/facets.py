@@ -60,10 +60,10 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
     normals = vertex_normals(body)[body.faces[chosen]]
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)
     every = np.unique(splits) if len(splits) else [0]
-    return joined([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
+    return join_facets([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
 
 
-def joined(parts: Sequence[Facets]) -> Facets:
+def join_facets(parts: Sequence[Facets]) -> Facets:
     """All facets of the parts, one part after another."""
     return Facets(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 

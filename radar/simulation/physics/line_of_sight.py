@@ -25,7 +25,7 @@ COARSE = 16  # facets of a face above which its corners say too little
 
 def rays_of(scene: EchoScene, body: Body) -> Rays:
     """The body's rays, set up once per scene."""
-    return scene.kept(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
+    return scene.cached(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
@@ -81,7 +81,7 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
     )
 
 
-def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+def evenly_spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends
     included, and how far along the line each antenna is [a]."""
     along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
@@ -92,7 +92,7 @@ def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
     return np.concatenate(
-        [line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
+        [line[evenly_spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
     )
 
 

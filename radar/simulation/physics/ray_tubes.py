@@ -56,7 +56,7 @@ class Mirrors(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Traced:
+class RayTrace:
     """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen
     float32 [faces, r]: 1 where a receiver sees the face; wavenumber: above 0 where waves creep
     around edges."""
@@ -73,12 +73,12 @@ class Traced:
         hits = self.hits._replace(
             transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()]
         )
-        return landed(
+        return tubes_around(
             hits, self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
         )
 
 
-def landed(
+def tubes_around(
     hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
 ) -> Tubes:
     """Tubes around hits [n], without what creeps at a wavenumber above 0."""
@@ -95,12 +95,10 @@ def landed(
     return tubes
 
 
-def mirrored_on(
-    rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray
-) -> Hits:
+def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
     """Those of the hits whose tubes meet the body once more where they are mirrored at their
     end."""
-    tubes = landed(hits, patches, surface, tx_m)
+    tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
     before = unit(points_m[:, -1] - points_m[:, -2])
@@ -132,7 +130,7 @@ def mirrors_of(
 
 def trace(
     rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
-) -> Traced:
+) -> RayTrace:
     """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the
     middles of coarse patches and of faces."""
     surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
@@ -142,17 +140,19 @@ def trace(
         hits = first_hits(rays, mirrors.patches, array.tx_m, n, np.flatnonzero(seen[mirrors.part]))
         found[0].append(hits)
         for b in range(1, bounces):
-            hits = mirrored_on(
+            hits = next_hits(
                 rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m
             )
             found[b].append(hits)
     faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(_joined(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber)
+    return RayTrace(
+        _join_hits(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber
+    )
 
 
-def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
+def _join_hits(found: list[list[Hits]], heard: np.ndarray) -> Hits:
     """All hits of lists by their number of bounces whose last face is heard, with as many columns
     of faces."""
     padded = []
@@ -221,11 +221,11 @@ def _lit(
     ]:
         hits = first_hits(rays, patches, antennas_m, antenna, everything)
         for b in range(1, bounces + 1):
-            root_m2 = landed(hits, patches, surface, antennas_m).root_m2
+            root_m2 = tubes_around(hits, patches, surface, antennas_m).root_m2
             some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
             count[some] = np.maximum(count[some], b)
             if b < bounces:
-                hits = mirrored_on(rays, hits, patches, surface, antennas_m)
+                hits = next_hits(rays, hits, patches, surface, antennas_m)
     heard = level_m2[1:] >= LEAST * level_m2.max()
     return np.minimum(count, bounces if heard.all() else heard.argmin())
 

@@ -11,7 +11,7 @@ import numpy as np
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.physics.facets import Facets
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import facing, require_facets
+from handbench.radar.simulation.scene_echoes import front_facets, require_facets
 from handbench.support.compiled import njit
 
 LONGEST = 0.5  # edge of coarse facets in wavelengths
@@ -64,20 +64,20 @@ def echo_s(scene: EchoScene) -> float:
 
 def coarse_surface(scene: EchoScene, body: Body) -> Facets:
     """The body's facets that face the array, coarse."""
-    return facing(scene, body, LONGEST)
+    return front_facets(scene, body, LONGEST)
 
 
 def visible_surface(scene: EchoScene) -> Facets:
     """The target's coarse facets that the aperture's centre sees; all, if the target lets waves
     through."""
     facets = require_facets(coarse_surface(scene, scene.body))
-    return facets if scene.body.transparent else facets.where(seen_from_centre(scene))
+    return facets if scene.body.transparent else facets.where(visible_from_centre(scene))
 
 
-def seen_from_centre(scene: EchoScene) -> np.ndarray:
+def visible_from_centre(scene: EchoScene) -> np.ndarray:
     """Mask [p] of the target's coarse facets that the aperture's centre sees, by a depth buffer.
     Made once."""
-    return scene.kept("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
+    return scene.cached("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
 
 
 @njit(nogil=True, cache=True)
-def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
+def near_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
     """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the
     points outline_m [n, 3], behind or beside them by less than ZONES, and below them: on a convex
     body nothing is above a facet's plane.

@@ -13,18 +13,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.simulation.physics.creeping import roundness_of
 from handbench.radar.simulation.physics.diffraction import (
     FARTHEST,
+    cached_edges,
     cells_of,
     edge_waves,
-    kept_edges,
     outline,
-    seen_outline,
+    visible_outline,
 )
 from handbench.radar.simulation.physics.facets import Facets, quarters
-from handbench.radar.simulation.physics.line_of_sight import lines, spaced
+from handbench.radar.simulation.physics.line_of_sight import evenly_spaced, lines
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.parallel import for_each
 from handbench.support.rays import Rays
@@ -59,7 +59,7 @@ def sight_of(
     anything."""
     points_m, corner, share, _ = samples
     turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
-    edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
+    edges, roundness = cached_edges(scene, hiding), roundness_of(scene, hiding)
     cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
@@ -73,7 +73,7 @@ def sight_of(
 
         def work(node: tuple[np.ndarray, np.ndarray]) -> None:
             factors, antenna_m = node
-            part = seen_outline(outline(hiding, edges, antenna_m, roundness), rays, antenna_m)
+            part = visible_outline(outline(hiding, edges, antenna_m, roundness), rays, antenna_m)
             visible = rays.in_sight(points_m, antenna_m)
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
@@ -105,7 +105,7 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
-        at, along_m = spaced(antennas_m[line], apart_m)
+        at, along_m = evenly_spaced(antennas_m[line], apart_m)
         weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
         spread[line, len(chosen) : len(chosen) + len(at)] = weights
         chosen += line[at].tolist()

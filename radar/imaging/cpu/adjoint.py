@@ -1,11 +1,11 @@
-"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate
+"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.forward`: conjugate
 phases, transposed weights, in reverse order."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.descent import (
+from handbench.radar.imaging.cpu.forward import (
     BLOCK,
     SECOND_LEVEL,
     apply,
@@ -75,7 +75,7 @@ FULL_SIGHT = Sight(
 )
 
 
-class Source(NamedTuple):
+class PackedScatterers(NamedTuple):
     """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal
     [3, n] or [3, 0]; spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a
     [a, n], seen_b [b, n]: which antennas see each point, or [0, 0] where all do. Masks need a leaf
@@ -103,12 +103,12 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
             leaf = radiate(
                 _part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m
             )
-            samples += ascend(leaf, turns_per_m, *shifts, *weights)
+            samples += to_parent(leaf, turns_per_m, *shifts, *weights)
     return samples
 
 
 @njit(**FAST)
-def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+def to_parent(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
     """The adjoint of `descend`: a child's samples → what they add to its parent's."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
@@ -117,7 +117,7 @@ def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weig
 @njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
     """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b].
-    `source`: a `Source`."""
+    `source`: a `PackedScatterers`."""
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
@@ -253,4 +253,4 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     sight = source.sight
     legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
     part = Sight(sight.corner[:, here], sight.share[:, here], *legs, *sight[6:])
-    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, part)
+    return PackedScatterers(*places, source.spreading, source.pattern, seen_a, seen_b, part)

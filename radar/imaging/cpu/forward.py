@@ -1,10 +1,10 @@
-"""Down the tree: samples → the images of a limb's points.
+"""Down the tree: samples → the images of a cell's points.
 
 Samples are float32 planes [tone, re/im, transmitter, receiver], so that all products are real
 matrix products (faster than complex ones here). Descending multiplies by the parent-to-child phases
 and by the real skeleton weights. In a leaf ΔR is formed in float64 against a reference point near
 the aperture; what is left of it differs little from antenna to antenna, so that its phase can be
-formed in float32. The leaves of a limb are packed: one call images a whole limb.
+formed in float32. The leaves of a cell are packed: one call images a whole cell.
 """
 
 from typing import NamedTuple
@@ -45,7 +45,7 @@ def complex_samples(apart: np.ndarray) -> np.ndarray:
 
 
 def pack(leaves: dict[int, Node], count: int) -> Leaves:
-    """Some of a limb's `count` leaves, by number, for the kernels."""
+    """Some of a cell's `count` leaves, by number, for the kernels."""
     single, double = [], []
     sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
     for number, leaf in leaves.items():
@@ -71,7 +71,7 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            below = descend(samples, turns_per_m, *shifts, *weights)
+            below = to_child(samples, turns_per_m, *shifts, *weights)
             here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
             evaluate(
                 below,
@@ -86,7 +86,7 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
 
 
 @njit(**FAST)
-def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+def to_child(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
     """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it
     is."""
     return apply(
