@@ -11,7 +11,7 @@ from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import methods
 
 C = 299_792_458.0
@@ -46,7 +46,7 @@ def failure(capsys, command) -> str:
 
 
 @pytest.mark.parametrize(
-    "id", [m.id for m in methods() if asked_hz(m.configure({}, "defaults")) is not None]
+    "id", [m.id for m in methods() if requested_tones_hz(m.configure({}, "defaults")) is not None]
 )
 def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
     folder = foreign(tmp_path / "foreign", np.linspace(76e9, 81e9, 26)[::-1])
