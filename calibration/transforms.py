@@ -97,7 +97,7 @@ class Transform:
         content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
         write_json(
             path,
-            content | {key: told for key in ("refined", "note") if (told := getattr(self, key))},
+            content | {key: value for key in ("refined", "note") if (value := getattr(self, key))},
         )
 
 

@@ -86,7 +86,7 @@ def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
     centres_m = surveyed_centres_m(surveyed)
     errors_m = centre_errors_m(model, centres_m)
     print(
-        f"registered_images {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
+        f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
         f"max {1e3 * errors_m.max():.2f} mm"
     )
     ours = np.array([image.projection_center() for image in registered_images(model)])

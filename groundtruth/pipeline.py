@@ -33,7 +33,7 @@ SUMMARY_VERSION = 1
 
 
 @dataclass(frozen=True)
-class GroundTruth:
+class ReconstructedMesh:
     """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud
     it was made of, and how well the photographs fit together."""
 
@@ -93,7 +93,7 @@ def stages(
 
 def reconstruct(
     photos: str | Path, options: Options, workdir: str | Path | None = None
-) -> GroundTruth:
+) -> ReconstructedMesh:
     """Photographs in a folder to a mesh.
 
     workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud),
@@ -111,7 +111,7 @@ def reconstruct(
         error_px = sparse.model.compute_mean_reprojection_error()
         volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
         target = TargetParts(**read_json(made / TARGET, "the target of a mesh stage"))
-        result = GroundTruth(
+        result = ReconstructedMesh(
             surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds
         )
         if workdir is not None:

@@ -112,8 +112,8 @@ class ArrayCalibration(Config):
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
         samples = (capture.samples * tx[:, :, None] * rx[:, None]).astype(np.complex64)
         alive = tx.any(axis=0)[:, None] & rx.any(axis=0)
-        heard = alive if capture.aperture.measured is None else alive & capture.aperture.measured
-        true = replace(self.array, measured=None if heard.all() else heard)
+        measured = alive if capture.aperture.measured is None else alive & capture.aperture.measured
+        true = replace(self.array, measured=None if measured.all() else measured)
         return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:

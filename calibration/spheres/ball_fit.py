@@ -37,7 +37,7 @@ REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
 def fit_balls(
     capture: RadarCapture,
     target: Target,
-    heard: Mapping[int, DetectedBall],
+    balls: Mapping[int, DetectedBall],
     others: Sequence[DetectedBall] = (),
 ) -> dict[int, DetectedBall]:
     """The recognised balls (element → ball) with fitted centres and the covariances that the
@@ -49,9 +49,9 @@ def fit_balls(
     ball runs away from its peak.
     """
     for i, j in combinations(
-        sorted(heard), 2
+        sorted(balls), 2
     ):  # in one place they have one echo: a fit of two to it would be far off
-        apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
+        apart_m = float(np.linalg.norm(balls[i].centre_m - balls[j].centre_m))
         least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
         if not apart_m >= least_m:
             raise HandbenchError(
@@ -62,17 +62,17 @@ def fit_balls(
             )
     try:
         centres_m, inverse, rest = _settle(
-            capture, target, {i: ball.centre_m for i, ball in heard.items()}, others
+            capture, target, {i: ball.centre_m for i, ball in balls.items()}, others
         )
     except LinAlgError as error:
         raise HandbenchError(
-            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from "
+            f"echoes: those of balls {', '.join(str(i + 1) for i in balls)} cannot be told from "
             "one another, or there "
             "are none; expected an echo of each; check what is in view, or record it again"
         ) from error
     fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
     for n, (i, centre_m) in enumerate(centres_m.items()):
-        moved_m = float(np.linalg.norm(centre_m - heard[i].centre_m))
+        moved_m = float(np.linalg.norm(centre_m - balls[i].centre_m))
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
                 f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; "
@@ -89,7 +89,7 @@ def fit_balls(
         noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
-        fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
+        fitted[i] = replace(balls[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
 
 

@@ -132,12 +132,12 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         errors="replace",
     )
     if done.returncode != 0:
-        told = [
+        messages = [
             line.strip()
             for line in done.stderr.splitlines()
             if any(word in line for word in TELLING)
         ]
-        reason = told[-1] if told else f"exit code {done.returncode}"
+        reason = messages[-1] if messages else f"exit code {done.returncode}"
         raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
 
 

@@ -136,11 +136,11 @@ def _window(
     total = np.float32(0)
     for k in range(samples):
         value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
-        alike = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
+        similarity = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
         for _ in range(6):
-            alike *= alike  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+            similarity *= similarity  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
         values[k] = value
-        weights[k] = alike * NEARNESS[k]
+        weights[k] = similarity * NEARNESS[k]
         total += weights[k]
     mean = np.float32(0)
     for k in range(samples):

@@ -97,7 +97,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
     require_size(path, "a triangle mesh", MESH_BYTES)
     try:
-        told, faces = read(path)
+        columns, faces = read(path)
     except ValueError as error:
         raise HandbenchError(
             f"{path}: holds no triangles to read: {error}; copy or export it again"
@@ -105,7 +105,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or "too large for this machine's memory"
         raise HandbenchError(f"{path}: cannot be read ({reason}); check the file") from None
-    vertices_m = np.stack([told.pop(axis) for axis in "xyz"], axis=1)
+    vertices_m = np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
     if len(faces) == 0:
         raise HandbenchError(
             f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
@@ -126,7 +126,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         raise HandbenchError(
             f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh"
         )
-    return vertices_m.astype(np.float64), faces, told
+    return vertices_m.astype(np.float64), faces, columns
 
 
 def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:

@@ -65,7 +65,7 @@ class Surface:
 def read_surface(file: str | Path) -> "Surface":
     """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and
     observed was observed everywhere, with unknown uncertainty."""
-    vertices_m, faces, told = read_triangles(file)
-    sigma_m = np.asarray(told.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
-    observed = np.asarray(told.get("observed", np.ones(len(vertices_m)))) > 0
+    vertices_m, faces, columns = read_triangles(file)
+    sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
+    observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0
     return Surface(vertices_m, faces, sigma_m, observed)

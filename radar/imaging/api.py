@@ -1,10 +1,11 @@
-"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or to a
+"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or within a
 tolerance.
 
-With a tolerance, images come from the tree of skeletons (`radar.imaging.tree`) and, on grids, from
-band-limited upsampling; the relative L2 error stays below it on any samples, white noise included.
-With None every tone and antenna is summed. One plan (`radar.imaging.plan`) serves the processor's
-cores (`radar.imaging.cpu`) and, as array code, other devices (`radar.imaging.gpu`).
+With a tolerance, images are computed by a tree of skeletons (`radar.imaging.tree`) and, on grids,
+by band-limited upsampling; their relative L2 error stays below the tolerance on any samples, white
+noise included. With None, every tone and antenna is summed. One plan (`radar.imaging.plan`) is
+executed by compiled code on the processor (`radar.imaging.cpu`) or by array code on other devices
+(`radar.imaging.gpu`).
 """
 
 import time
@@ -40,7 +41,7 @@ from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
-TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
+TOLERANCES = (1e-6, 0.1)  # below, float32 is too coarse; above, the bounds no longer hold
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
 Made = TypeVar("Made")
@@ -49,8 +50,8 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 @dataclass
 class ImagingLoad:
-    """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these
-    images have, one for each point, tone and channel; tones: most that one of them summed."""
+    """Load of some images. imaging_s: seconds spent on them; terms: complex products of their
+    direct sums, one per point, tone and channel; tones: largest number of tones in one image."""
 
     imaging_s: float = 0.0
     terms: int = 0
@@ -62,8 +63,7 @@ _laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
 
 @contextmanager
 def count_imaging() -> Iterator[ImagingLoad]:
-    """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless
-    somebody asks."""
+    """Count the images that this thread makes in the block. Without it nothing is counted."""
     laps = ImagingLoad()
     token = _laps.set(laps)
     try:
@@ -73,9 +73,8 @@ def count_imaging() -> Iterator[ImagingLoad]:
 
 
 def _scaled(function: Image) -> Image:
-    """Decorator of an imaging function: samples and tones are arrays of what they should be, and
-    samples whose sums float32 could not hold are imaged near 1; the image is scaled back, in
-    complex128 (magnitudes in float64)."""
+    """Decorate an imaging function: check samples and tones, and image samples whose sums exceed
+    float32 scaled to about 1. The image is scaled back in complex128 (magnitudes in float64)."""
 
     @wraps(function)
     def scaled(
@@ -106,8 +105,8 @@ def _scaled(function: Image) -> Image:
 
 
 def _watched(function: Image) -> Image:
-    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One
-    that calls another counts once."""
+    """Decorate an imaging function (samples, frequencies_hz, aperture, points or grid, …): its load
+    is counted, once even if it calls another one."""
 
     function = _scaled(function)
 
@@ -143,11 +142,10 @@ def image_points(
     apart: bool = False,
     planned: bool = False,
 ) -> np.ndarray:
-    """Images at points_m [..., 3]: complex64 [...], or [f, ...] with the tones apart.
+    """Image points_m [..., 3]: complex64 [...], or [f, ...] with one image per tone (apart).
 
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2
-    error, None for exact.
-    planned: True to plan, for a tolerance's sake, even where the exact sum costs less.
+    error, None for exact. planned: True to use a plan even if the exact sum costs less.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -197,11 +195,11 @@ def image_volume(
     apart: bool = False,
     carrier: bool = True,
 ) -> np.ndarray:
-    """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one
-    plane where nz = 1.
+    """Image all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with one image per tone (apart);
+    a plane if nz = 1.
 
-    carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for
-    phases between tones, and faster. Refuses a volume that does not fit the memory limit (see
+    carrier=False leaves out a phase that all tones share: faster, and enough for magnitudes and for
+    phases between tones. Raises HandbenchError for a volume beyond the memory limit (see
     `support.cost`).
     """
     check(tolerance)
@@ -232,7 +230,8 @@ def project_volume(
     grid: VoxelGrid,
     tolerance: float | None,
 ) -> Peaks:
-    """The strongest voxels along z of the volume, which a finite tolerance never holds."""
+    """Find the strongest voxels along z. With a tolerance, the volume is never stored as a
+    whole."""
     check(tolerance)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
@@ -249,7 +248,7 @@ def points_executor(
     family: Family,
     executor: Callable[[TreePlan], Made],
 ) -> Made:
-    """The work of `executor` on a plan for points_m [n, 3] and others nearby."""
+    """Get or create the executor of a plan for points_m [n, 3] and others nearby."""
     box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
     what = (current_device(), executor.__module__, *box)
     build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
@@ -257,8 +256,7 @@ def points_executor(
 
 
 class GridImager:
-    """Images the nodes of a grid's plan, on the chosen device, and has what upsamples them
-    there."""
+    """Images of a grid's coarse nodes on the current device, and their upsampler."""
 
     def __init__(
         self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool
@@ -269,8 +267,8 @@ class GridImager:
         self.upsampler = device.upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
-        """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's
-        depth [1]."""
+        """Image the coarse nodes: (nodes, images [k or 1, nz, ny, nx]). z_m: the grid's depths, or
+        a plane's [1]."""
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
@@ -285,7 +283,7 @@ class GridImager:
 
 
 def check(tolerance: float | None) -> None:
-    """Refuse tolerances that cannot be met."""
+    """Raise HandbenchError for a tolerance that cannot be met."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the "
@@ -309,8 +307,8 @@ def _device() -> _Device:
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Say how long exact sums of so many images, one a point and tone, are going to take where that
-    is long, or refuse them; another device's rate is not known."""
+    """Predict the time of exact sums of `images` (points × tones): report a long one, and refuse
+    one beyond the limit. Only for the processor; other devices' rates are unknown."""
     if current_device() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
@@ -318,7 +316,8 @@ def _require_time(images: int, aperture: Aperture, what: str) -> None:
 def _grid_imager(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
 ) -> GridImager:
-    """The imager of a grid or, where it is one plane, of that and others near it."""
+    """Get or create the imager of a grid; the imager of a plane also serves planes at nearby
+    depths."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
         box = lattice_box(*grid.ends_m)

@@ -1,8 +1,9 @@
-"""Plans: what imaging and simulation of a box or a grid ask for, from the geometry alone.
+"""Plans: everything that imaging and simulation compute from the geometry only, for a box or a
+grid.
 
-A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`)
-carry it out: images of points, their adjoint, and volumes by band-limited upsampling. What has been
-planned is kept per geometry.
+A plan uses no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) apply
+it to samples: images of points, their adjoint, and volumes by band-limited upsampling. Plans are
+cached per geometry.
 """
 
 import hashlib
@@ -39,16 +40,16 @@ LEAVES_PER_CELL_SIDE = (
 )
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
-UPSAMPLING = 0.6  # its share of the tolerance
+UPSAMPLING = 0.6  # share of the tolerance that upsampling may use
 CACHED = 24  # plans; the oldest goes first
-# What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a
-# small one takes. A grid's plan, which images share, may cost PLANNED in any case (some 3 s);
-# beyond that, and of points, a plan costs no more than the exact sum of the image it is for.
+# Cost of planning a node, in terms of the exact sum: GRAMS times its antennas' Gram matrices, and
+# at least SMALL_NODE. A grid's plan, which later images reuse, may always cost PLANNED (some 3 s);
+# a dearer plan, and one for points, must cost less than the exact sum of its image.
 GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
-# times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14
-# to 19)
+# cost of a term of a scan's sum over positions relative to one of a matrix product (measured: 14 to
+# 19)
 SCAN = 16
-MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
+MOST_LEAVES = 1 << 24  # of a plan: an index of more takes gigabytes, and longer than the images
 
 Built = TypeVar("Built")
 
@@ -57,8 +58,8 @@ _lock = Lock()
 
 
 class SortedPoints(NamedTuple):
-    """Points [3, n] by cell and leaf: order [n] of the original ones, starts [leaves + 1] of each
-    leaf's."""
+    """Points [3, n] sorted by cell and leaf; order [n]: their indices before sorting; starts
+    [leaves + 1]: first point of each leaf."""
 
     points_m: np.ndarray
     order: np.ndarray
@@ -66,8 +67,8 @@ class SortedPoints(NamedTuple):
 
 
 class TreePlan:
-    """A box's root, and its division into cells and leaves, for images and echoes of points within
-    it."""
+    """The division of a box into cells and leaves, with the tree's upper nodes, for images and
+    echoes of points in the box."""
 
     def __init__(
         self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family
@@ -89,31 +90,31 @@ class TreePlan:
         self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
     def touched(self, where: SortedPoints) -> list[int]:
-        """The cells that points lie in."""
+        """Numbers of the cells that hold points."""
         begin = where.starts[:: self.leaves_per_cell]
         return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
 
     def cost(self, where: SortedPoints | None = None) -> float:
-        """Cost of planning the cells and leaves that points lie in, or all, in terms (point × tone
-        × channel) of the exact sum."""
+        """Cost of planning the cells and leaves that hold points, or all of them, in terms (point ×
+        tone × channel) of the exact sum."""
         nodes = self.count * (1 + self.leaves_per_cell)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         return nodes * self.node_cost
 
     def cell(self, cell: int) -> Node:
-        """A cell, planned anew: executors keep those that points touch."""
+        """Plan a cell. Executors keep the cells that hold points."""
         place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
         return child_node(self.top_node, box, self.family)
 
     def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Leaves of a cell by number, planned anew."""
+        """Plan some leaves of a cell, by number."""
         boxes = split(cell.box, self.leaves)
         return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
-        """Points [n, 3] within the box, by cell and leaf."""
+        """Sort points [n, 3] of the box by cell and leaf."""
         counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
         place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
@@ -126,13 +127,12 @@ class TreePlan:
 
 
 class GridPlan:
-    """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of
-    any one plane between the grid's first and last z. tree: of the nodes, None where skeletons
-    would cost more than they save (too many antennas, too few nodes).
+    """The coarse nodes of a voxel grid and the resamplers from them to its axes x, y, z; with
+    `planes`, for any single plane between the grid's first and last z. tree: the plan of the nodes'
+    images; None where skeletons cost more than they save (too many antennas, too few nodes).
 
-    Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference)
-    and the middle of the band taken out, an image varies as slowly as the array's angles and
-    bandwidth allow.
+    Only the envelope is interpolated between the nodes: without the carrier exp(jk_c Σ R_reference)
+    and the middle of its band, an image varies as slowly as the array's angles and bandwidth allow.
     """
 
     def __init__(
@@ -179,19 +179,19 @@ class GridPlan:
         self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
-        """The nodes of the grid, or of the plane at z_m [1]."""
+        """The nodes of the grid, or with `planes` those of the plane at z_m [1]."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
-        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz,
-        ny, nx], of numpy or of a device's arrays (`xp`)."""
+        """The carrier at a grid's voxels, which is removed before interpolation and restored after
+        it: complex64 [nz, ny, nx], in numpy or on a device (`xp`)."""
         z, y, x = (
             xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m)
         )
         return self.carrier_of(x, y, z, xp)
 
     def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
-        """`carrier_at` places x, y, z (m) that broadcast against each other."""
+        """The carrier at coordinates x, y, z (m), which broadcast."""
         turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
@@ -201,8 +201,8 @@ class GridPlan:
     def _envelopes(
         self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
     ) -> np.ndarray:
-        """Single channels without the carrier, those of both legs' outermost antennas at the band's
-        ends, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
+        """Envelopes of single channels, for the outermost antennas of both legs at the lowest and
+        highest tone, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
         path_m = sum(
             leg.passes
             * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
@@ -215,8 +215,8 @@ class GridPlan:
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
-        """The nodes in the order of the plan's tree, which no plane's depth changes while the
-        leaves are one layer."""
+        """Sort the nodes by the tree's cells and leaves. The order is cached; it does not depend on
+        a plane's depth while the leaves form one layer."""
         if self.planes and tree.cells[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
@@ -229,8 +229,7 @@ class GridPlan:
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
-    """Those of antennas [n, 3] that lie furthest out along x, y, z, and the one nearest their
-    middle: [7, 3]."""
+    """The outermost of antennas [n, 3] along x, y, z, and the one nearest their middle: [7, 3]."""
     middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
     return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
@@ -242,8 +241,8 @@ def node_cost(aperture: Aperture) -> float:
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:
-    """Terms (point × tone × channel) of exact sums for so many images of a point at a tone, in
-    those of an array."""
+    """Terms (point × tone × channel) of the exact sum of `images` (points × tones), in units of an
+    array's."""
     return (
         float(images)
         * prod(aperture.channels)
@@ -252,8 +251,8 @@ def exact_terms(images: int, aperture: Aperture) -> float:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the
-    middle of each leg's antennas."""
+    """The reference path of the carrier: passes [2] and reference points [2, 3], the middle of each
+    leg's antennas."""
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
@@ -261,8 +260,8 @@ def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
 def bands(
     frequencies_hz: np.ndarray, aperture: Aperture, box: Box
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest spatial frequency [3], [3] (rad/m) that an image has along x, y, z within
-    the box, once exp(jk_c Σ R_reference) is taken out of it."""
+    """Lowest and highest spatial frequency [3], [3] (rad/m) of an image's envelope along x, y, z
+    within the box: without exp(jk_c Σ R_reference)."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
     axes = [
@@ -289,8 +288,8 @@ def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
 
 
 def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of
-    one frame and the next share a plan; what they do not touch is never planned."""
+    """The box from low_m to high_m, enlarged to a lattice of about its size, so that the points of
+    successive frames share a plan. Cells without points are never planned."""
     extent = high_m - low_m
     step = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
     return Box(np.floor(low_m / step) * step, np.ceil(high_m / step) * step)
@@ -298,8 +297,8 @@ def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
 
 @contextmanager
 def fresh_plans() -> Iterator[None]:
-    """Begin without a plan, as a new process does, and drop those made in the block when it
-    ends."""
+    """Start with an empty cache of plans, as a new process does, and restore the old one after the
+    block."""
     global _cache
     before, _cache = _cache, OrderedDict()
     try:
@@ -315,7 +314,7 @@ def get_or_compute(
     family: Family,
     build: Callable[[], Built],
 ) -> Built:
-    """The plan of this geometry with its executor, built once by `build`."""
+    """Get the plan of this geometry with its executor from the cache, or compute it by `build`."""
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
         if isinstance(part, np.ndarray):
@@ -325,9 +324,8 @@ def get_or_compute(
     key = digest.digest()
     with _lock:
         if key not in _cache:
-            with (
-                one_blas_thread()
-            ):  # rounding, and with it the plan, must not depend on the number of threads
+            # rounding, and with it the plan, must not depend on the number of threads
+            with one_blas_thread():
                 _cache[key] = build()
             if len(_cache) > CACHED:
                 _cache.popitem(last=False)

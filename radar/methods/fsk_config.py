@@ -13,7 +13,7 @@ from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.support.config import Config
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
-SETTLING = 5  # corrections of z_e within which it settles, where it settles at all
+SETTLING = 5  # corrections after which z_e has converged, if it converges
 SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
 
 
@@ -30,7 +30,7 @@ Tone = Annotated[float, Field(gt=0)]
 
 
 class PixelsConfig(Config):
-    """The pixels of a depth map: all that another sensor's is asked for."""
+    """The pixels of a depth map: the only parameters of other sensors' maps."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -65,7 +65,7 @@ class FskConfig(PixelsConfig):
 
 
 class AgreementConfig(Config):
-    """Parameters of depths at which tones agree: which are kept, and how they are averaged."""
+    """Parameters of aligned depths: which are kept, and how they are averaged."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -102,8 +102,8 @@ class TwoToneConfig(FskConfig):
 
 
 class RefinedConfig(FskConfig):
-    """Parameters that the methods with further tones share; the paper does not give its filters'
-    sizes."""
+    """Parameters of the methods with further tones; the paper does not give the sizes of its
+    filters."""
 
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter before each further tone, pixels"
@@ -158,7 +158,7 @@ class LadderConfig(RefinedConfig):
 
 
 class JointConfig(AgreementConfig, FskConfig):
-    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's
+    """Any set of tones at once: the first pair finds the plane, all together find each pixel's
     depth."""
 
     off_axis: bool = Field(
@@ -200,8 +200,8 @@ class JointConfig(AgreementConfig, FskConfig):
 
 
 class PriorConfig(AgreementConfig, FskConfig):
-    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong
-    one."""
+    """Two tones far apart around a first depth of each pixel, and a third that reveals wrong first
+    depths."""
 
     threshold_db: float = Field(
         default=-16.0, lt=0, description="pixels weaker than this are off target"
@@ -242,7 +242,7 @@ class PriorConfig(AgreementConfig, FskConfig):
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
-    """ValueError for a ladder that even the strongest pixel cannot climb.
+    """Raise ValueError for a ladder that fails even at the strongest pixel.
 
     σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤
     π/(SIGMAS·σ_φ).
@@ -270,8 +270,8 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
 
 
 def reach_hz(tones_hz: Iterable[float]) -> float:
-    """Distance of the last tone from the first two (of two tones, from the other), hertz: the
-    larger distance, which makes the step from them unambiguous within ±c/(4·reach)."""
+    """Larger distance of the last tone from the first two (with two tones, the other one), hertz;
+    its step is unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
 

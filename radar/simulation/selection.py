@@ -80,7 +80,7 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
         elif (estimate := effect.estimate(scene)) is None:
             found.reasons[effect.id] = "its size is not known without simulating it"
         else:
-            told = (
+            reason = (
                 f"about {estimate.worst_mm:.2g} mm, to a factor of {estimate.factor:g}: "
                 f"{estimate.why}"
             )
@@ -89,10 +89,10 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
                 <= tolerance_mm
             ):
                 spent_mm += SAFETY * estimate.worst_mm
-                found.left_out[effect.id] = told
+                found.left_out[effect.id] = reason
             else:
                 alone = estimate.factor * estimate.worst_mm <= tolerance_mm
-                found.reasons[effect.id] = told + (
+                found.reasons[effect.id] = reason + (
                     "; too much beside what is left out" if alone else ""
                 )
     return found

@@ -1,6 +1,6 @@
-"""Execution on the processor: cells on all cores, leaves by compiled code; volumes by matrix
-products along x, y and z that make every voxel of the coarse nodes, so that a projection along z
-never holds the volume."""
+"""Execution on the processor: cells in parallel on all cores, leaves by compiled code; volumes by
+matrix products along x, y and z that upsample the coarse nodes. A projection along z never stores
+the volume."""
 
 from collections.abc import Callable
 from itertools import product
@@ -31,16 +31,16 @@ ROWS = 16  # pixels along y of one piece of work
 
 
 class CpuExecutor:
-    """Images and echoes of points by a plan, whose cells and leaves stay once points have touched
-    them."""
+    """Images and echoes of points by a plan. Cells and leaves are planned when points first fall
+    into them, and then kept."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
-        at sorted points."""
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
+        tone) or [1, n] (their sum)."""
         plan, order = self.plan, where.order
         with one_blas_thread():
             root = _down(planes(samples), plan.root_node, plan.top_node)
@@ -66,7 +66,7 @@ class CpuExecutor:
         return unsorted
 
     def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
-        """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones
+        """Compute samples complex64 [f, t, r or 1] of scatterers: the adjoint of `image` with tones
         summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
@@ -106,12 +106,12 @@ class CpuExecutor:
 
 
 class ToneSkeleton:
-    """The tones frequencies_hz [k] that the box between low_m and high_m [3] needs, to a relative
-    `tolerance`: as many as carry all f of them there (128 → 11 for 20 mm at 1e-6), for exact images
-    of a few points of it.
+    """The few tones frequencies_hz [k] that represent all f tones within the box from low_m to
+    high_m [3] to a relative `tolerance` (128 → 11 for 20 mm at 1e-6), for exact images of a few
+    points in it.
 
-    This is the root of `radar.imaging.tree` with the phase about the box's centre put back, so that
-    the few tones are samples like any others.
+    This is a node of `radar.imaging.tree` with the phase about the box's centre restored, so that
+    its samples are ordinary samples at fewer tones.
     """
 
     def __init__(
@@ -129,12 +129,13 @@ class ToneSkeleton:
         self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
 
     def compress(self, samples: np.ndarray) -> np.ndarray:
-        """Samples [f, t, r] of all tones → [k, t, r] that image the box alike."""
+        """Convert samples [f, t, r] of all tones to samples [k, t, r] with the same image in the
+        box."""
         return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
 
     def expand(self, samples: np.ndarray) -> np.ndarray:
-        """Echoes [k, t, r] of scatterers in the box at the few tones → [f, t, r] at all tones: the
-        adjoint."""
+        """Convert echoes [k, t, r] of scatterers in the box at the few tones to [f, t, r] at all
+        tones: the adjoint."""
         return complex_samples(_up(self._centred(planes(samples), 1.0), self._all, self._few))
 
     def _centred(self, samples: np.ndarray, sign: float) -> np.ndarray:
@@ -147,7 +148,7 @@ class ToneSkeleton:
 
 
 class CpuUpsampler:
-    """Volumes by a plan, from its nodes and their images [k or 1, nz, ny, nx]."""
+    """Upsampler of a plan's coarse nodes, images [k or 1, nz, ny, nx], to volumes."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan = plan
@@ -169,7 +170,7 @@ class CpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """The peaks of the volume, which is never held."""
+        """Find the volume's peaks without storing the volume."""
         peaks = Peaks.empty(
             self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
         )
@@ -193,8 +194,8 @@ class CpuUpsampler:
         images: np.ndarray,
         keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
     ) -> None:
-        """Envelopes of all voxels from the nodes' images, handed to keep(image, rows, re, im) in
-        pieces [nz, rows, nx]."""
+        """Compute the envelopes of all voxels from the nodes' images, and pass them to keep(image,
+        rows, re, im) in pieces [nz, rows, nx]."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
         at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)

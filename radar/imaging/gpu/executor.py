@@ -1,13 +1,13 @@
-"""Execution on a device as array code: the tree's boxes of a level all at once, and volumes from
-their nodes.
+"""Execution on a device as array code: all boxes of a tree level at once, and volumes from coarse
+nodes.
 
-Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch
-is one product per tone, as in `radar.imaging.cpu.forward`: ΔR in float64 against a reference point,
-what is left of it in float32. Nodes' images pass through the processor's memory: there are thirty
-times fewer of them than voxels.
+Points are cut into pieces within one leaf, and pieces of similar size are padded to batches. A
+batch is one product per tone, as in `radar.imaging.cpu.forward`: ΔR in float64 against a reference
+point, the remainder in float32. The nodes' images pass through the processor's memory: they are
+thirty times fewer than the voxels.
 
-An exact image is one complex product per tone and block. A planar scan is an array there, whose
-second leg is one antenna that the wave meets zero times.
+An exact image is one complex product per tone and block; a planar scan is treated as an array whose
+second leg is one antenna that is passed zero times.
 """
 
 from collections.abc import Iterator
@@ -32,13 +32,13 @@ WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
 PATH_BYTES = 40  # per point and antenna: differences in double
 # per point and antenna of an exact image: distances in double, their turns, phases and products
 POINT_BYTES = 48
-VOXEL_BYTES = 64  # of a piece of a volume: both planes, and what their magnitude or carrier takes
+VOXEL_BYTES = 64  # per voxel of a piece: both planes, and their magnitude or carrier
 
 
 class Batch(NamedTuple):
-    """n pieces of up to p points: sample [n] (its leaf's row among the samples), leaf [n] (its row
-    in the level), points_m [3, n, p], and target [n, p], where each point's image goes; padding
-    goes one column past the last."""
+    """n pieces of up to p points: sample [n] (row of the piece's leaf among the samples), leaf [n]
+    (its row in the level), points_m [3, n, p], target [n, p] (column of each point's image; padding
+    goes to one extra column)."""
 
     sample: Array
     leaf: Array
@@ -48,8 +48,8 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class DevicePoints:
-    """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves,
-    and the batches."""
+    """Points on the device, grouped by leaf: their count, the tree levels that they need, the rows
+    of their leaves, and the batches."""
 
     count: int
     cells: Level
@@ -59,8 +59,8 @@ class DevicePoints:
 
 
 class GpuExecutor:
-    """As `radar.imaging.cpu.executor.CpuExecutor`, on the chosen device, where the cells that points
-    have touched stay."""
+    """The counterpart of `radar.imaging.cpu.executor.CpuExecutor` on the current device, which
+    keeps planned cells in its memory."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
@@ -72,7 +72,7 @@ class GpuExecutor:
         self._lock = Lock()
 
     def place(self, where: SortedPoints) -> DevicePoints:
-        """Sorted points on the device; those of the call before stay there."""
+        """Copy sorted points to the device; those of the last call stay there."""
         last, placed = self._last
         if placed is None or last is not where:
             per_cell = self.plan.leaves_per_cell
@@ -90,8 +90,8 @@ class GpuExecutor:
         return placed
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
-        at sorted points."""
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
+        tone) or [1, n] (their sum)."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
         whole = xp.asarray(
             samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
@@ -106,8 +106,8 @@ class GpuExecutor:
         return to_host(images[:, :-1])
 
     def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
-        """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k,
-        a, b]."""
+        """Image a batch's points: [n, k, p] for every tone, from the leaves' samples [leaves, k, a,
+        b]."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
         waves: list[Array] = []
@@ -126,13 +126,13 @@ class GpuExecutor:
                 cis(xp, turns.astype(np.float32)[..., None] * path_m.astype(np.float32)[:, None])
             )
             common_m = common_m + shared_m
-        heard = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
-        heard *= waves[1]
-        return heard.sum(axis=2) * cis(xp, turns * common_m[:, None])
+        received = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
+        received *= waves[1]
+        return received.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
     def _require(self, cells: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """The levels of cells and leaves with these cells planned, and each cell's row there
-        [cells] (−1: none)."""
+        """Plan these cells if they are not planned yet: the levels of cells and leaves, and each
+        cell's row there [cells] (−1: not planned)."""
         with self._lock:
             new = [int(cell) for cell in cells if int(cell) not in self._planned]
             if new or self._levels is None:
@@ -156,7 +156,7 @@ class GpuExecutor:
 
 
 class GpuUpsampler:
-    """As `radar.imaging.cpu.executor.CpuUpsampler`, on the chosen device."""
+    """The counterpart of `radar.imaging.cpu.executor.CpuUpsampler` on the current device."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan, self._xp = plan, array_module()
@@ -182,7 +182,7 @@ class GpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """The peaks of the volume, which is never held."""
+        """Find the volume's peaks without storing the volume."""
         xp, peaks = (
             self._xp,
             Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)),
@@ -214,12 +214,12 @@ class GpuUpsampler:
             yield rows, voxels.reshape(2, voxels.shape[1], *block.shape[2:])
 
     def _windows(self, resampler: Resampler) -> list[tuple[slice, Array]]:
-        """(node slice, weights [fine, nodes]) of every window, on the device."""
+        """Copy every window to the device: (node slice, weights [fine, nodes])."""
         return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
 
     def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
-        """Node values [..., n, m] → fine values [..., fine, m]; without windows the nodes are the
-        fine samples."""
+        """Interpolate node values [..., n, m] to fine values [..., fine, m]; without windows, nodes
+        and fine samples are the same."""
         if not windows:
             return nodes
         return self._xp.concatenate(
@@ -230,7 +230,7 @@ class GpuUpsampler:
 def _batches(
     where: SortedPoints, touched: np.ndarray, rows: np.ndarray, point_bytes: int
 ) -> Iterator[Batch]:
-    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even
+    """Cut the points of leaves (`touched`; rows in the level: `rows`) into batches, in numpy: even
     pieces, the largest first, so that little is padded. Padding repeats a piece's last point."""
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
@@ -255,7 +255,8 @@ def exact_images(
     points_m: np.ndarray,
     apart: bool,
 ) -> np.ndarray:
-    """As `radar.imaging.cpu.exact.exact_images`: complex64 [f or 1, n] at points_m [n, 3]."""
+    """Image points_m [n, 3] by the exact sum, as `radar.imaging.cpu.exact.exact_images` does:
+    complex64 [f or 1, n]."""
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
     matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first
@@ -272,10 +273,10 @@ def exact_images(
         paths_a, paths_b = array_legs(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
-            heard = xp.matmul(
+            received = xp.matmul(
                 matrices[f], cis(xp, turns * paths_a)
             )  # a scan's sum over positions is a product
-            heard *= cis(xp, turns * paths_b)
-            part[f if apart else 0] += heard.sum(axis=0)
+            received *= cis(xp, turns * paths_b)
+            part[f if apart else 0] += received.sum(axis=0)
         images[:, here] = to_host(part)
     return images

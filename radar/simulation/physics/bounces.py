@@ -131,19 +131,19 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             normal = _interpolated(end, surface.corners_m[face], surface.normals[face], flat, 0.0)
             if dot(ray, normal) >= 0:
                 normal, _ = direction(flat)
-            alike = 0.0
+            agreement = 0.0
             for i in range(3):
                 before, way = vec(corners[i]), vec(rays[i])
                 falling = dot(way, normal)
                 missed |= falling >= 0
                 step = dot(minus(end, before), normal) / falling if falling < 0 else 0.0
                 edge, off = minus(ahead(before, step, way), end), minus(before, point)
-                alike += dot(ahead(off, -dot(off, ray), ray), edge)
+                agreement += dot(ahead(off, -dot(off, ray), ray), edge)
                 late[i] += step - reach
                 corners[i, 0], corners[i, 1], corners[i, 2] = ahead(end, 1.0, edge)
                 tubes.edge_m[n, i, 0], tubes.edge_m[n, i, 1], tubes.edge_m[n, i, 2] = edge
             was_m2, twice_m2 = twice_m2, _twice_m2(tubes.edge_m[n], normal)
-            crossed += 1 if (twice_m2 > 0) == (was_m2 > 0) else (2 if alike < 0 else 0)
+            crossed += 1 if (twice_m2 > 0) == (was_m2 > 0) else (2 if agreement < 0 else 0)
             tubes.length_m[n] += reach
             point = end
             for axis in range(3):

@@ -190,14 +190,14 @@ class Bundles:
         whole = ToneSubset.of(turns_per_m, float(reach_m.max()))
         tones = {reach: ToneSubset.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
-        alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
+        groups = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
         some_per_m, unmoved_m = (
             turns_per_m[whole.chosen],
             [np.zeros(len(at)) for at in (array.tx_m, self._at[1])],
         )
 
         def work(i: int) -> None:
-            for group in alike[i::SUMS]:  # that land in one cell share the step to all receivers
+            for group in groups[i::SUMS]:  # that land in one cell share the step to all receivers
                 landed = np.zeros(
                     (len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32
                 )

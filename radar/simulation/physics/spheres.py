@@ -114,12 +114,12 @@ def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.n
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-9)
-    sent, heard = (field - (ray @ field)[:, None] * ray for ray in (to, back))
-    sent, heard = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, heard))
-    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", heard, normal)
+    sent, received = (field - (ray @ field)[:, None] * ray for ray in (to, back))
+    sent, received = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, received))
+    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", received, normal)
     in_plane_sent = np.einsum("tk,trk->tr", sent, np.cross(normal, to[:, None]))
-    in_plane_heard = np.einsum("rk,trk->tr", heard, np.cross(normal, -back[None]))
-    along = -in_plane_sent * in_plane_heard
+    in_plane_received = np.einsum("rk,trk->tr", received, np.cross(normal, -back[None]))
+    along = -in_plane_sent * in_plane_received
     monostatic = length[..., 0] <= 1e-9  # any plane will do: the two amplitudes are one
     return np.stack([np.where(monostatic, 1.0, across), np.where(monostatic, 0.0, along)])
 
