@@ -155,9 +155,8 @@ def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any])
         if name in attributes and not isinstance(
             attributes[name], str if kind is str else float | int | np.number
         ):
-            raise HandbenchError(
-                f"{name} is {attributes[name]!r:.80}; expected one {'text' if kind is str else 'number'}"
-            )
+            expected = "one text" if kind is str else "one number"
+            raise HandbenchError(f"{name} is {attributes[name]!r:.80}; expected {expected}")
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:

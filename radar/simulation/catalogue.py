@@ -1,4 +1,4 @@
-"""The effects of simulated echoes: the cause of each in a scene, and the function that applies it;
+"""The effects of simulated echoes, each with its cause in a scene and the function that applies it,
 in the order of known_effects.toml, in which they are applied."""
 
 from collections.abc import Callable
@@ -21,10 +21,10 @@ OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect. id: its name in scene files and in known_effects.toml; needs: its cause, as a
-    phrase for people; cause: whether a scene has that; apply: the echoes with the effect; cost_s:
-    seconds that it takes on one core (what takes none is always on); estimate: its size, without a
-    ray or a random number (None: not known so quickly)."""
+    """One effect. id: name in scene files and in known_effects.toml; needs: description of its
+    cause; cause: whether a scene has the cause; apply: adds the effect to the echoes; cost_s:
+    estimated CPU seconds (effects that cost nothing are always on); estimate: quick estimate of its
+    size (None: unknown)."""
 
     id: str
     needs: str
@@ -160,5 +160,5 @@ EFFECTS: tuple[Effect, ...] = (
         sensor.dead,
     ),
 )
-# The one is done by the other, where that is on.
+# An effect is included in the other one, if that is on.
 CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}

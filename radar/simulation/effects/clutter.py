@@ -29,14 +29,14 @@ SAMPLES_M = 8e-3  # between the points of the room for which it is
 
 
 def target_power(scene: EchoScene) -> float:
-    """`single_bounce` of the target, as if it were of metal."""
+    """`single_bounce` of the target as a metal body."""
     return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
 
 
 def clutter(echoes: Echoes) -> Echoes:
-    """Echoes of the bodies around the target, which stay when it moves or is taken away: by
-    physical optics, in its shadow as the aperture's centre casts it, or diffracted as each antenna
-    does; waves that go by way of both target and room are left out."""
+    """Add the echoes of the bodies around the target, which do not move with it: by physical
+    optics, with the target's shadow from the aperture's centre, or diffracted for each antenna.
+    Waves over both target and room are left out."""
     scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
     rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.opaque else [])])
     added = np.zeros(echoes.samples.shape[1:], np.complex64)
@@ -50,7 +50,7 @@ def clutter(echoes: Echoes) -> Echoes:
 
 
 def clutter_cost_s(scene: EchoScene) -> float:
-    """Seconds that it takes."""
+    """Estimated CPU seconds."""
     area_m2 = (
         sum(np.linalg.norm(face_vectors(b.vertices_m, b.faces), axis=1).sum() for b in scene.room)
         / 2
@@ -59,8 +59,8 @@ def clutter_cost_s(scene: EchoScene) -> float:
 
 
 def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
-    """As if the nearest body of the room were a mirror before all of the array: 1/(2z) of what it
-    returns."""
+    """Estimate the room's echo as that of a large mirror at the distance z of its nearest body:
+    1/(2z)."""
     if not scene.opaque:
         return None
     target = np.abs(echo_reflection(scene.body.material, scene.frequencies_hz)).min() * np.sqrt(
@@ -77,8 +77,8 @@ def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
-    """A body's facets as the aperture's centre sees them behind the target; where that diffracts,
-    coarser ones as each antenna does."""
+    """A body's facets that the target does not hide from the aperture's centre; with diffraction,
+    coarser facets with the sight of each antenna."""
     scene, surface = echoes.scene, echoes.surface
     if surface is None or surface.sight is None:
         facets = front_facets(scene, body)
@@ -90,7 +90,7 @@ def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
 
 
 def _rays(bodies: list[Body]) -> Rays:
-    """All bodies as one."""
+    """A ray caster of all bodies."""
     counts = np.cumsum([0, *(len(body.vertices_m) for body in bodies[:-1])])
     vertices_m = np.concatenate([body.vertices_m for body in bodies])
     return Rays(

@@ -28,9 +28,9 @@ SECONDS_PER_FACE, SECONDS_PER_TUBE = 3e-6, 2e-6
 
 
 def multipath(echoes: Echoes) -> Echoes:
-    """Two to four bounces on the target's own surface: the mean of all but the last as mirrors and
-    the last by physical optics, and of the same from the receivers, so that transmitters and
-    receivers can be exchanged.
+    """Add echoes with two to four bounces on the target's surface. All bounces but the last are
+    mirrors, the last one is physical optics; the result is averaged with the same from the
+    receivers' side, which makes it reciprocal.
 
     Left out: more bounces, edges."""
     surface, scene = echoes.surface, echoes.scene
@@ -41,7 +41,7 @@ def multipath(echoes: Echoes) -> Echoes:
         rays_of(scene, surface.body),
         np.zeros(len(surface.body.faces), int),
     )
-    if surface.layer is not None:  # 0 where no facet of a face is in sight
+    if surface.layer is not None:  # 0 for a face without visible facets
         layer[surface.facets.face] = surface.layer
     longest_m = PATCH * scene.wavelength_m * scene.mirrors_coarser
     antennas_m = np.concatenate([leg.position_m for leg in echoes.array.legs])
@@ -79,15 +79,15 @@ def multipath(echoes: Echoes) -> Echoes:
 
 
 def multipath_cost_s(scene: EchoScene) -> float:
-    """Seconds that it takes."""
+    """Estimated CPU seconds."""
     antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
     tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
     return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
 
 def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
-    """Nothing on a convex surface. On others waves also bounce between edges and weak pixels, whose
-    share no quick estimate knows."""
+    """Estimate no change for a convex surface, and None (unknown) for others, where waves also
+    bounce between edges and weak pixels."""
     surface = coarse_surface(scene, scene.body)
     if scene.cached("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
         return None
@@ -95,10 +95,10 @@ def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _exchanged(array: AntennaArray) -> AntennaArray:
-    """Transmitters as receivers and the other way round."""
+    """The array with transmitters and receivers exchanged."""
     return AntennaArray(array.rx_m, array.tx_m)
 
 
 def _mirroring(scene: EchoScene) -> int:
-    """Count of the target's coarse facets that mirror onto others. Made once."""
+    """Count the target's coarse facets that reflect onto others; cached."""
     return scene.cached("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))

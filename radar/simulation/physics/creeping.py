@@ -1,4 +1,4 @@
-"""Waves that creep around the round edges of a body, beside those of a knife edge.
+"""Creeping waves around the round edges of a body, in addition to the diffraction of a knife edge.
 
 Behind an edge with a radius of curvature a along the ray, the field over that without the body is a
 knife edge's and
@@ -83,7 +83,8 @@ class Roundness(NamedTuple):
 
 
 def roundness_of(scene: EchoScene, body: Body) -> Roundness:
-    """Found once per scene, at its middle frequency; skin's is that of thin skin."""
+    """The body's roundness at the scene's middle frequency, cached per scene; a body of skin has
+    thin skin."""
     return scene.cached(("roundness", id(body)), lambda: _roundness(scene, body))
 
 

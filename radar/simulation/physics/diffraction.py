@@ -1,5 +1,5 @@
-"""Diffraction at the outlines of a body: how much of an antenna's field reaches a point behind or
-beside it.
+"""Diffraction at the outlines of a body: the share of an antenna's field at points behind or next
+to it.
 
 Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
 screen's outline (Maggi, Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small
@@ -12,9 +12,9 @@ where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses t
 of ∫dφ by 2π: D is smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow:
 Fresnel's knife edge.
 
-An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees
-right beside it: of two screens, one behind the other, only the outline of both together hides what
-is behind both.
+An edge contributes if the antenna sees it, and only to points no farther than the surface that the
+antenna sees right next to it: of two screens, one behind the other, only the common outline hides
+points behind both.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from handbench.support.rays import Rays
 
 FARTHEST = 20.0  # kδ beyond which an edge is left out
 WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles
-BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
-THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
+BESIDE_M = 2e-4  # distance from an edge to the ray that finds the surface behind it
+THICK_M = 2e-3  # points up to this far behind the surface next to an edge count as that surface
 T0, T1, T2, T3, T4 = map(
     np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
 )  # arctan(x)/2πx in x²
@@ -66,7 +66,8 @@ class Outline(NamedTuple):
     creeping: np.ndarray
 
     def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
-        """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
+        """Some of the edges, by mask [n]; within_m: limits [n] of the distance to which edges
+        contribute."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
         return Outline(
             self.start_m[chosen],
@@ -89,7 +90,7 @@ class PointCells(NamedTuple):
 
 
 def edges_of(body: Body) -> Edges:
-    """The edges of a body whose mesh is closed."""
+    """Find the inner edges of a body with a closed mesh."""
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
     low, high = np.sort(directed[order], axis=1).T
@@ -106,15 +107,15 @@ def edges_of(body: Body) -> Edges:
 
 
 def cached_edges(scene: EchoScene, body: Body) -> Edges:
-    """A body's edges, found once per scene."""
+    """A body's edges, cached per scene."""
     return scene.cached(("edges", id(body)), lambda: edges_of(body))
 
 
 def outline(
     body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None
 ) -> Outline:
-    """The whole outline of a body towards an antenna, with what the body itself hides of it; a
-    knife's edge unless its roundness is given."""
+    """The whole outline of a body towards an antenna, hidden parts included; knife edges unless the
+    body's roundness is given."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -133,7 +134,7 @@ def outline(
 
 
 def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """The part that the antenna sees, against what `rays` meet."""
+    """The part of an outline that the antenna sees among the obstacles of `rays`."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
     hit, _ = rays.first_hits(
@@ -143,7 +144,7 @@ def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outlin
 
 
 def cells_of(points_m: np.ndarray, cell_m: float) -> PointCells:
-    """Points [n, 3], asked together which edges they need, by cells of that width."""
+    """Group points [n, 3] into cells of that width, whose points share a list of edges."""
     place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
@@ -163,10 +164,10 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """(1/2π) Σ ∫ e^{−jkδ} dφ, and what creeps around round edges, at the points for each wavenumber
-    [k]: complex64 [k, n], in the points' own order. Waves fade from half of kδ = farthest on, and
-    from half of the tangent `widest` of the angle by which they bend. Their amplitudes are those of
-    the middle wavenumber."""
+    """Compute (1/2π) Σ ∫ e^{−jkδ} dφ plus creeping waves at the points for each wavenumber [k]:
+    complex64 [k, n], in the original order of the points. Waves fade from half of kδ = farthest on,
+    and from half of the tangent `widest` of the angle by which they bend. Their amplitudes are
+    those of the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m, middle = (

@@ -17,19 +17,19 @@ from handbench.support.rays import OWN_SURFACE_M, Rays
 
 # cosine between a face and its corner's normal below which the corner lies on an edge of the body
 CREASE = 0.85
-# of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a
-# hand
+# least amplitude of tubes with b bounces relative to the strongest b; others make up 0.5 % of a
+# hand's echoes
 LEAST = 0.05
-COARSE = 2  # times as long are the patches that are tried first,
-TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
-BESIDE_M = 0.01  # width of the cells of which each has one
-STRIDE_M = 0.08  # between the antennas whose sight is asked first
+COARSE = 2  # patches that are tried first are longer by this factor,
+TRIAL_M = 0.2  # with antennas this far apart, including the ends of all lines
+BESIDE_M = 0.01  # trial antennas closer than this are merged
+STRIDE_M = 0.08  # distance of the antennas whose line of sight is tested first
 
 
 class Hits(NamedTuple):
-    """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the
-    mirror) [n], faces [n, b] that it meets one after another (−1 once it meets none), end_m [n, 3]
-    at the last and length_m [n] from the patch to there."""
+    """n rays from transmitters that a patch reflects back onto the body: transmitter and patch [n];
+    faces [n, b] met one after another (−1: none); end_m [n, 3] on the last face; length_m [n] from
+    the patch to there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -38,7 +38,7 @@ class Hits(NamedTuple):
     length_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Hits:
-        """Some of them, by mask or index."""
+        """Some of the hits, by mask or index."""
         return Hits(*(column[chosen] for column in self))
 
 
@@ -81,7 +81,7 @@ class RayTrace:
 def tubes_around(
     hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
 ) -> Tubes:
-    """Tubes around hits [n], without what creeps at a wavenumber above 0."""
+    """Construct tubes around hits [n], without creeping waves if the wavenumber is above 0."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = (
@@ -96,8 +96,8 @@ def tubes_around(
 
 
 def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Those of the hits whose tubes meet the body once more where they are mirrored at their
-    end."""
+    """The hits of the next bounce: of those tubes that meet the body again after reflection at
+    their end."""
     tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
@@ -152,12 +152,12 @@ def trace(
     )
 
 
-def _join_hits(found: list[list[Hits]], heard: np.ndarray) -> Hits:
-    """All hits of lists by their number of bounces whose last face is heard, with as many columns
-    of faces."""
+def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
+    """Join lists of hits by number of bounces, if a receiver sees their last face (visible
+    [faces]), with equal numbers of columns of faces."""
     padded = []
     for b, some in enumerate(found):
-        for hits in (hits.where(heard[hits.faces[:, -1]]) for hits in some):
+        for hits in (hits.where(visible[hits.faces[:, -1]]) for hits in some):
             faces = np.full((len(hits.patch), len(found)), -1, np.int32)
             faces[:, : b + 1] = hits.faces
             padded.append(hits._replace(faces=faces))
@@ -226,8 +226,8 @@ def _lit(
             count[some] = np.maximum(count[some], b)
             if b < bounces:
                 hits = next_hits(rays, hits, patches, surface, antennas_m)
-    heard = level_m2[1:] >= LEAST * level_m2.max()
-    return np.minimum(count, bounces if heard.all() else heard.argmin())
+    strong = level_m2[1:] >= LEAST * level_m2.max()
+    return np.minimum(count, bounces if strong.all() else strong.argmin())
 
 
 def first_hits(

@@ -65,8 +65,8 @@ def sphere_echo(
     """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic
     angle.
 
-    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike;
-    None: not known, the mean over its directions in the array's plane. Scale and phase are those of
+    delay_m: extra one-way path (foam). polarisation [3]: the electric field of all antennas; None:
+    unknown, the mean over its directions in the array's plane. Scale and phase are those of
     `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
     """
     directions = (
@@ -108,8 +108,8 @@ def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
-    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part
-    along the ray, have across the plane of scattering and in it."""
+    """Products [2, t, r] of the transmitter's and the receiver's field components across the plane
+    of scattering and in it; each field is `field` without its part along the ray."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
