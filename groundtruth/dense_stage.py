@@ -20,12 +20,12 @@ from handbench.support.files import write_json
 from handbench.support.progress import say
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
-COARSER = 4  # pixels of the depth maps that tell where the target is
+COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
-    """Fuse the depth maps of the photographs that the sparse stage, in the folder `sparse`, has
-    registered."""
+    """Run the dense stage: compute and fuse the depth maps of the photographs registered by the
+    sparse stage (folder `sparse`)."""
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
@@ -49,7 +49,7 @@ def dense_cloud(
     options: DenseOptions,
     box_m: np.ndarray | None = None,
 ) -> Cloud:
-    """The fused cloud of registered photographs in a box [2, 3], cleaned."""
+    """Compute the fused and cleaned cloud of registered photographs in a box [2, 3]."""
     return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
@@ -60,7 +60,7 @@ def _fused(
     box_m: np.ndarray | None,
     effort: Effort,
 ) -> Cloud:
-    """The points on which the photographs' depth maps agree."""
+    """Compute depth maps and fuse them to the points on which they agree."""
     masks = Masks(
         {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
     )

@@ -1,5 +1,4 @@
-"""The last stage of a reconstruction: the fused cloud → a surface that says how well it is
-known."""
+"""The last stage of a reconstruction: fused cloud → surface with uncertainty."""
 
 from dataclasses import replace
 from itertools import product
@@ -32,8 +31,9 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and
-    the first photograph, cut to the box → VIEW; sparse, dense: these stages' folders."""
+    """Run the mesh stage: write the cloud's surface in the photo frame (MESH), the selected parts
+    (TARGET), and the first photograph cut to the box (VIEW). sparse, dense: folders of these
+    stages."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
     plane = (
@@ -54,8 +54,8 @@ def measured_surface(
     plane: Plane | None,
     box_m: np.ndarray | None,
 ) -> tuple[Surface, TargetParts]:
-    """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what
-    that is."""
+    """Reconstruct the surface of a cloud's wanted parts with the standard deviation of each vertex:
+    (surface, parts)."""
     count = len(cloud.points_m)
     cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
@@ -72,7 +72,7 @@ def measured_surface(
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
-    """The camera's photograph, cut to the box [2, 3] in the photo frame."""
+    """Write the camera's photograph, cut to the box [2, 3] in the photo frame."""
     from PIL import Image
 
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)

@@ -34,9 +34,9 @@ Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], tra
 
 
 def read_metashape(path: str | Path) -> tuple[Camera, ...]:
-    """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras
-    that were not aligned have no pose, and none has one in a project without a scale. A
-    HandbenchError for lenses that COLMAP does not have.
+    """Read the file's cameras, named by their labels (which may lack the photographs' suffix).
+    Cameras that were not aligned have no pose, nor has any camera in a project without a scale.
+    Raises HandbenchError for lens models that COLMAP does not have.
     """
     root = _parse(path)
     chunks = root.findall("chunk")
@@ -63,7 +63,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
-    """The file's root. Document types are refused: entities are what attacks by XML are made of."""
+    """Parse the file. Document types are refused, since XML attacks use entities."""
     try:
         text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
@@ -132,7 +132,7 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
 
 
 def _similarity(element: ElementTree.Element) -> Similarity | None:
-    """From the chunk's frame to the world; None without a scale."""
+    """The similarity from the chunk's frame to the world; None without a scale."""
     if element.find("transform/scale") is None:
         return None
     scale = float(_numbers(element, "transform/scale", 1)[0])
@@ -149,7 +149,7 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
 
 
 def _id(element: ElementTree.Element | None, name: str) -> str:
-    """An attribute that must be there."""
+    """A required attribute. Raises ValueError if it is missing."""
     value = None if element is None else element.get(name)
     if value is None:
         raise ValueError(f"the attribute {name} is missing")

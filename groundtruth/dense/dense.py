@@ -1,7 +1,7 @@
 """Dense stage: a depth map for every view, on the CPU.
 
 Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a
-façade and an unscaled scene are treated alike.
+façade and an unscaled scene use the same thresholds.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from handbench.support.progress import say, track
 
 
 class Limits(NamedTuple):
-    """The highest cost, 1 − NCC, and lowest cosine of incidence of pixels that are kept."""
+    """Limits of kept pixels: highest cost, 1 − NCC, and lowest cosine of incidence."""
 
     cost: float
     cosine: float
@@ -57,9 +57,9 @@ def open_views(
     masks: Masks,
     target_m: np.ndarray | None,
 ) -> tuple[list[View], list[list[int]]]:
-    """The registered photographs as views of the region of interest, box_m [2, 3], and each one's
-    sources (see `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one
-    is known to hold the target and little else."""
+    """Open the registered photographs as views of the region of interest, box_m [2, 3], and choose
+    each view's sources (see `choose_sources`). target_m [2, 3]: a tight box around the target for
+    the segmentation by colour, if known."""
     by_name = {photo.name: photo for photo in photos}
     images = registered_images(model)
     points = list(model.points3D.values())
@@ -93,8 +93,8 @@ def open_views(
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
 ) -> list[ViewDepth]:
-    """Depth of every view from its sources; thorough: sweep in several directions, and keep
-    surfaces that are seen at low angles."""
+    """Compute the depth of every view from its sources; thorough: sweep in several directions, and
+    keep surfaces at low angles."""
     coarse = [view.halved() for view in views]
     counts = [
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
@@ -122,8 +122,8 @@ def depth_maps(
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """For each view, the others that share most sparse points under a useful angle (Yao et al.,
-    ECCV 2018). tracks [n, views]: which view saw which of the sparse points_m [n, 3]."""
+    """Choose each view's sources: the views that share most sparse points at a useful angle (Yao et
+    al., ECCV 2018). tracks [n, views]: which views see each of the sparse points_m [n, 3]."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []
@@ -147,9 +147,9 @@ def refine_planes(
     seed: int = 0,
     limits: Limits = USUAL,
 ) -> ViewDepth:
-    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by
-    PatchMatch, a polish with curved windows, and the filters. No iterations: polish and filters
-    alone."""
+    """Refine a guess of the planes [h, w, 3] (changed in place; NaN: none) to a depth map:
+    PatchMatch, a refinement with curved windows, and filters. Without iterations, only the last
+    two."""
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
@@ -177,8 +177,8 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beside_jump(planes: np.ndarray) -> np.ndarray:
-    """Pixels [h, w] whose neighbour does not continue their plane: a window there has seen two
-    surfaces, and depth is fattened."""
+    """Mask [h, w] of the pixels whose neighbour does not continue their plane: a window there
+    covers two surfaces, and depth is biased."""
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):

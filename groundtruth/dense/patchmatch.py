@@ -136,9 +136,11 @@ def _window(
     total = np.float32(0)
     for k in range(samples):
         value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
-        similarity = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
+        scaled = abs(value) * np.float32(1 / (64 * SIGMA_GRAY))
+        similarity = max(np.float32(1) - scaled, np.float32(0))
         for _ in range(6):
-            similarity *= similarity  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+            # exp(−|value| / SIGMA_GRAY) ≈ (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+            similarity *= similarity
         values[k] = value
         weights[k] = similarity * NEARNESS[k]
         total += weights[k]
@@ -218,7 +220,7 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         i, j = (
             np.uint32(np.int32(sv)),
             np.uint32(np.int32(su)),
-        )  # which no index from the end needs to be told from
+        )  # unsigned: no check for negative indices
         fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
         top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
         bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])

@@ -1,9 +1,8 @@
-"""Undistorted, cropped and shrunk photographs: what the dense stage works on.
+"""Views of the dense stage: undistorted, cropped and shrunk photographs.
 
-Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω
-= 1/z, because a plane in space is exactly an affine function of the pixel in ω, and because a
-source view sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman,
-section 13.1).
+Depth is measured along the camera's z axis. The sweep and PatchMatch use inverse depth ω = 1/z,
+because a plane in space is exactly an affine function of the pixel in ω, and because a source view
+sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""PLY files, read with numpy alone: what a header promises is compared with the file before
-anything is believed."""
+"""Reader of PLY files, with numpy only: the header is checked against the file before anything is
+read."""
 
 import struct
 import warnings
@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-MOST = (
-    50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
-)
+# largest number of vertices, and of faces: ten times the finest scans, and a few GB of memory
+MOST = 50_000_000
 MOST_CORNERS = 1000  # of a polygon
 LONGEST_HEADER = 65_536  # bytes
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -33,8 +32,8 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 
 class PlyProperty(NamedTuple):
-    """A column: the type of its values and, if each row has a list of them, that of the list's
-    length. Types are a byte order and a letter that `struct` and numpy read alike."""
+    """A column: the type of its values and, if each row has a list of them, the type of the list's
+    length. Types are a byte order and a letter, valid for `struct` and numpy."""
 
     name: str
     type: str
@@ -50,7 +49,7 @@ class PlyElement:
     properties: list[PlyProperty]
 
     def dtype(self, lengths: dict[str, int]) -> np.dtype:
-        """One row, its lists as long as `lengths` says."""
+        """Type of one row with lists of these lengths."""
         fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
         for p in self.properties:
             fields += [] if p.length is None else [(f"length of {p.name}", p.length)]
@@ -63,9 +62,9 @@ class PlyElement:
 
 
 def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """The numbers [n] that each vertex of a PLY file carries, by name (x, y, z among them), and its
-    faces' vertices [m, 3], polygons cut into fans; ASCII or binary. Raises ValueError unless the
-    file holds exactly what its header promises. What the numbers are is the caller's to check."""
+    """Read a PLY file, ASCII or binary: the columns [n] of its vertices by name (x, y, z among
+    them), and the vertices [m, 3] of its faces, polygons cut into fans. Raises ValueError unless
+    the content fits the header exactly. The caller checks the values."""
     content = path.read_bytes()
     order, elements, start = _header(content)
     body = _numbers(content[start:]).tobytes() if order == ORDERS["ascii"] else content[start:]
@@ -84,8 +83,8 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 
 def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
-    """The byte order, the elements (all numbers of an ASCII file are read as doubles), and where
-    their rows begin."""
+    """Parse the header: byte order, elements (numbers of an ASCII file become doubles), and offset
+    of their rows."""
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
     start = content.find(b"\n", len(head) + 1) + 1
     lines = head.decode("latin-1").split("\n")
@@ -141,7 +140,7 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
 
 
 def _numbers(text: bytes) -> np.ndarray:
-    """All numbers of a text, float64."""
+    """Parse all numbers of a text, float64."""
     with warnings.catch_warnings(
         action="error", category=DeprecationWarning
     ):  # older numpy only warns of words
@@ -152,8 +151,8 @@ def _numbers(text: bytes) -> np.ndarray:
 
 
 def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
-    """The columns of an element whose rows begin at `offset`, and where they end. Lists of one
-    length are an array [rows, length], others a list of tuples."""
+    """Read an element's columns from `offset`: (columns, end offset). Lists of equal length become
+    an array [rows, length], others a list of tuples."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
     room = len(body) - offset
     if element.count * least > room:
@@ -187,7 +186,7 @@ def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any]
 def _walk(
     element: PlyElement, body: bytes, offset: int, count: int
 ) -> Iterator[tuple[dict[str, Any], int]]:
-    """Row for row, each with where it ends."""
+    """Yield row after row, each with its end offset."""
     for _ in range(count):
         row = {}
         try:
@@ -210,8 +209,8 @@ def _walk(
 
 
 def _fans(polygons: np.ndarray | list[tuple[float, ...]]) -> np.ndarray:
-    """Polygons' corners as triangles [m, 3], each polygon a fan about its first corner; shorter
-    polygons come first."""
+    """Cut polygons into triangles [m, 3], fans about their first corners; polygons with fewer
+    corners come first."""
     parts = [np.zeros((0, 3), np.int64)]
     whole = isinstance(polygons, np.ndarray) and polygons.ndim == 2
     lengths = {polygons.shape[1]} if whole else {len(corners) for corners in polygons}

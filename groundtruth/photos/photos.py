@@ -1,11 +1,9 @@
-"""Photographs on disk: found, read with their EXIF data, and looked at: repeated, blurred and
-untextured ones.
+"""Photographs on disk: search, EXIF data, and detection of repeated, blurred and untextured ones.
 
-Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP,
-because intrinsics belong to the sensor, and a camera that was turned is nothing but another pose. A
-mask or a camera whose sides are swapped against the stored ones belongs to the upright picture and
-is turned instead; what has equal sides is taken to
-belong to the stored one: sizes cannot tell.
+Pixels are used as the sensor stored them, without the EXIF orientation, as in COLMAP: intrinsics
+belong to the sensor, and a rotated camera is only another pose. A mask or camera with swapped sides
+belongs to the upright picture and is rotated; with equal sides it is assumed to belong to the
+stored picture.
 """
 
 import math
@@ -38,7 +36,7 @@ QUARTER_TURNS = {
     8: 3,
 }  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
-QUALITY_PX = 1000  # longer side at which photographs are looked at
+QUALITY_PX = 1000  # longer side at which quality is measured
 DIRECTIONS = 8
 FEWEST_FEATURES = 40  # of a photograph that may register
 BLURRED = (
@@ -49,7 +47,7 @@ Exif = dict[int, Any]  # tag → value
 
 
 def read_exif(path: Path) -> Exif:
-    """Tag → value of a picture file; empty where there are none or they are broken."""
+    """Read the EXIF data of a picture file, tag → value; empty if they are missing or broken."""
     try:
         with opened_picture(path) as image:
             exif = image.getexif()
@@ -65,8 +63,8 @@ def orientation_of(exif: Exif) -> int:
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Equal for photographs of one camera at one focal length and size; None where the camera is
-    not named."""
+    """Identity of the camera, focal length and picture size; None if EXIF does not name the
+    camera."""
     if MODEL not in exif:
         return None
     return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
@@ -152,14 +150,14 @@ def read_gray(path: Path) -> np.ndarray:
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """True if a size is that of the photograph's upright picture and not that of its stored
+    """True if this is the size of the photograph's upright picture and not that of its stored
     pixels."""
     turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
     return turned and (width, height) == (photo.height, photo.width)
 
 
 def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
-    """The upright picture [width, height, ...] turned back to the stored pixels [height, width,
+    """Rotate the upright picture [width, height, ...] back to the stored pixels [height, width,
     ...]."""
     return np.rot90(upright, QUARTER_TURNS[photo.orientation])
 
@@ -213,8 +211,8 @@ def _open(path: Path) -> Photo:
 
 @dataclass(frozen=True)
 class PhotoQuality:
-    """Measures of one photograph: hash of its pixels, sharpness, number of features (or of enough
-    of them)."""
+    """Quality of one photograph: hash of its pixels, sharpness, number of features (counted only
+    until they suffice)."""
 
     pixels: str
     sharpness: float
@@ -222,8 +220,8 @@ class PhotoQuality:
 
 
 def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
-    """The photographs without repetitions and without those that are blurred against the others;
-    says which are left out. A HandbenchError when fewer than three differ or show any texture."""
+    """Leave out repeated photographs and those that are blurred compared with the others, and
+    report them. Raises HandbenchError if fewer than three are left or have texture."""
     looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
@@ -262,9 +260,9 @@ def _without_blurred(
 
 
 def photo_quality(photo: Photo) -> PhotoQuality:
-    """Sharpness is the power of the picture's second derivative along a line over that of its
-    first, in the direction where this is least: contrast and plain surfaces cancel, and a camera
-    that moved along a line is noticed too."""
+    """Measure a photograph's quality. Sharpness is the power of the second derivative over that of
+    the first, in the direction where this ratio is smallest: independent of contrast and plain
+    areas, and sensitive to motion blur along a line."""
     import cv2
 
     gray = photo.gray()
@@ -284,8 +282,8 @@ def photo_quality(photo: Photo) -> PhotoQuality:
 
 
 def _features(gray: np.ndarray) -> int:
-    """Number of features: of the middle quarter, if it has enough of them, since the whole takes
-    four times as long."""
+    """Count features: in the middle quarter if it has enough, since the whole picture takes four
+    times as long."""
     import cv2
 
     h, w = gray.shape

@@ -1,6 +1,5 @@
-"""Photographs to a model with pycolmap: features and their matches, structure from motion, in an
-arbitrary frame and scale, or, where cameras and poses are known, the matches that the poses
-explain, triangulated.
+"""Photographs to a model with pycolmap: features, matches and structure from motion in an arbitrary
+frame and scale; with known cameras and poses, triangulation of the matches that agree with them.
 
 Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the
 same poses.
@@ -31,14 +30,13 @@ LARGE_PX = 2000
 FAINT = 0.004
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
 CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows
-LEAST_AGREEING = (
-    0.5  # of the matches, with the poses: wrong ones have a quarter, since epipolar lines are alike
-)
+# least share of matches that agree with the poses; wrong poses reach a quarter
+LEAST_AGREEING = 0.5
 
 
 @dataclass(frozen=True)
 class Lenses:
-    """Knowledge of the lenses before anything is registered.
+    """Prior knowledge of the lenses, before registration.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera
     that took all photographs, held fixed; without distortion, unless it is free. focal_px: a focal
@@ -55,13 +53,13 @@ class Lenses:
 
     @property
     def known(self) -> bool:
-        """True if nothing about the lenses is left to be estimated."""
+        """True if all intrinsics are known."""
         return self.cameras is not None or (
             self.intrinsics is not None and not self.free_distortion
         )
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
-        """The photographs' names, those together that share a camera."""
+        """Names of the photographs, grouped by common camera."""
         if self.cameras is not None or (self.shared is False and self.intrinsics is None):
             return [[photo.name] for photo in photos]
         by_body = self.shared is None and self.intrinsics is None
@@ -71,7 +69,7 @@ class Lenses:
         return list(groups.values())
 
     def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
-        """The known camera of a photograph, None where it has to be estimated."""
+        """The known camera of a photograph; None if it must be estimated."""
         if self.cameras is not None:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
         if self.intrinsics is None:
@@ -83,7 +81,7 @@ class Lenses:
 
 
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
-    """Write the photographs' features, and what is known of their cameras, into a new database."""
+    """Detect features, and write them with the known cameras into a new database."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
@@ -117,8 +115,8 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Give the database's cameras what is known of them, or else the median focal length of their
-    photographs."""
+    """Set the database's cameras to the known ones, or to the median guess of their focal
+    length."""
     guess_px = lenses.focal_px or {
         photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
     }
@@ -140,7 +138,7 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 
 
 def match(database: Path, seed: int) -> None:
-    """Match every pair, and keep the matches that one motion explains."""
+    """Match every pair of photographs, and keep the geometrically consistent matches."""
     say("matching every pair")
     matching = pycolmap.FeatureMatchingOptions(
         num_threads=1
@@ -153,8 +151,7 @@ def match(database: Path, seed: int) -> None:
 
 
 def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
-    """COLMAP's options to register and triangulate photographs so that the same seed gives the same
-    model."""
+    """COLMAP's options for reproducible registration and triangulation."""
     options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
     options.num_threads = 1  # sums over threads would not repeat bit for bit
     options.mapper.random_seed = options.triangulation.random_seed = seed
@@ -163,8 +160,8 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
 
 
 def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> float:
-    """Keep the matches that the known motion of all cameras explains instead; returns their number,
-    over that of the matches that any motion explained."""
+    """Keep the matches that agree with the known poses; returns their number relative to that
+    before."""
     with pycolmap.Database.open(database) as stored:
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
@@ -173,8 +170,8 @@ def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> f
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Photograph → the scale [n] of each of its features, standard deviation of the blur that it
-    was found at."""
+    """Scales [n] of each photograph's features: standard deviation of the blur at which they were
+    found."""
     with pycolmap.Database.open(database) as stored:
         keypoints = {
             image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
@@ -191,10 +188,9 @@ def structure_from_motion(
 ) -> "pycolmap.Reconstruction":
     """Register the photographs; `folder` (empty) receives COLMAP's database.
 
-    Known lenses are held fixed. So is a known focal length, since a plane and free focal lengths do
-    not determine each other. Where nothing is known all but the principal point is estimated, from
-    the focal lengths that EXIF data tell. HandbenchError when fewer than three photographs
-    register.
+    Known lenses are fixed, and so is a known focal length, since planar scenes do not determine it.
+    Otherwise everything but the principal point is estimated, starting from EXIF focal lengths.
+    Raises HandbenchError if fewer than three photographs register.
     """
     database = folder / DATABASE
     find_features(photos, database, lenses, seed)
@@ -230,10 +226,10 @@ def structure_from_motion(
 def triangulate_known_poses(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """The model of photographs with known cameras (all with R, t), which stay as they are bit for
-    bit; `folder` (empty) receives COLMAP's database.
+    """Triangulate photographs with known cameras (all with R, t), which do not change; `folder`
+    (empty) receives COLMAP's database.
 
-    Photographs that see next to nothing are left out. HandbenchError when the features do not fit
+    Photographs with very few points are left out. Raises HandbenchError if the features contradict
     the poses.
     """
     pictures, database, given = (
@@ -274,7 +270,7 @@ def triangulate_known_poses(
         )
     for image in registered_images(
         model
-    ):  # back to where it was given: COLMAP scales its models, and back
+    ):  # restore the exact poses: COLMAP scales its models, and back
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(
@@ -291,7 +287,8 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
 def camera_changes(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [n] of a model's cameras from those given, and angles [n] between them, radians."""
+    """Distances [n] between a model's cameras and the given ones, and angles [n] between them,
+    radians."""
     given = {camera.name: camera for camera in cameras}
     pairs = [
         (image, given[image.name]) for image in registered_images(model) if image.name in given
@@ -306,7 +303,7 @@ def camera_changes(
 
 
 def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
-    """The change of a model's cameras against those given, in words."""
+    """Describe the change of a model's cameras from the given ones."""
     moved, turned_rad = camera_changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (

@@ -1,5 +1,5 @@
-"""The sparse stage: registered cameras and points in the metric frame, and how well the cameras are
-known."""
+"""The sparse stage: registered cameras and points in the metric frame, with the cameras'
+covariance."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ DISTORTION, INTRINSICS = (
 
 @dataclass(frozen=True)
 class Sparse:
-    """A COLMAP model in the mesh's frame, where its scale comes from, and how well its cameras are
-    known."""
+    """A COLMAP model in the mesh's frame, the source of its scale, and the covariance of its
+    cameras (known)."""
 
     model: pycolmap.Reconstruction
     scale: Scale
@@ -72,8 +72,8 @@ class Sparse:
 
 
 def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
-    """The photographs' model, found or given, adjusted and carried into the metric frame; a board,
-    which is known in that frame, takes part in the adjustment."""
+    """Register the photographs or load their model, adjust it and transform it to the metric frame.
+    A board takes part in the adjustment."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
@@ -90,7 +90,7 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
     scale = None if board is None else _to_metric_frame(model, inputs, options)
     given = inputs.posed or (
         board is None and inputs.model is not None
-    )  # what is given is taken at its word
+    )  # given poses are not adjusted
     if options.refine_poses or not given:
         before = cameras_in(model)
         adjust(model, *seen)
@@ -105,7 +105,7 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
 def warn_of_unregistered(
     photos: tuple[Photo, ...], model: pycolmap.Reconstruction
 ) -> tuple[str, ...]:
-    """Names of the photographs that are not part of a reconstruction; said aloud."""
+    """Report the photographs that are not part of a reconstruction, and return their names."""
     known = {image.name for image in registered_images(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
@@ -117,8 +117,8 @@ def warn_of_unregistered(
 
 
 def check_geometry(model: pycolmap.Reconstruction) -> None:
-    """A HandbenchError when the cameras hardly moved, against the distance of what they see: such
-    photographs register, and carry no depth."""
+    """Raise HandbenchError if the cameras hardly moved compared with the distance of the scene:
+    such photographs register but contain no depth."""
     images = [image for image in registered_images(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
     reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
@@ -142,7 +142,7 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
 
 
 def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    """The given model, with points: one without any is completed, its cameras as they are."""
+    """Load the given model; points are triangulated if it has none, with unchanged cameras."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
     if model.num_points3D():
@@ -165,8 +165,7 @@ def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycol
 def _free(
     model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> tuple[int, ...]:
-    """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe
-    are held."""
+    """Indices of the unknown intrinsics; lenses of other models than COLMAP's OPENCV are fixed."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
