@@ -59,7 +59,7 @@ def estimate_array(
     antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(
         len(every), EACH, len(every), EACH
     )
-    own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
+    own = np.split(antennas[every, :, every], [n_tx])  # blocks of single antennas, by side
     sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
     tx, rx = (
         _side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides

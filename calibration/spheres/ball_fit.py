@@ -23,7 +23,7 @@ from handbench.radar.simulation.physics.spheres import path_gradients, sphere_ec
 from handbench.support.errors import HandbenchError
 
 MAX_STEPS = 8
-SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres
+SETTLED_M = 5e-6  # size of the last step; the remaining error is of second order, some nanometres
 FARTHEST_M = 0.003  # largest distance of the fit from the peak
 TONES = 4  # every fourth tone is used for the effect of polarisation
 AROUND_M = 0.015 * np.array(

@@ -149,7 +149,7 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
     def extend(element: int, chosen: Assignment) -> None:
         nonlocal best, found
         if len(chosen) + count - element < best:
-            return  # cannot become as large as what is known
+            return  # cannot become as large as the best one
         if element == count:
             if _is_rotation(chosen, target.centres_m, centres_m):
                 found = [chosen] if len(chosen) > best else [*found, chosen]

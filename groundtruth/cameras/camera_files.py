@@ -42,7 +42,7 @@ TURNABLE = {
     "k6",
     "p1",
     "p2",
-}  # what a lens may have
+}  # parameters of lens models that can be rotated
 PLAUSIBLE = (
     0.1,
     20.0,

@@ -63,7 +63,7 @@ class Camera(Config):
     def _is_rotation(cls, rows: tuple[Row, ...] | None) -> tuple[Row, ...] | None:
         if rows is not None:
             R = np.array(rows)
-            small = R.shape == (3, 3) and np.abs(R).max() < 2  # what is not might overflow
+            small = R.shape == (3, 3) and np.abs(R).max() < 2  # larger numbers might overflow
             if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows

@@ -28,7 +28,7 @@ from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
 NOT_IN_COLMAP = ("k4", "p3", "p4")
-SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
+SMALLEST_SKEW_PX = 0.05  # largest effect of B2 at the picture's edge that is ignored
 
 Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], translation [3]
 

@@ -26,7 +26,7 @@ SLANTS = tuple(
     for tangent in INCIDENCES
     for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
 )
-MERIT_PX = 5  # side of the window whose mean cost tells the sweeps apart
+MERIT_PX = 5  # side of the window of the mean cost by which sweeps are compared
 
 
 def planes_swept(half: View, unit: float) -> tuple[float, float, int]:

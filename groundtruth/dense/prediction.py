@@ -18,14 +18,14 @@ HYPOTHESES = (
 SWEPT, MATCHED = (
     1.4,
     0.19,
-)  # of the trial's processor time: what large pictures take, measured on three dense stages
+)  # processor time of large pictures relative to the trial's, measured on three dense stages
 MAP_BYTES, VIEW_BYTES = (
     32,
     15,
 )  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
 SWEEP_BYTES = 4  # a plane and pixel
 FUSED_BYTES, FUSED_ALONE = 58, 72  # a pixel of each map, and of the one that is fused
-LIBRARY_BYTES = 3e8  # kernels, and what is imported for the cloud
+LIBRARY_BYTES = 3e8  # kernels and imported libraries
 
 
 class Prediction(NamedTuple):

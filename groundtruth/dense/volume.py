@@ -24,7 +24,7 @@ FINEST_M = 1e-3  # least deviation of a board from its plane
 class Plane(NamedTuple):
     """A board's plane in the mesh's frame. axes [3, 3]: unit vectors along rows, two in the plane
     and its normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first
-    two. rough_m: how far the board may lie from the plane."""
+    two. rough_m: largest distance of the board from the plane."""
 
     origin_m: np.ndarray
     axes: np.ndarray
@@ -55,8 +55,8 @@ def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | Non
 
 
 def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: float) -> Plane | None:
-    """The plane of corners [n, 3] (None: they do not lie in one), its normal towards the cameras'
-    centres [m, 3]; residual_m: how far the corners are from where they were found."""
+    """Fit a plane to corners [n, 3], with its normal towards the cameras' centres [m, 3]; None if
+    the corners are not in one plane. residual_m: root mean square error of the corners."""
     origin_m = corners_m.mean(axis=0)
     _, _, axes = np.linalg.svd(corners_m - origin_m, full_matrices=False)
     axes[2] = np.cross(axes[0], axes[1])
@@ -75,12 +75,15 @@ BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
 GROWN = 0.5
 REACH_M = 0.3  # of a board's surroundings, or its diagonal where that is longer
 STANDS_M = 5e-3  # above the board: no point of the board
-BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
+BELOW_M = 1e-2  # depth of the volume below the plane, so that the board itself is inside
 NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
 COARSE_BETWEEN = (0.002, 0.998)  # quantiles of a coarse cloud's points on each axis
 COARSE_ROOM, COARSE_ROOM_PX = 0.1, 6.0  # on each side: of their diagonal, and of the coarse pixels
-AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
+AT_SIDE, CUT = (
+    0.01,
+    0.002,
+)  # distance from a side relative to the volume's size; share of the cloud there that indicates a cut
 
 
 @dataclass(frozen=True)

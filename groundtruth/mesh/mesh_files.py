@@ -18,7 +18,7 @@ from handbench.support.files import atomic_path, require_file, require_size
 from handbench.support.limits import MESH_BYTES
 from handbench.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
-SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
+SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:

@@ -23,7 +23,7 @@ from handbench.groundtruth.sparse.adjust import CameraCovariance, point_covarian
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # standard deviation of the slope of unobserved surface
-REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
+REACH_PX = 0.5  # of a point: half of the distance between neighbouring points
 OBSERVED_PX = 1.5  # surface farther from every point counts as unobserved
 FATTENED_PX, WINDOW_PX = 0.1, 3.0
 SHARED_PX = 0.03  # hands' skin lies 0.04 px inside, fine strong textures 0.01 px

@@ -130,7 +130,7 @@ def _may_show(
         cv2.ellipse(candidates, (photo.width // 2, photo.height // 2), axes, 0, 0, 360, 1, -1)
         return candidates > 0
     corners = pose * np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
-    if (corners[:, 2] <= 0).any():  # the camera stands in the box or beside it
+    if (corners[:, 2] <= 0).any():  # a corner is behind the camera
         return candidates == 0
     pixels = np.asarray(camera.img_from_cam(corners)).astype(np.float32)
     cv2.fillConvexPoly(candidates, cv2.convexHull(pixels).round().astype(np.int32), 1)

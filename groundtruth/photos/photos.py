@@ -73,9 +73,9 @@ def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
 
 
 def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Focal length in pixels: from its equivalent on 35 mm film, whose diagonal stands for the
-    picture's (as COLMAP does), or in millimetres and pixels per millimetre (which COLMAP leaves);
-    None when EXIF tells neither."""
+    """Focal length in pixels, from its equivalent on 35 mm film by the ratio of diagonals (as
+    COLMAP does), or from millimetres and pixels per millimetre (which COLMAP ignores); None if EXIF
+    has neither."""
     equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
     if equivalent_mm > 0:
         focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)

@@ -49,7 +49,7 @@ def _descend(bundle: Bundle) -> None:
         diagonal = np.diag(matrix)
         held = np.where(
             diagonal > 0, damping * diagonal, 1.0
-        )  # what nothing tells stays where it is
+        )  # undetermined parameters do not move
         step = np.linalg.solve(matrix + np.diag(held), right)
         points_step = np.einsum(
             "pij,pj->pi",

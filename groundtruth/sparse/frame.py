@@ -19,7 +19,7 @@ TRIM = 4.0  # points beyond this many times the median residual are left out of 
 FAR_BETTER = 2.0
 FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
-LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
+LARGEST_MISFIT = 0.03  # root mean square residual relative to the extent of the points
 DISAGREEMENT = 0.02  # largest share by which a measured distance may miss the fit
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
@@ -139,7 +139,7 @@ def trimmed_similarity(
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
     far = int(
         (residuals_m > far_m).sum()
-    )  # a majority in a plane is its own mirror image: what lies off it tells
+    )  # a majority in a plane equals its mirror image, so points outside it decide
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
             f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has "

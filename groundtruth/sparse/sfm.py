@@ -238,7 +238,7 @@ def triangulate_known_poses(
         {camera.name: camera for camera in cameras},
     )
     find_features(photos, database, Lenses(cameras), seed)
-    model = pycolmap.Reconstruction()  # of the cameras alone, with the database's numbers
+    model = pycolmap.Reconstruction()  # of the cameras only, with the database's ids
     with pycolmap.Database.open(database) as stored:
         for camera in stored.read_all_cameras():
             model.add_camera_with_trivial_rig(camera)

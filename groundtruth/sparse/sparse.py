@@ -173,7 +173,7 @@ def _free(
     for camera in model.cameras.values():
         if (
             camera.model_name == "RADIAL"
-        ):  # one focal length and radial distortion alone: the others begin at that
+        ):  # one focal length and radial distortion only: initial values of the other parameters
             f, cx, cy, k1, k2 = camera.params
             camera.model, camera.params = (
                 pycolmap.CameraModelId.OPENCV,

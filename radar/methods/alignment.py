@@ -54,8 +54,8 @@ CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
-    """shift_m, its standard deviation sigma_m, coherence P and the probability `other` that the
-    second maximum of P is the right one, each [n]."""
+    """Aligned shifts, each field [n]: shift_m, its standard deviation sigma_m, the coherence P, and
+    the probability `other` that the second maximum of P is the right one."""
 
     shift_m: np.ndarray
     sigma_m: np.ndarray

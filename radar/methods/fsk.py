@@ -84,7 +84,8 @@ def first_step(tones: Tones, config: FskConfig) -> FskStep:
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Δz = −cφ / (4πΔf) with φ = arg(O_b conj(O_a)) and difference_hz = Δf = f_b − f_a; metres."""
+    """Depth step Δz = −cφ / (4πΔf), metres, from the phase φ = arg(O_b conj(O_a)) between two
+    images; difference_hz: Δf = f_b − f_a."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 

@@ -33,7 +33,8 @@ OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/alignment.py, after Capon 1969 and Mallart & Fink 1994"
 OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
-# All improvements. The second refinement corrects what the first one, out of focus, leaves.
+# All improvements. The second refinement corrects the errors of the first one, which is out of
+# focus.
 PLUS: dict[str, Any] = {
     "off_axis": True,
     "weighted": True,

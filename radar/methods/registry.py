@@ -36,7 +36,7 @@ MOVED = (
     "groundtruth",
     "bench",
     "reports",
-)  # packages of their own until version 0.2
+)  # separate packages until version 0.2
 PAPER = (
     "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based "
     "Imaging of Human Hand Poses"

@@ -38,11 +38,8 @@ STEP_M, FILTER_M = (
     (1e-3, 2e-3),
     5e-3,
 )  # least and largest of the pixels, and of 3-FSK's averaging filters
-METHODS = (
-    "2fsk",
-    FINE := "3fsk",
-    "narrowband",
-)  # whose maps are made; FINE alone where no close tones are measured
+# methods whose maps are compared; only FINE if no close tones are measured
+METHODS = ("2fsk", FINE := "3fsk", "narrowband")
 VOXEL_M = 1e-3  # along z
 DEEPEST_M = 0.12  # largest depth of narrowband's box (paper: 0.08)
 BOUNCING = "multipath"

@@ -32,10 +32,10 @@ NEAR = 5.0
 
 @dataclass(frozen=True)
 class Scatterers:
-    """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for
-    points); normal [p, 3] unit vectors, or None for points that scatter evenly; delay_m [p] extra
-    one-way optical path, or None; seen: which antennas see each point, (bool [t, p], bool [r, p]),
-    or None for all; sight: how much of each point antennas see, or None for all of it."""
+    """Points that scatter: position_m [p, 3]; weight [p] (surface area in m² for physical optics,
+    any amplitude for points); normal [p, 3] unit vectors (None: even scattering); delay_m [p]:
+    extra one-way optical path (None: 0); seen: which antennas see each point, (bool [t, p], bool
+    [r, p]) (None: all); sight: share of each antenna's field at each point (None: full)."""
 
     position_m: np.ndarray
     weight: np.ndarray

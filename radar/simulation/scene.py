@@ -22,8 +22,8 @@ USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; pr
 class Material(Config):
     """A body's material. metal: a perfect mirror; skin: see `radar.simulation.effects`, with
     palm_thickness_m of the palm's horny layer and `wet` when moistened; foam and plastic: a
-    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). reflectivity_db: of
-    what stands around: its echo against metal's, instead of all this."""
+    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). Bodies of the room
+    may have a reflectivity_db relative to metal instead (`Body`)."""
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)

@@ -45,11 +45,11 @@ STEEPEST = 1.4  # growth of the path along the surface (at most 2) above which a
 
 
 class Tubes(NamedTuple):
-    """n tubes of b + 1 bounces: transmitter and patch (mirror) [n]; faces [n, b] onto which it is
-    mirrored one after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at
-    q; length_m [n] from p to q; root_m2 [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]:
-    from q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the
-    middle's; caustics [n]: how many lie between p and q, 0 to 2 of each leg."""
+    """n tubes of b + 1 bounces. transmitter, patch (the first mirror) [n]; faces [n, b] hit one
+    after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at q; length_m
+    [n] from p to q; root_m2 [n]: √(A_p A_q), 0 for an invalid tube; edge_m [n, 3, 3]: from q to the
+    footprint's corners; longer_m [n, 3]: extra length of the corners' rays; caustics [n]: number
+    between p and q, 0 to 2 on each leg."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -64,8 +64,8 @@ class Tubes(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """m mirrors: corners_m and unit normals at them [m, 3, 3]; middle_m [m, 3] and the unit normal
-    there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
+    """m mirrors: corners_m and the unit normals there, normals [m, 3, 3]; middle_m [m, 3] and the
+    unit normal there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
 
     corners_m: np.ndarray
     normals: np.ndarray
@@ -76,9 +76,9 @@ class Patches(NamedTuple):
 
 @njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
-    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it
-    mirrors an antenna [3], for every chosen patch [n] that turns its front to both; which those
-    are, bool [n]."""
+    """Reflect rays from an antenna [3] at the chosen patches [n] that face both antenna and
+    reflected ray: returns their mask [n], and writes origins (ahead_m in front of their middles)
+    and directions to the first rows of ways [n, 6]."""
     front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):

@@ -40,10 +40,9 @@ T0, T1, T2, T3, T4 = map(
 
 
 class Edges(NamedTuple):
-    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces
-    [e, 2] has them; outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces
-    are so far from parallel that the mesh tells no radius; planes [m, 4]: every face's n·x > d in
-    front of it."""
+    """Inner edges of a body: ends [e, 2] (vertices, in the order of the first face); faces [e, 2];
+    outwards [e, 3]: mean of both faces' normals; sharp [e]: edges with a large angle between their
+    faces, which are knife edges; planes [m, 4]: (n, d) of every face, n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
@@ -53,11 +52,10 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and
-    one that it sees from behind, counter-clockwise around what hides, as the antenna sees it;
-    beside_m [n, 3]: points right beside them, not hidden by their own faces; within_m [n]: how far
-    from the antenna what they count for may lie; creeping [n, 17]: what round edges add, as
-    `Roundness.of_edges` has it."""
+    """Outline of a body: edges start_m [n, 3] + along_m [n, 3] between a face turned towards the
+    antenna and one turned away, counter-clockwise as seen from the antenna; beside_m [n, 3]: points
+    just outside the edges; within_m [n]: largest distance from the antenna of points that an edge
+    affects; creeping [n, 17]: parameters of creeping waves, see `Roundness.of_edges`."""
 
     start_m: np.ndarray
     along_m: np.ndarray
@@ -164,10 +162,10 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """Compute (1/2π) Σ ∫ e^{−jkδ} dφ plus creeping waves at the points for each wavenumber [k]:
-    complex64 [k, n], in the original order of the points. Waves fade from half of kδ = farthest on,
-    and from half of the tangent `widest` of the angle by which they bend. Their amplitudes are
-    those of the middle wavenumber."""
+    """Compute the edges' waves (1/2π) Σ ∫ e^{−jkδ} dφ, with creeping waves, at the points for each
+    wavenumber [k]: complex64 [k, n], in the original order of the points. Waves fade out where kδ
+    exceeds farthest / 2 and the tangent of their bend widest / 2. Amplitudes are those of the
+    middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m, middle = (

@@ -15,7 +15,7 @@ from handbench.radar.simulation.physics.line_of_sight import nodes, points_in_si
 from handbench.radar.simulation.scene import Body
 from handbench.support.rays import OWN_SURFACE_M, Rays
 
-# cosine between a face and its corner's normal below which the corner lies on an edge of the body
+# cosine between a face and its corner's normal below which the corner is on an edge of the body
 CREASE = 0.85
 # least amplitude of tubes with b bounces relative to the strongest b; others make up 0.5 % of a
 # hand's echoes
@@ -165,8 +165,8 @@ def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
-    """Patches split into four until no edge is longer than longest_m, and the face that each is a
-    part of."""
+    """Split patches into four until no edge is longer than longest_m: the patches, and the face [m]
+    of each."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
     if (
         np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0)

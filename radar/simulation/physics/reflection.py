@@ -147,9 +147,9 @@ def oblique_layer_reflection(
 
 
 def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence:
-    complex64 [layers, 2, count], the field across the plane of incidence first; layers of skin:
-    `skin_layers_m`. Of metal 1."""
+    """Reflection Γ relative to normal incidence, at `count` even steps of the cosine of incidence
+    from 0 to 1: complex64 [layers, 2, count], the field across the plane of incidence first; layers
+    of skin: `skin_layers_m`. 1 for metal."""
     if material.kind == "metal":
         return np.ones((1, 2, count), np.complex64)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]

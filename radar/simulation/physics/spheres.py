@@ -193,10 +193,10 @@ def _index(ball: Ball) -> float:
 
 
 def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Front and back of a sphere of foam by geometrical optics, (2π/jk)·ρ/B·exp(−jk·path) in the
-    forward model's scale: ρ the reflection against metal's, B the ray matrix's element that says
-    how the echo spreads (negative behind a focus). Paraxial about each channel's specular points,
-    which lie on its bisector before and behind the centre.
+    """Simulate the echoes of a foam sphere's front and back by geometrical optics:
+    (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale, ρ the reflection relative to metal's, B
+    the element of the ray matrix for the spreading of the echo (negative behind a focus). Paraxial
+    about each channel's specular points, which lie on its bisector before and behind the centre.
 
     The steel ball hides the back from rays that pass through the foam's middle: channels whose
     chords to the back's specular point, a·sin β from the centre, run into the ball have no back
@@ -221,8 +221,8 @@ def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> n
 
 
 def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Straight path [t, r] over the point that lies `towards_m` from the centre along each
-    channel's bisector."""
+    """Straight path [t, r] over the point at `towards_m` from the centre on each channel's
+    bisector."""
     to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
     return sum(
         np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)
