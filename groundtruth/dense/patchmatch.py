@@ -16,7 +16,8 @@ import numpy as np
 from handbench.groundtruth.dense.views import Stereo
 from handbench.support.compiled import njit, prange
 
-RADIUS = 3  # a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
+# a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
+RADIUS = 3
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
 ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row

@@ -80,10 +80,8 @@ NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
 COARSE_BETWEEN = (0.002, 0.998)  # quantiles of a coarse cloud's points on each axis
 COARSE_ROOM, COARSE_ROOM_PX = 0.1, 6.0  # on each side: of their diagonal, and of the coarse pixels
-AT_SIDE, CUT = (
-    0.01,
-    0.002,
-)  # distance from a side relative to the volume's size; share of the cloud there that indicates a cut
+# distance from a side relative to the volume's size; share of the cloud there that indicates a cut
+AT_SIDE, CUT = 0.01, 0.002
 
 
 @dataclass(frozen=True)
