@@ -11,22 +11,23 @@ import numpy as np
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
-TRIPLES = comb(12, 3)  # at most; beyond 12 pairs they are drawn
+TRIPLES = comb(12, 3)  # largest number of triples; beyond 12 pairs they are drawn at random
 MAJORITY = 0.6  # share of pairs that must agree before another is called wrong
-# further than any place on Earth from its centre: no offset or residual is larger, nor a covariance
+# larger than the Earth's radius: offsets, residuals and roots of covariances are smaller
 LARGEST_M = 1e7
 
 
 @dataclass(frozen=True)
 class Transform:
-    """p_target = matrix @ [p_source, 1]; named `target_from_source` where it is used.
+    """A similarity between frames: p_target = matrix @ [p_source, 1]. Variables are named
+    `target_from_source`.
 
     matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with
     log-scale) of [translation_m, rotation_rad(, log scale)], a left perturbation in the target
-    frame about the target's origin.
-    residuals_m: one distance per matched feature. refined: what aligning it to the radar's own
-    depth map changed, and the "reason" to distrust it for that (None: it was not). note: how it was
-    read. A negative scale, which no file has, tells that the source's points are a mirror image.
+    frame about the target's origin. residuals_m: one distance per matched feature. refined: change
+    by the alignment to the radar's depth map, with the "reason" to distrust it (None: not refined).
+    note: how the file was interpreted. A negative scale marks the source's points as a mirror
+    image; files never have one.
     """
 
     source: str
@@ -48,18 +49,18 @@ class Transform:
         return self.matrix[:3, :3] / self.scale
 
     def points(self, points_m: np.ndarray) -> np.ndarray:
-        """Carry points [..., 3] from the source frame to the target frame."""
+        """Transform points [..., 3] from the source frame to the target frame."""
         return points_m @ self.matrix[:3, :3].T + self.matrix[:3, 3]
 
     def point_covariance(self, points_m: np.ndarray) -> np.ndarray:
-        """Covariance [..., 3, 3] (m²) that the registration's own uncertainty gives to points [...,
-        3] in the target frame. Raises HandbenchError when the transform carries no covariance."""
+        """Covariance [..., 3, 3] (m²) of points [..., 3] in the target frame by the uncertainty of
+        the registration. Raises HandbenchError without a covariance."""
         covariance = self.require_covariance()
         jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
         return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 
     def require_covariance(self) -> np.ndarray:
-        """The covariance; HandbenchError where there is none."""
+        """The covariance. Raises HandbenchError without one."""
         if self.covariance is None:
             raise HandbenchError(
                 f"transform {self.target}_from_{self.source}: carries no covariance; calibrate "
@@ -68,8 +69,8 @@ class Transform:
         return self.covariance
 
     def require(self, source: str, target: str, where: object) -> "Transform":
-        """The transform itself if it leads from `source` to `target`; `where` (its file) opens the
-        error otherwise."""
+        """Return the transform if it leads from `source` to `target`. Raises HandbenchError, which
+        begins with `where` (its file), otherwise."""
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
                 f"{where}: leads from '{self.source}' to '{self.target}'; expected one from "
@@ -78,7 +79,7 @@ class Transform:
         return self
 
     def inverse(self) -> "Transform":
-        """The transform the other way; it carries no covariance."""
+        """The inverse transform, without a covariance."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T / self.scale
         matrix[:3, 3] = -matrix[:3, :3] @ self.matrix[:3, 3]
@@ -97,12 +98,12 @@ class Transform:
         content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
         write_json(
             path,
-            content | {key: told for key in ("refined", "note") if (told := getattr(self, key))},
+            content | {key: value for key in ("refined", "note") if (value := getattr(self, key))},
         )
 
 
 def identity(frame: str) -> Transform:
-    """The transform that leaves a frame alone."""
+    """The identity transform of a frame."""
     return Transform(frame, frame, np.eye(4))
 
 
@@ -120,8 +121,8 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
 
 
 def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
-    """[6, 6] or [7, 7]: carries a perturbation about one pivot to the same about a pivot that lies
-    step_m [3] further, t' = t + ω×step + λ·step; rotation and scale stay."""
+    """Matrix [6, 6] or [7, 7] that converts a perturbation about one pivot to one about a pivot
+    shifted by step_m [3]: t' = t + ω×step + λ·step; rotation and scale do not change."""
     matrix = np.eye(7)
     matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
     return matrix[:unknowns, :unknowns]
@@ -133,8 +134,8 @@ def umeyama(
     with_scale: bool = False,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """The 4×4 rotation, translation (and scale) that carries points [n, 3] to points [n, 3] with
-    the least squared error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
+    """Compute the 4×4 rotation, translation (and scale) from points [n, 3] to points [n, 3] with
+    least squared error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
     source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
     u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
@@ -156,11 +157,11 @@ def condition_number(
     """Condition number √((d₁ + d₂) / (d₂ ± d₃)) of the rotation from points [n, 3] to points [n,
     3]: its uncertainty about the worst axis over that about the best one.
 
-    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative where only a
-    reflection would carry one set to the other; the squared error curves by their pairwise sums
-    about the three axes. For points that agree, d is σ² of the centred points: a rotation about
-    axis i is held by σ_j² + σ_k². Infinite for points on a line, for fewer than three different
-    ones, and for a mirror image that fits two rotations alike.
+    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative if the best
+    map is a reflection; the squared error has curvatures equal to their pairwise sums about the
+    three axes. For matching points, d is σ² of the centred points, and a rotation about axis i is
+    determined by σ_j² + σ_k². Infinite for points on a line, for fewer than three different ones,
+    and for a mirror image that fits two rotations equally well.
     """
     source, _, target, _, weights = centred(source_m, target_m, weights)
     u, d, vt = np.linalg.svd((weights[:, None] * target).T @ source)
@@ -173,8 +174,8 @@ def condition_number(
 def centred(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Both sets of points [n, 3] about their weighted means, each with its mean, and the weights
-    [n], of sum 1."""
+    """Centre both sets of points [n, 3] on their weighted means: (points, mean) of each, and the
+    weights [n] with sum 1."""
     weights = np.ones(len(source_m)) if weights is None else weights
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source_m, weights @ target_m
@@ -182,8 +183,8 @@ def centred(
 
 
 def load_transform(path: str | Path) -> Transform:
-    """Read a transform file; refuses anything but a finite 4×4 similarity without reflection, with
-    a covariance (if any) that is one."""
+    """Read a transform file. Raises HandbenchError unless it holds a finite 4×4 similarity without
+    reflection and, if any, a symmetric positive covariance."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     if not isinstance(content, dict) or not {"from", "to", "matrix"} <= content.keys():
         raise HandbenchError(
@@ -225,7 +226,7 @@ def load_transform(path: str | Path) -> Transform:
         isinstance(refined, dict) and isinstance(refined.get("reason"), str)
     ):
         raise HandbenchError(
-            f"{path}: 'refined' tells no \"reason\"; expected what `calibrate --refine` wrote"
+            f"{path}: 'refined' has no \"reason\"; expected what `calibrate --refine` wrote"
         )
     note = str(content["note"]) if "note" in content else None
     return Transform(source, target, matrix, covariance, residuals_m, refined, note)
@@ -238,8 +239,8 @@ def checked_numbers(
     shapes: list[tuple[int, ...]] | None,
     largest: float = LARGEST_M,
 ) -> np.ndarray:
-    """`value` as a float array of one of the shapes (None: any list), below `largest`; refuses
-    anything else."""
+    """Check that `value` is a float array of one of the shapes (None: any list) below `largest`.
+    Raises HandbenchError otherwise."""
     expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
     try:
         array = np.array(value)
@@ -260,7 +261,7 @@ def checked_numbers(
 
 
 def triples(count: int) -> np.ndarray:
-    """[m, 3] indices: all triples, or as many drawn ones."""
+    """Indices [m, 3] of all triples, or of TRIPLES random ones."""
     if comb(count, 3) <= TRIPLES:
         return np.array(list(combinations(range(count), 3)))
     rng = np.random.default_rng(0)  # the same pairs give the same transform

@@ -20,7 +20,7 @@ from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from tests.bench.studies.measure_survey import (
     centre_errors_m,
-    registered,
+    registered_images,
     surveyed_centres_m,
     umeyama,
 )
@@ -31,7 +31,7 @@ def render(
 ) -> None:
     """The mesh as the middle camera sees it: shaded with a bar of 1 m, and in the colours of its
     own σ. metres: of one of the model's units, by the surveyed cameras."""
-    image = registered(model)[len(registered(model)) // 2]
+    image = registered_images(model)[len(registered_images(model)) // 2]
     camera, pose = image.camera, image.cam_from_world().matrix()
     step = camera.width / width
     u, v = np.meshgrid(
@@ -89,8 +89,8 @@ def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
         f"registered {len(errors_m)}; camera centres: mean {1e3 * errors_m.mean():.2f} mm, "
         f"max {1e3 * errors_m.max():.2f} mm"
     )
-    ours = np.array([image.projection_center() for image in registered(model)])
-    theirs_m = np.array([centres_m[image.name] for image in registered(model)])
+    ours = np.array([image.projection_center() for image in registered_images(model)])
+    theirs_m = np.array([centres_m[image.name] for image in registered_images(model)])
     matrix = umeyama(ours, theirs_m, with_scale=True)
     render(read_surface(mesh_file), model, float(np.cbrt(np.linalg.det(matrix[:3, :3]))), out)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 
 class _GroundTruth(ModuleType):
-    """This package. It can be called, because `handbench.groundtruth(photos)` was a function in
+    """The package, callable for compatibility: `handbench.groundtruth(photos)` was a function in
     version 0.2."""
 
     def __call__(self, *args: Any, **options: Any) -> Any:

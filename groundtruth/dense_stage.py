@@ -9,7 +9,7 @@ from handbench.groundtruth.dense import completion, cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.kernels import compile_kernels
-from handbench.groundtruth.dense.volume import board_plane, narrowed, volume, warn_of_cuts
+from handbench.groundtruth.dense.volume import board_plane, narrow_volume, volume, warn_of_cuts
 from handbench.groundtruth.mesh.poisson import clean
 from handbench.groundtruth.options import DenseOptions, Effort
 from handbench.groundtruth.photos.masks import Masks, find_masks
@@ -20,12 +20,12 @@ from handbench.support.files import write_json
 from handbench.support.progress import say
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
-COARSER = 4  # pixels of the depth maps that tell where the target is
+COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
-    """Fuse the depth maps of the photographs that the sparse stage, in the folder `sparse`, has
-    registered."""
+    """Run the dense stage: compute and fuse the depth maps of the photographs registered by the
+    sparse stage (folder `sparse`)."""
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
@@ -33,7 +33,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(COARSER * chosen.effort.shrink, 1)
-        bounds = narrowed(
+        bounds = narrow_volume(
             bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
         )
     say(bounds.describe())
@@ -49,7 +49,7 @@ def dense_cloud(
     options: DenseOptions,
     box_m: np.ndarray | None = None,
 ) -> Cloud:
-    """The fused cloud of registered photographs in a box [2, 3], cleaned."""
+    """Compute the fused and cleaned cloud of registered photographs in a box [2, 3]."""
     return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
@@ -60,7 +60,7 @@ def _fused(
     box_m: np.ndarray | None,
     effort: Effort,
 ) -> Cloud:
-    """The points on which the photographs' depth maps agree."""
+    """Compute depth maps and fuse them to the points on which they agree."""
     masks = Masks(
         {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
     )
@@ -71,6 +71,6 @@ def _fused(
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
     if effort.thorough:
         return fuse(
-            completion.completed(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
+            completion.complete_maps(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
         )
     return fuse(maps, box_m)

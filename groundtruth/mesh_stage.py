@@ -1,5 +1,4 @@
-"""The last stage of a reconstruction: the fused cloud → a surface that says how well it is
-known."""
+"""The last stage of a reconstruction: fused cloud → surface with uncertainty."""
 
 from dataclasses import replace
 from itertools import product
@@ -8,13 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import Camera, registered
+from handbench.groundtruth.cameras.cameras import Camera, registered_images
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane, Volume, board_plane
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.poisson import surface
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import Components, Target, keep_target, margin_m, off_board
+from handbench.groundtruth.mesh.target import (
+    Components,
+    TargetParts,
+    keep_target,
+    margin_m,
+    remove_board,
+)
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import MeshOptions
 from handbench.groundtruth.photos.photos import find_photos
@@ -26,8 +31,9 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """The surface of the dense stage's cloud in the photo frame → MESH, what was kept of it, and
-    the first photograph, cut to the box → VIEW; sparse, dense: these stages' folders."""
+    """Run the mesh stage: write the cloud's surface in the photo frame (MESH), the selected parts
+    (TARGET), and the first photograph cut to the box (VIEW). sparse, dense: folders of these
+    stages."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
     plane = (
@@ -47,24 +53,26 @@ def measured_surface(
     components: Components,
     plane: Plane | None,
     box_m: np.ndarray | None,
-) -> tuple[Surface, Target]:
-    """The surface of what is wanted of a cloud, with the standard deviation of each vertex; what
-    that is."""
+) -> tuple[Surface, TargetParts]:
+    """Reconstruct the surface of a cloud's wanted parts with the standard deviation of each vertex:
+    (surface, parts)."""
     count = len(cloud.points_m)
-    cloud = cloud if plane is None else off_board(cloud, plane)
+    cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
     target = keep_target(
         mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m)
     )
     target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-    sigma_m, observed = surface_sigma(cloud, vertices_m, registered(sparse.model), sparse.known)
+    sigma_m, observed = surface_sigma(
+        cloud, vertices_m, registered_images(sparse.model), sparse.known
+    )
     sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
     return Surface(vertices_m, faces, sigma_m, observed), target
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
-    """The camera's photograph, cut to the box [2, 3] in the photo frame."""
+    """Write the camera's photograph, cut to the box [2, 3] in the photo frame."""
     from PIL import Image
 
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)

@@ -13,8 +13,8 @@ Quality = Literal["draft", "normal", "high", "thorough"]
 
 
 class Effort(NamedTuple):
-    """Depth maps have 1 / shrink of the photographs' resolution; iterations of PatchMatch;
-    thorough: sweeps in several directions, and further looks at each view."""
+    """Effort of depth maps. shrink: divisor of the photographs' resolution; iterations: of
+    PatchMatch; thorough: sweeps in several directions and repeated matching of each view."""
 
     shrink: int
     iterations: int
@@ -38,9 +38,9 @@ PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = (
 BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
 
 
-def predicted(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
-    """Processor time, seconds, and bytes at the peak, from photographs of so many megapixels
-    together to a mesh."""
+def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
+    """Predict CPU seconds and peak bytes of a reconstruction from `count` photographs with so many
+    megapixels in total."""
     seconds = (
         PHOTO_S * count
         + PAIR_S * count * (count - 1) / 2
@@ -58,7 +58,7 @@ class Distance(Config):
 
 
 class SparseOptions(Config):
-    """Options that decide where the cameras stand.
+    """Options that determine the cameras' poses.
 
     cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the
     cameras.json in the photographs' folder, if any); where all have poses these are used as they
@@ -86,9 +86,9 @@ class SparseOptions(Config):
 
 
 class Region(Config):
-    """Options that decide what is reconstructed. box_m: xmin, ymin, zmin, xmax, ymax, zmax of the
-    region of interest in the mesh's frame (default: found, see `groundtruth.dense.volume`); it cuts
-    away the surroundings and saves most of the time. board: as in SparseOptions."""
+    """Options that determine the reconstructed region. box_m: xmin, ymin, zmin, xmax, ymax, zmax of
+    the region of interest in the mesh's frame (default: automatic, see `groundtruth.dense.volume`);
+    a small box saves most of the time. board: as in SparseOptions."""
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
@@ -107,7 +107,7 @@ class Region(Config):
 
 
 class DenseOptions(Region):
-    """Options that decide what depth maps are made, and of which pixels.
+    """Options of the depth maps, and of the pixels that they cover.
 
     masks: folder with a mask for each photograph. mask: cut the target out by its colours where
     there are no masks.
@@ -127,19 +127,18 @@ class DenseOptions(Region):
 
 
 class MeshOptions(Region):
-    """Options that decide what becomes a surface. components: the parts of it to keep; target: with
-    a board what stands off its plane on the cameras' side, without one all."""
+    """Options of the surface. components: the parts to keep; target: with a board, the parts that
+    rise above its plane on the cameras' side, without one all."""
 
     components: Literal["target", "largest", "all"] = "target"
 
 
 class Options(SparseOptions, DenseOptions, MeshOptions):
-    """Options of a reconstruction: those of its three stages, each of which is given its own
-    alone."""
+    """Options of a reconstruction: those of its three stages. Each stage receives only its own."""
 
     def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
-        """The plain values of one stage's options, with the paths or without: their files' content
-        tells more."""
+        """Plain values of one stage's options, with or without paths (keys use the content of files
+        instead)."""
         wanted = {
             name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
         }

@@ -1,4 +1,4 @@
-"""Photographs to a metric mesh: three stages, each kept in a store (`support.store`)."""
+"""Photographs to a metric mesh: three stages, each cached in a store (`support.store`)."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from handbench.groundtruth.dense.volume import Volume
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.mesh_files import write_cloud
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.mesh.target import Target
+from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.mesh_stage import MESH, TARGET
 from handbench.groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
 from handbench.groundtruth.sparse.frame import Scale
@@ -33,9 +33,9 @@ SUMMARY_VERSION = 1
 
 
 @dataclass(frozen=True)
-class Result:
-    """A surface in the photo frame (metres, unless the scale's source is "none"), the fused cloud
-    it was made of, and how well the photographs fit together."""
+class ReconstructedMesh:
+    """A reconstruction: surface in the photo frame (metres, unless the scale's source is "none"),
+    fused cloud, cameras, and the quality of their fit."""
 
     surface: Surface
     cloud: Cloud
@@ -44,7 +44,7 @@ class Result:
     reprojection_error_px: float
     scale: Scale
     volume: Volume
-    target: Target
+    target: TargetParts
     seconds: dict[str, float]
 
     def summary(self) -> dict[str, object]:
@@ -74,10 +74,9 @@ def stages(
     masks: str | None = None,
     capture: str = "",
 ) -> tuple[Stage, Stage, Stage]:
-    """The stages sparse, dense and mesh, kept in the store at `root`; each is given its own options
-    and no others, so that its key holds all that it can depend on. content, masks: what tells the
-    photographs, with all that lies beside them, and the masks apart; capture: whose photographs
-    they are."""
+    """The stages sparse, dense and mesh, cached in the store at `root`. Each receives only its own
+    options, so its key contains everything it depends on. content, masks: hashes of the photographs
+    with their accompanying files, and of the masks; capture: name of the photographed capture."""
 
     def staged(
         name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage
@@ -91,8 +90,10 @@ def stages(
     return sparse, dense, staged("mesh", mesh_stage.make, MeshOptions, [dense.key], sparse, dense)
 
 
-def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None = None) -> Result:
-    """Photographs in a folder to a mesh.
+def reconstruct(
+    photos: str | Path, options: Options, workdir: str | Path | None = None
+) -> ReconstructedMesh:
+    """Reconstruct a mesh from the photographs in a folder.
 
     workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud),
     `summary.json` (resolved options, figures, seconds) and `stages/`, from which a repeated or
@@ -108,8 +109,8 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
         error_px = sparse.model.compute_mean_reprojection_error()
         volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
-        target = Target(**read_json(made / TARGET, "the target of a mesh stage"))
-        result = Result(
+        target = TargetParts(**read_json(made / TARGET, "the target of a mesh stage"))
+        result = ReconstructedMesh(
             surface, cloud, sparse.cameras(), count, error_px, sparse.scale, volume, target, seconds
         )
         if workdir is not None:
@@ -128,7 +129,7 @@ def reconstruct(photos: str | Path, options: Options, workdir: str | Path | None
 def reconstruct_cloud(
     photos: str | Path, options: Options, workdir: str | Path | None = None
 ) -> Cloud:
-    """As `reconstruct`, but no further than the fused cloud; workdir receives `stages/` alone."""
+    """Reconstruct only the fused cloud, as `reconstruct` does; workdir receives only `stages/`."""
     with _made(Path(photos), options, workdir, count=2) as (_, (_, fused), _):
         return Cloud.load(fused / CLOUD)
 
@@ -137,8 +138,8 @@ def reconstruct_cloud(
 def _made(
     photos: Path, options: Options, workdir: str | Path | None, count: int = 3
 ) -> Iterator[tuple[Options, list[Path], dict[str, float]]]:
-    """The resolved options, the folders of the first `count` stages, there while the block lasts,
-    and the seconds that each took when it was made."""
+    """Run the first `count` stages: yield the resolved options, the stages' folders (valid within
+    the block) and the seconds that each took."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
         inputs, options = resolve(photos, options)

@@ -1,16 +1,16 @@
-"""Compiling the kernels before anything is timed: some twenty seconds, once per machine; afterwards
-they are cached."""
+"""Compilation of the kernels before anything is timed: some twenty seconds, once per machine; later
+runs read numba's cache."""
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.ascent import scatter
-from handbench.radar.imaging.cpu.descent import gather
+from handbench.radar.imaging.cpu.adjoint import scatter
+from handbench.radar.imaging.cpu.forward import gather
 from handbench.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:
-    """Have the kernels compiled where they are not, and load each by running it on next to nothing,
-    so that no measured time holds either."""
+    """Compile the kernels that are not cached yet, and run each on a tiny input to load it, so that
+    measured times contain neither."""
     compile_once("handbench.radar.warmup", gather, scatter)
     if load:
         _run_every_kernel()

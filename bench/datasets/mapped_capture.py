@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from handbench.bench.datasets.native import CaptureFile, NativeCapture
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.recording import Recording, joined
+from handbench.radar.data.recording import Recording, join_arrays
 from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_file
@@ -201,7 +201,9 @@ class MappedCapture(NativeCapture):
                     *(name for array in arrays for name in array.datasets),
                 },
             ) as of:
-                capture = joined([_recording(of, mapping, array).capture() for array in arrays])
+                capture = join_arrays(
+                    [_recording(of, mapping, array).capture() for array in arrays]
+                )
             return replace(capture, samples=capture.samples[:frames])
         except HandbenchError as error:
             raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.capture import single
+from handbench.radar.data.capture import as_complex64
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes
 from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
@@ -66,7 +66,7 @@ def read_frame(file: Path) -> Frame:
         raise HandbenchError(
             f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}"
         )
-    samples = single(xr[USED, USED].transpose(2, 1, 0))
+    samples = as_complex64(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
 
 

@@ -25,7 +25,7 @@ from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.mesh_files import write_mesh
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.simulation.effects.dielectric import lost
+from handbench.radar.simulation.effects.dielectric import unsimulated_echo
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.warmup import compile_kernels
 from handbench.support.files import atomic_folder, atomic_path, write_text
@@ -42,7 +42,7 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)
-        if without := lost(radar_scene):
+        if without := unsimulated_echo(radar_scene):
             say(f"{scene.file.name}: {without}")
         simulated = echoes(scene, frames, radar_scene)
         save_capture(temporary / ECHOES, simulated.capture)

@@ -8,7 +8,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import Method, Reconstruction, method
@@ -31,9 +31,9 @@ class ImagingTask:
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
         """Add to a depth map of this task its standard deviations, flags and p_gross."""
-        from handbench.radar.methods.depth_uncertainty import with_trust  # it reads a calibration
+        from handbench.radar.methods.depth_uncertainty import with_p_gross  # it reads a calibration
 
-        return with_trust(depth, self.echoes, self.settings, frame)
+        return with_p_gross(depth, self.echoes, self.settings, frame)
 
 
 def prepare(
@@ -61,7 +61,7 @@ def prepare(
         raise HandbenchError(
             f"frame {frame}: is not there; the capture has frames 0 to {len(echoes.samples) - 1}"
         )
-    echoes = thinned(echoes, every_nth_antenna)
+    echoes = thin_antennas(echoes, every_nth_antenna)
     require_tones(echoes, settings)
     return ImagingTask(chosen, settings, echoes)
 

@@ -106,7 +106,7 @@ class GroundTruth(Config):
 class MethodEntry(Config):
     """A method and the settings that it changes. precision = true: measure its precision too;
     every_nth_antenna: of transmitters and receivers, in the order of the file (see
-    `radar.data.capture.thinned`).
+    `radar.data.capture.thin_antennas`).
 
     A foreign method (`bench.run.foreign`) has either `maps`, the folder of its depth maps
     CAPTURE.npz, relative to the benchmark file; or `command`, a command line with the placeholders

@@ -32,7 +32,7 @@ from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.dense_stage import CLOUD
 from handbench.groundtruth.mesh_stage import MESH, VIEW
-from handbench.radar.imaging.device import chosen
+from handbench.radar.imaging.device import current_device
 from handbench.radar.methods.registry import method_key
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load, suggest
@@ -127,7 +127,7 @@ def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntr
         "capture": str(capture.folder),
         "method": entry.id,
         "config": configured(capture.about, entry.id, entry.config).model_dump(mode="json"),
-        "device": chosen(),
+        "device": current_device(),
         "every_nth_antenna": entry.every_nth_antenna,
     }
     inputs = [capture.key, given["config"], given["device"], entry.every_nth_antenna]

@@ -15,8 +15,8 @@ from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.sweep import ImagingSetting
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.groundtruth.options import BASE_BYTES, predicted
-from handbench.radar.methods.advice import asked_hz
+from handbench.groundtruth.options import BASE_BYTES, predict_effort
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import method
 from handbench.support.config import Config, load
 from handbench.support.cost import TERMS_PER_S
@@ -82,7 +82,7 @@ def imaging(
 ) -> Work:
     """The cost of imaging and scoring `frames` frames of `channels` channels by a method's
     settings. exact: as the settings say."""
-    asked = asked_hz(settings)
+    asked = requested_tones_hz(settings)
     tones = TONES if asked is None else len(asked)
     shape, samples = (
         settings.grid().shape if hasattr(settings, "grid") else (0, 0),
@@ -106,7 +106,7 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
         made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
-        mesh_s, size = predicted(count, megapixels, bench.groundtruth.quality)
+        mesh_s, size = predict_effort(count, megapixels, bench.groundtruth.quality)
         parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
         about = open_capture(folder).about if folder and bench.method else None
         for entry in (e for e in bench.method if measures and not e.foreign):

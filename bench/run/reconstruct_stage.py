@@ -39,12 +39,12 @@ def reconstruct(
 ) -> None:
     """Image frame 0 → DEPTH, and again for equal treatment → TREATED; depths of all frames →
     FRAMES; time of each → TIMING. All on the client's device."""
-    from handbench.radar.methods.projection import peaks_kept
+    from handbench.radar.methods.projection import cached_peaks
 
     kept: dict[Any, Any] = {}
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
-        with peaks_kept(kept):
+        with cached_peaks(kept):
             found = imager.images()
         seconds = imager.until_settled(found.seconds)
         depths = [result.depth for result in found.results]
@@ -53,7 +53,7 @@ def reconstruct(
             def image(settings: Config) -> DepthMap:
                 return replace(imager.task, settings=settings).image().depth
 
-            with peaks_kept(kept, reuse=True):
+            with cached_peaks(kept, reuse=True):
                 write_treated(folder, image, imager.task.settings, depths[0])
     imager.task.with_uncertainty(depths[0]).save(
         folder / DEPTH

@@ -9,7 +9,7 @@ from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget,
 from handbench.bench.scenes.stand import cuboid, plate_box_m
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.catalogue import EFFECTS
-from handbench.radar.simulation.effects.coarse import echo_s
+from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import Ball, Body, EchoScene
 from handbench.radar.simulation.selection import choose

@@ -10,7 +10,7 @@ at a point sums samples times phases over tones and channels (C = transmitters Ã
                             above the threshold
 
 The steps after the images (phases, filters, projection) do not sum over channels, take thousands of
-times fewer operations, and are not counted. `radar.imaging.api.watch` counts the operations of a
+times fewer operations, and are not counted. `radar.imaging.api.count_imaging` counts the operations of a
 frame, with the passes and points of its echoes. The engine makes the same images with fewer
 operations, which are not counted. Times are measured against two baselines: the exact sum for both
 methods (for the volume, a few planes, scaled); and this engine.
@@ -49,7 +49,7 @@ from handbench.bench.tradeoff.settings import (
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
-from handbench.radar.imaging.api import image_volume, watch
+from handbench.radar.imaging.api import count_imaging, image_volume
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
@@ -131,7 +131,7 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
         ctypes.CDLL(None).malloc_trim(0)
     with added_memory() as cost:
         _, first_s = timed(task.image)
-    with watch() as laps:
+    with count_imaging() as laps:
         result, seconds = timed(task.image)
     return result.depth, {
         "seconds": seconds,

@@ -18,7 +18,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.depth_uncertainty import with_trust
+from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
 from handbench.support.config import Config
@@ -72,7 +72,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     if wrong or imaged is None:
         return
     depth, config = imaged
-    yield from map_warnings(with_trust(depth, capture, config))
+    yield from map_warnings(with_p_gross(depth, capture, config))
     if surface is None or as_is is None:
         return
     start_m = float(np.median(surface.vertices_m[:, 2]))

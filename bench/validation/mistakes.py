@@ -18,7 +18,7 @@ from handbench.bench.validation.checks import places_m, warnings_of
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.data.capture import RadarCapture, evenly
+from handbench.radar.data.capture import RadarCapture, even_subset
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.support.errors import HandbenchError
@@ -78,12 +78,12 @@ def _reduced(capture: RadarCapture) -> RadarCapture:
     """The first frame as in vacuum, with a few tones in rising order and a few antennas whose pairs
     were all measured."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
-    tones, array = order[evenly(len(order), TONES)], capture.aperture
+    tones, array = order[even_subset(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
     if isinstance(array, AntennaArray):
         measured = np.ones(array.channels, bool) if array.measured is None else array.measured
         t, r = (np.flatnonzero(measured.any(axis=axis)) for axis in (1, 0))
-        t, r = t[evenly(len(t), ANTENNAS)], r[evenly(len(r), ANTENNAS)]
+        t, r = t[even_subset(len(t), ANTENNAS)], r[even_subset(len(r), ANTENNAS)]
         samples, places = (
             samples[:, :, t[:, None], r],
             {"tx_m": array.tx_m[t], "rx_m": array.rx_m[r], "measured": None},

@@ -22,11 +22,11 @@ Sigma = Annotated[float, Field(ge=0, le=100)]
 
 
 class Side(Config):
-    """All transmitters, or all receivers. nominal_m: where captures say that they are; gain: [re,
-    im], 0 for a dead antenna; delay_m: of its cable, as a path, about the reference frequency;
-    offset_m: from the nominal place to the true one. level_sigma: standard deviation of |gain|,
-    relative; phase_sigma_rad: of the phase with which the target's middle is seen, gain and place
-    together; the others of what their names say."""
+    """Calibration of all transmitters or all receivers. nominal_m: positions in captures; gain:
+    [re, im] at the reference frequency, 0 for a dead antenna; delay_m: of the cable, as a path;
+    offset_m: from the nominal to the true position. level_sigma: relative standard deviation of
+    |gain|; phase_sigma_rad: of the phase at the target's middle, by gain and position together;
+    delay_sigma_m, offset_sigma_m: of delay and offset."""
 
     nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
     gain: tuple[tuple[Gain, Gain], ...]
@@ -57,7 +57,7 @@ class Side(Config):
 
     @property
     def positions_m(self) -> np.ndarray:
-        """True places [n, 3]."""
+        """True positions [n, 3]."""
         return np.array(self.nominal_m) + self.offset_m
 
     def response(self, frequencies_hz: np.ndarray, reference_hz: float) -> np.ndarray:
@@ -67,8 +67,8 @@ class Side(Config):
 
 
 class ArrayCalibration(Config):
-    """The content of `array.json`. residual_*_db: what nominal and calibrated array leave
-    unexplained of the target's echoes, noise deducted."""
+    """The content of `array.json`. residual_*_db: unexplained share of the target's echoes with the
+    nominal and with the calibrated array, noise deducted."""
 
     format: Literal["handbench-array"] = "handbench-array"
     version: Literal[1] = 1
@@ -81,17 +81,17 @@ class ArrayCalibration(Config):
 
     @property
     def array(self) -> AntennaArray:
-        """The antennas where they truly are."""
+        """The array with the true positions."""
         return AntennaArray(self.tx.positions_m, self.rx.positions_m)
 
     def applied_to(
         self, capture: RadarCapture, where: object = "array calibration"
     ) -> RadarCapture:
-        """The capture of the true array: samples / (a_t · b_r), 0 for dead antennas, and the true
-        positions. where: the calibration's file, which opens errors.
+        """Apply the calibration: samples / (a_t · b_r), 0 for dead antennas, and the true
+        positions. where: the calibration's file, named in errors.
 
-        Raises HandbenchError when the capture's antennas are not the nominal ones: another array,
-        or one to which this calibration has been applied already.
+        Raises HandbenchError if the capture's antennas are not the nominal ones: another array, or
+        the calibration is already applied.
         """
         if not isinstance(capture.aperture, AntennaArray):
             raise HandbenchError(
@@ -112,12 +112,12 @@ class ArrayCalibration(Config):
         tx, rx = (np.divide(1, r, out=np.zeros_like(r), where=r != 0) for r in responses)
         samples = (capture.samples * tx[:, :, None] * rx[:, None]).astype(np.complex64)
         alive = tx.any(axis=0)[:, None] & rx.any(axis=0)
-        heard = alive if capture.aperture.measured is None else alive & capture.aperture.measured
-        true = replace(self.array, measured=None if heard.all() else heard)
+        measured = alive if capture.aperture.measured is None else alive & capture.aperture.measured
+        true = replace(self.array, measured=None if measured.all() else measured)
         return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:
-        """One line about it."""
+        """Summary in one line."""
         dead = sum(int((side.gains == 0).sum()) for side in (self.tx, self.rx))
         return (
             f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from "
@@ -132,13 +132,14 @@ def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
 
 
 def load_array(path: str | Path) -> ArrayCalibration:
-    """Read `array.json`; refuses unknown keys, wrong shapes, NaN and values that no array has."""
+    """Read `array.json`. Raises HandbenchError for unknown keys, wrong shapes, NaN and implausible
+    values."""
     return _array(read_json(path, "an array calibration (array.json)"), str(path))
 
 
 def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
-    """The capture with the calibration put in that is in `file`, an `array.json`, or else in the
-    capture itself, and a line about that; the capture as it is, and "", where there is neither."""
+    """Apply the calibration in `file` (an `array.json`), or else the one in the capture: (capture,
+    message). Without either: (the capture unchanged, "")."""
     if file.exists():
         calibration, where = load_array(file), str(file)
     elif capture.calibration is not None:

@@ -1,10 +1,10 @@
-"""An array's gains, phases, delays and places by maximum a posteriori on the samples of a target
-capture.
+"""Maximum-a-posteriori estimate of an array's gains, phases, delays and positions from the samples
+of a target capture.
 
 Gauss–Newton on Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)², in a fixed
-gauge; shape is how far a ball lies from where the described target, placed as well as it can be,
-has it. The priors keep at 0 what the echoes do not show: offsets along the line of sight are hardly
-told from phases.
+gauge; shape is the deviation of a ball from the described target in its best pose. The priors keep
+unknowns at 0 that the echoes do not determine: offsets along the line of sight are almost
+indistinguishable from phases.
 """
 
 from dataclasses import replace
@@ -17,8 +17,8 @@ from handbench.calibration.array.array_file import ArrayCalibration, Side
 from handbench.calibration.array.model import (
     EACH,
     Antennas,
-    Echoes,
     State,
+    TargetEchoes,
     directions,
     normal_equations,
 )
@@ -29,18 +29,18 @@ from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.support.errors import HandbenchError
 
 MAX_STEPS = 20
-ENOUGH = 0.1  # a step that lowers χ² by less is no more than a small part of one standard deviation
-SINGLE = 1e-5  # samples in single precision carry no less noise than this part of their amplitude
+ENOUGH = 0.1  # a step that lowers χ² by less is a small part of one standard deviation
+SINGLE = 1e-5  # noise of samples in single precision, relative to their amplitude, at least
 GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 
 
 def estimate_array(
     capture: RadarCapture, target: Target, source: str = "target capture"
 ) -> ArrayCalibration:
-    """The array's calibration from the echoes of a target that stands still (frames are averaged).
-    source: names the capture, in the file and in errors.
+    """Estimate the array's calibration from the echoes of a target at rest (frames are averaged).
+    source: name of the capture in the file and in errors.
 
-    Raises HandbenchError when a ball is not found, or when target and echoes contradict each other.
+    Raises HandbenchError if a ball is not found, or if target and echoes contradict each other.
     """
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(
@@ -48,18 +48,18 @@ def estimate_array(
         )
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
-    echoes = Echoes(target, capture.frequencies_hz)
-    live, raw, begun = prior.start(samples, prior.nominal_state(mean, target), echoes)
+    echoes = TargetEchoes(target, capture.frequencies_hz)
+    live, raw, begun = prior.initial_states(samples, prior.nominal_state(mean, target), echoes)
     samples = samples[live[0]][:, live[1]]
-    state, covariance = fitted(samples, begun, echoes)
-    before, after = (left_over(samples, s, echoes) for s in (raw, state))
+    state, covariance = fit_state(samples, begun, echoes)
+    before, after = (unexplained_share(samples, s, echoes) for s in (raw, state))
     prior.check(state, after, target, source)
     n_tx, n_rx, _ = state.counts
     every = np.arange(n_tx + n_rx)  # antenna
     antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(
         len(every), EACH, len(every), EACH
     )
-    own = np.split(antennas[every, :, every], [n_tx])  # each antenna's alone, by side
+    own = np.split(antennas[every, :, every], [n_tx])  # blocks of single antennas, by side
     sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
     tx, rx = (
         _side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides
@@ -73,18 +73,16 @@ def estimate_array(
     )
 
 
-def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np.ndarray]:
-    """The most probable state for samples [t, r, f] and its covariance [u, u], the noise taken from
-    what is left."""
+def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, np.ndarray]:
+    """Find the most probable state for samples [t, r, f] and its covariance [u, u]; the noise level
+    is that of the residual."""
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
     information = prior.prior_information(state, echoes.target)
     for _ in range(MAX_STEPS):
         normal, right, power = normal_equations(samples, state, echoes)
         freedom = 2 * samples.size - len(right)
-        variance = max(
-            power * samples.size / freedom, floor
-        )  # of the real and of the imaginary part
-        pull = right / variance - information @ prior.surprises(state, echoes.target)
+        variance = max(power * samples.size / freedom, floor)  # per real and imaginary part
+        pull = right / variance - information @ prior.prior_residuals(state, echoes.target)
         inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
         step = inverse @ pull
         state = state.moved(step)
@@ -96,12 +94,12 @@ def fitted(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, np
     )
 
 
-def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
-    """Part of the target's energy in samples [t, r, f] that the state does not explain, noise
-    deducted: at least what the noise leaves uncertain.
+def unexplained_share(samples: np.ndarray, state: State, echoes: TargetEchoes) -> float:
+    """Share of the target's energy in samples [t, r, f] that the state does not explain, noise
+    deducted; at least the uncertainty by noise.
 
-    Seen over the path through the target's middle, the balls lie within a few range cells; the
-    noise is the median of the cells beyond.
+    In range profiles relative to the target's middle, the balls are within a few range cells; the
+    noise is the median of the other cells.
     """
     middle_m = state.centres_m.mean(axis=0)
     path_m = path_lengths(state.array, middle_m)
@@ -118,10 +116,8 @@ def left_over(samples: np.ndarray, state: State, echoes: Echoes) -> float:
             profile += (np.abs(np.fft.fft(what * focus, axis=-1)) ** 2).sum(axis=0)
     noise = float(np.median(profiles[1][~near])) if (~near).any() else 0.0
     whole, rest = ((profile[near] - noise).sum() for profile in profiles)
-    told = max(
-        noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole
-    )  # less than this cannot be told from noise
-    return float(max(rest, told) / whole)
+    detectable = max(noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole)
+    return float(max(rest, detectable) / whole)
 
 
 def _side(
@@ -130,9 +126,10 @@ def _side(
     found: Antennas,
     covariance: np.ndarray,
     centres_m: np.ndarray,
-    echoes: Echoes,
+    echoes: TargetEchoes,
 ) -> Side:
-    """One side as the file holds it; of a dead antenna nothing is known but that it is weak."""
+    """Convert one side to its entry in the file; a dead antenna gets the prior's standard
+    deviations."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     none = np.zeros(len(toward))
     seen = np.column_stack(

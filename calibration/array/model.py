@@ -1,11 +1,12 @@
-"""Echoes of the calibration target as an imperfect array records them, and how they depend on what
-is unknown:
+"""Model of the calibration target's echoes at an imperfect array, and its derivatives by the
+unknowns:
 
     s[f, t, r] = a_t · b_r · Σ_i c_i · e_i[f, t, r]
     e_i ~ exp(−jk(|t − q_i| + |q_i − r| − 2R·cos β + 2δ))
 
-with the antennas' gains a, b (level, phase, delay), their true places t, r, the balls' centres q_i
-and free complex strengths c_i: the foam's index is not known to a hundredth of a wavelength.
+with the antennas' gains a, b (level, phase, delay), their true positions t, r, the balls' centres
+q_i and free complex strengths c_i, since the foam's index is not known to a hundredth of a
+wavelength.
 """
 
 from collections.abc import Iterator
@@ -29,7 +30,8 @@ BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then p
 
 @dataclass(frozen=True)
 class Antennas:
-    """One side. nominal_m [n, 3]; log_gain complex [n]; delay_m [n]; offset_m [n, 3]."""
+    """All transmitters or receivers: nominal_m [n, 3], log_gain complex [n], delay_m [n], offset_m
+    [n, 3]."""
 
     nominal_m: np.ndarray
     log_gain: np.ndarray
@@ -38,18 +40,18 @@ class Antennas:
 
     @property
     def position_m(self) -> np.ndarray:
-        """True places [n, 3]."""
+        """True positions [n, 3]."""
         return self.nominal_m + self.offset_m
 
     @property
     def unknowns(self) -> np.ndarray:
-        """[n, 6]: log level, phase, delay, offset."""
+        """The unknowns [n, 6]: log level, phase, delay, offset."""
         return np.column_stack(
             [self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m]
         )
 
     def moved(self, step: np.ndarray) -> "Antennas":
-        """Changed by a step of the unknowns [n, 6]."""
+        """Add a step of the unknowns [n, 6]."""
         log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
         return Antennas(
             self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE]
@@ -68,7 +70,7 @@ class State:
 
     @property
     def array(self) -> AntennaArray:
-        """The antennas where the state has them."""
+        """The array with the state's positions."""
         return AntennaArray(self.tx.position_m, self.rx.position_m)
 
     @property
@@ -77,7 +79,7 @@ class State:
         return len(self.tx.delay_m), len(self.rx.delay_m), len(self.log_ball)
 
     def moved(self, step: np.ndarray) -> "State":
-        """Changed by a step of all unknowns [u]."""
+        """Add a step of all unknowns [u]."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
         return State(
             self.tx.moved(tx),
@@ -88,8 +90,8 @@ class State:
 
 
 def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.ndarray, ...]:
-    """All unknowns [u] as those of tx [t, 6], rx [r, 6], centres [i, 3] and strengths [2, i];
-    views."""
+    """Split all unknowns [u] into views of tx [t, 6], rx [r, 6], centres [i, 3] and strengths [2,
+    i]."""
     ends = np.cumsum([EACH * n_tx, EACH * n_rx, 3 * n_balls])
     shapes = (n_tx, EACH), (n_rx, EACH), (n_balls, 3), (2, n_balls)
     return tuple(
@@ -98,25 +100,25 @@ def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.nd
 
 
 @dataclass(frozen=True)
-class Echoes:
-    """The balls of a target as a sweep of frequencies_hz [f] sees them."""
+class TargetEchoes:
+    """The echo model of a target's balls for a sweep of frequencies_hz [f]."""
 
     target: Target
     frequencies_hz: np.ndarray
 
     @property
     def wavenumber(self) -> np.ndarray:
-        """k [f], rad/m."""
+        """Wavenumbers k [f], rad/m."""
         return 2 * np.pi * self.frequencies_hz / SPEED_OF_LIGHT_M_S
 
     @property
     def reference_hz(self) -> float:
-        """The frequency at which gains are told: there an antenna's delay does not change its
-        phase."""
+        """The frequency at which gains are defined: an antenna's delay does not change its phase
+        there."""
         return float(self.frequencies_hz.mean())
 
     def balls(self, centres_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-        """e: complex64 [t, r, i, f], of unit strength and gain."""
+        """Echoes e of the balls with unit strength and gain: complex64 [t, r, i, f]."""
         n_tx, n_rx = array.channels
         echoes = np.empty((n_tx, n_rx, len(centres_m), len(self.frequencies_hz)), np.complex64)
         for i, (element, delay_m) in enumerate(
@@ -136,7 +138,7 @@ class Echoes:
         )
 
     def terms(self, state: State) -> Iterator[np.ndarray]:
-        """Each ball's contribution to the samples: complex64 [r, i, f], one transmitter after
+        """Yield each ball's contribution to the samples, complex64 [r, i, f], one transmitter after
         another."""
         balls = self.balls(state.centres_m, state.array)
         strength = np.exp(state.log_ball).astype(np.complex64)[:, None]
@@ -146,20 +148,19 @@ class Echoes:
 
 
 def normal_equations(
-    samples: np.ndarray, state: State, echoes: Echoes
+    samples: np.ndarray, state: State, echoes: TargetEchoes
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """JᵀJ [u, u], Jᵀρ [u] and the mean power of the residual ρ = samples − model, for samples [t,
-    r, f].
+    """Normal equations for samples [t, r, f]: JᵀJ [u, u], Jᵀρ [u] and the mean power of the
+    residual ρ = samples − model.
 
-    Each sample knows the unknowns of its two antennas and of the balls alone: c = 12 + 5i columns
+    A sample depends only on the unknowns of its two antennas and of the balls: c = 12 + 5i columns
     per channel.
     """
     n_tx, n_rx, n_balls = state.counts
     size = EACH * (n_tx + n_rx) + BALL * n_balls
     normal, right, power = np.zeros((size, size)), np.zeros(size), 0.0
-    antennas = (
-        EACH * n_tx + EACH * np.arange(n_rx)[:, None] + np.arange(EACH)
-    )  # where each receiver stands
+    # columns of each receiver's unknowns
+    antennas = EACH * n_tx + EACH * np.arange(n_rx)[:, None] + np.arange(EACH)
     last = np.arange(EACH * (n_tx + n_rx), size)
     rx, common = slice(EACH, 2 * EACH), slice(2 * EACH, None)
     # Derivatives of each ball's path by the antennas' offsets; that by the ball's own position is
@@ -188,8 +189,8 @@ def normal_equations(
 
 
 def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
-    """Unit vectors [n, i, 3] from points [i, 3] to antennas: how paths grow with the antennas'
-    offsets."""
+    """Unit vectors [n, i, 3] from points [i, 3] to antennas: the derivatives of paths by the
+    antennas' offsets."""
     away = side.position_m[:, None] - points_m
     return away / np.linalg.norm(away, axis=2, keepdims=True)
 
@@ -197,8 +198,8 @@ def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
 def _columns(
     terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray
 ) -> np.ndarray:
-    """∂model/∂unknown of one transmitter: float32 [r, c, 2f] (real and imaginary parts in turn), in
-    the order of the state."""
+    """Derivatives of the model for one transmitter: float32 [r, c, 2f] (real and imaginary parts in
+    turn), in the order of the state."""
     model = terms.sum(axis=1, keepdims=True)
     about = (wavenumber - wavenumber.mean()).astype(np.float32)
     gains = [model, 1j * model, -1j * about * model]

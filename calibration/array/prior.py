@@ -1,6 +1,5 @@
-"""Before the array's estimate: prior knowledge of array and target, the gauge freedoms that no echo
-determines, and the start, which is the target's pose in the raw image with gains by alternating
-least squares."""
+"""Inputs of the array's estimate: priors of array and target, gauge freedoms, and the initial state
+(the target's pose in the raw image, and gains by alternating least squares)."""
 
 from dataclasses import replace
 
@@ -14,8 +13,8 @@ from handbench.calibration.array.model import (
     PHASE,
     PLACE,
     Antennas,
-    Echoes,
     State,
+    TargetEchoes,
     split,
 )
 from handbench.calibration.spheres.description import Target, match
@@ -24,22 +23,19 @@ from handbench.calibration.transforms import perturbation_jacobian, umeyama
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.errors import HandbenchError
 
-SWEEPS = 30  # of alternation; it starts Gauss–Newton, which ends it
-POSITION_SIGMA_M, DELAY_SIGMA_M = (
-    5e-5,
-    1e-4,
-)  # what manufacture leaves: of an antenna's place, per axis; of a cable
-WEAKEST_DB = -20.0  # antennas that are weaker against the median are dead
-LEAST_EXPLAINED = 0.95  # part of the target's echoes that the model must explain
-MOST_SIGMAS = 2.0  # that the errors may have on average
-SEARCH = EchoSearch(
-    threshold_db=-10.0
-)  # a ball is stronger than the foam and than what an imperfect array smears
+SWEEPS = 30  # of alternating least squares, before Gauss–Newton
+# manufacturing tolerances: of an antenna's position, per axis; of a cable
+POSITION_SIGMA_M, DELAY_SIGMA_M = 5e-5, 1e-4
+WEAKEST_DB = -20.0  # antennas that are weaker relative to the median are dead
+LEAST_EXPLAINED = 0.95  # share of the target's echoes that the model must explain
+MOST_SIGMAS = 2.0  # largest root mean square error in standard deviations of the prior
+# a ball is stronger than the foam and than the side lobes of an imperfect array
+SEARCH = EchoSearch(threshold_db=-10.0)
 
 
 def prior_information(state: State, target: Target) -> np.ndarray:
-    """Information [u, u] (1/σ²) that is there before any echo. Of the balls, it says nothing about
-    a motion of them all as one body."""
+    """Information matrix [u, u] (1/σ²) of the priors. It does not constrain rigid motions of all
+    balls."""
     n_tx, n_rx, n_balls = state.counts
     information = np.zeros(EACH * (n_tx + n_rx) + BALL * n_balls)
     for side in split(information, *state.counts)[:2]:
@@ -54,28 +50,27 @@ def prior_information(state: State, target: Target) -> np.ndarray:
     return matrix
 
 
-def surprises(state: State, target: Target) -> np.ndarray:
-    """Deviations [u] that the priors expect to be 0: the antennas' unknowns and the balls'
-    misplacements."""
+def prior_residuals(state: State, target: Target) -> np.ndarray:
+    """Residuals [u] of the priors: the antennas' unknowns and the balls' deviations from the
+    described target."""
     strengths = np.zeros(2 * len(state.log_ball))
     parts = (
         state.tx.unknowns,
         state.rx.unknowns,
-        state.centres_m - placed(target, state.centres_m),
+        state.centres_m - place_target(target, state.centres_m),
         strengths,
     )
     return np.concatenate([part.ravel() for part in parts])
 
 
 def shape_sigma_m(target: Target) -> float:
-    """Standard deviation of a ball's place, per axis; a micrometre at least, which no one
-    measures."""
+    """Standard deviation of a ball's position, per axis; at least a micrometre."""
     return max(target.ball_offset_sigma_m, 1e-6)
 
 
 def check(state: State, left: float, target: Target, source: str) -> None:
-    """Refuse a target that explains too little of its echoes (left: see `left_over`), and errors
-    beyond what was expected."""
+    """Raise HandbenchError if the target explains too little of its echoes (left: see
+    `unexplained_share`), or if errors exceed the priors."""
     if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
             f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, "
@@ -83,7 +78,7 @@ def check(state: State, left: float, target: Target, source: str) -> None:
             f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing "
             "else echoes there"
         )
-    off_m = state.centres_m - placed(target, state.centres_m)
+    off_m = state.centres_m - place_target(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
     if np.linalg.norm(off_m[worst]) > 2 * MOST_SIGMAS * shape_sigma_m(target):
         raise HandbenchError(
@@ -104,8 +99,8 @@ def check(state: State, left: float, target: Target, source: str) -> None:
 
 
 def gauges(state: State) -> np.ndarray:
-    """Gauge freedoms [12, u], which no echo determines: the mean level, phase and delay of each
-    side, and the rigid motion of the whole array; a step leaves each where it is."""
+    """Gauge freedoms [12, u] that no echo determines: mean level, phase and delay of each side, and
+    the rigid motion of the whole array. Steps do not change them."""
     n_tx, n_rx, n_balls = state.counts
     rows = np.zeros((12, EACH * (n_tx + n_rx) + BALL * n_balls))
     position_m = np.concatenate([state.tx.nominal_m, state.rx.nominal_m])
@@ -120,8 +115,8 @@ def gauges(state: State) -> np.ndarray:
 
 
 def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Inverse of the normal matrix among steps that leave every gauge row at 0 (bordered matrix),
-    scaled so that metres and radians weigh alike."""
+    """Inverse of the normal matrix within the steps that keep every gauge row at 0 (bordered
+    matrix), scaled to unit diagonal because metres and radians differ."""
     scale = 1 / np.sqrt(np.diag(normal))
     rows = rows * scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -132,10 +127,10 @@ def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def nominal_state(capture: RadarCapture, target: Target) -> State:
-    """A perfect array before the target where its image says that it is; the balls' strengths are
-    still open.
+    """State of a perfect array, with the target at its position in the image and the balls'
+    strengths undetermined.
 
-    Raises HandbenchError when not every ball is found.
+    Raises HandbenchError if a ball is not found.
     """
     found = match(find_balls(capture, target, SEARCH), target, "echoes")
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
@@ -151,22 +146,23 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
         Antennas(m, np.zeros(len(m), np.complex128), np.zeros(len(m)), np.zeros_like(m))
         for m in places_m
     )
-    return State(tx, rx, placed(target, seen_m), np.zeros(len(seen_m), np.complex128))
+    return State(tx, rx, place_target(target, seen_m), np.zeros(len(seen_m), np.complex128))
 
 
-def placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
-    """The balls' described centres [i, 3], moved as one body to where they are seen [i, 3]."""
+def place_target(target: Target, seen_m: np.ndarray) -> np.ndarray:
+    """The balls' described centres [i, 3] after the rigid motion that fits the measured centres [i,
+    3] best."""
     described_m = target.centres_m + target.ball_offsets_m
     pose = umeyama(described_m, seen_m)
     return described_m @ pose[:3, :3].T + pose[:3, 3]
 
 
-def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[State, State]:
-    """The state with the balls' strengths that fit best with the gains as they are, and with
-    strengths and gains that fit best together; samples [t, r, f].
+def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, State]:
+    """Two states for samples [t, r, f]: with the best strengths of the balls for the given gains,
+    and with the best strengths and gains.
 
-    For given balls, least squares give each transmitter's gain when receivers are known, and the
-    other way round.
+    For given balls, transmitters' gains follow by least squares from the receivers', and vice
+    versa.
     """
     balls = echoes.balls(state.centres_m, state.array)
     matched = np.einsum("trif,trf->tri", balls.conj(), samples, optimize=True)
@@ -187,22 +183,22 @@ def fitted_gains(samples: np.ndarray, state: State, echoes: Echoes) -> tuple[Sta
     )
 
 
-def start(
-    samples: np.ndarray, nominal: State, echoes: Echoes
+def initial_states(
+    samples: np.ndarray, nominal: State, echoes: TargetEchoes
 ) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
-    """Masks [t] and [r] of the transmitters and receivers that are not WEAKEST_DB below their
-    median, and the states of these alone: as they are, and as they fit samples [t, r, f] best."""
-    raw, state = fitted_gains(samples, nominal, echoes)
+    """Masks [t] and [r] of the live antennas (at most WEAKEST_DB below their median), and the
+    states of these antennas: the nominal one, and the one that fits samples [t, r, f] best."""
+    raw, state = fit_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
     live_tx, live_rx = (
         level > np.median(level) + WEAKEST_DB / 20 * np.log(10) for level in (tx, rx)
     )
-    return (live_tx, live_rx), without(raw, live_tx, live_rx), without(state, live_tx, live_rx)
+    return (live_tx, live_rx), live_part(raw, live_tx, live_rx), live_part(state, live_tx, live_rx)
 
 
-def without(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
-    """The state of the live antennas alone, in the gauge: no mean level, phase or delay on either
-    side; the balls take them over."""
+def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
+    """The state of the live antennas in the gauge: mean level, phase and delay of either side are
+    moved to the balls' strengths."""
     sides, taken = [], 0.0
     for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
         log_gain = side.log_gain[live]
@@ -227,5 +223,5 @@ def _strengths(matched: np.ndarray, gram: np.ndarray, a: np.ndarray, b: np.ndarr
 
 
 def _log(values: np.ndarray) -> np.ndarray:
-    """Complex logarithm; of 0, that of a very small number."""
+    """Complex logarithm; for 0, that of a very small number."""
     return np.log(np.abs(values) + 1e-12) + 1j * np.angle(values)

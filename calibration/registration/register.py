@@ -1,14 +1,14 @@
-"""The transform between the photographs' frame and the radar's, from one target that both have
-seen.
+"""Registration: the transform from the photo frame to the radar frame, from a target that both
+sensors measure.
 
-Both sensors' candidates are matched to the target's elements; the elements that both have seen give
-the transform, in closed form first (`majority`) and then by weighted least squares with every
-centre's own covariance (`fit`). The target's drawing serves only to tell the elements apart: what
-is registered are the two measurements.
+Each sensor's candidates are matched to the target's elements. The elements found by both give the
+transform: first in closed form (`majority`), then by weighted least squares with each centre's
+covariance (`fit`). The target's description only identifies the elements; registered are the two
+measurements.
 
-A capture and its repeat each give a transform with its covariance; their difference shows what
-moved. What all balls share (waves that creep round them) is the same in every capture: it cancels
-in the difference, and no repeat averages it away.
+A capture and its repeat give two transforms with covariances; their difference shows motion of the
+rig. Errors common to all balls (creeping waves) are the same in every capture: they cancel in the
+difference, and repeats do not average them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
-FALSE_ALARM = 0.01  # probability that a rig at rest is said to have moved
+FALSE_ALARM = 0.01  # probability that a rig at rest is reported as moved
 
 
 def measure(
@@ -40,34 +40,34 @@ def measure(
     target: Target,
     pixel_m: float = 0.0,
 ) -> tuple[Pairs, np.ndarray]:
-    """Measurements of one capture of the target: the balls' centres as both sensors see them, and
-    the covariance [3, 3] (m²) of the error that all of them share. pixel_m: of the cloud's depth
-    maps, see `find_spheres`. Raises HandbenchError when a sensor's candidates cannot be matched to
-    the target in exactly one way, or both share fewer than three elements."""
-    seen = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
+    """Measure one capture of the target: the balls' centres from both sensors, and the covariance
+    [3, 3] (m²) of their common error. pixel_m: pixel size of the cloud's depth maps, see
+    `find_spheres`. Raises HandbenchError if a sensor's candidates do not match the target in
+    exactly one way, or if the sensors share fewer than three elements."""
+    optical = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
-    heard = fit_balls(capture, target, match(balls, target, "echoes"), balls)
-    return common_pairs(seen, heard, target), common_covariance(target, pixel_m)
+    radar = fit_balls(capture, target, match(balls, target, "echoes"), balls)
+    return common_pairs(optical, radar, target), common_covariance(target, pixel_m)
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
-    """Covariance [3, 3] (m²) of the error that all centres share, which no residual can show, along
-    z: the foam's delay (√ε − 1)·(R − a), and what photographs see all spheres too near by, for the
-    cameras stand around the radar."""
+    """Covariance [3, 3] (m²) of the error along z that all centres share, which residuals do not
+    show: the uncertainty of the foam's delay (√ε − 1)·(R − a), and the bias of photogrammetry
+    towards the cameras, which are around the radar."""
     deepest_m = max(e.sphere_radius_m - e.ball_radius_m for e in target.element)
     delay_m = target.foam_permittivity_sigma * deepest_m / (2 * np.sqrt(target.foam_permittivity))
     return np.diag([0.0, 0.0, delay_m**2 + (TOWARDS_CAMERAS_PX * pixel_m) ** 2])
 
 
 def common_pairs(
-    seen: Mapping[int, Candidate], heard: Mapping[int, Candidate], target: Target
+    optical: Mapping[int, Candidate], radar: Mapping[int, Candidate], target: Target
 ) -> Pairs:
-    """The balls' centres of the elements (by index) that both sensors have recognised: in the
-    photographs a ball lies where its sphere does, but for the offset and the tolerance of the
-    target's description. Raises HandbenchError for fewer than three."""
-    common = sorted(seen.keys() & heard.keys())
+    """Pairs of the balls' centres for the elements (by index) that both sensors have found. In the
+    photographs, a ball is at its sphere's centre plus the offset in the target's description, with
+    its tolerance. Raises HandbenchError for fewer than three."""
+    common = sorted(optical.keys() & radar.keys())
     elements = [f"element {i + 1}" for i in common]
-    pairs = Pairs.of([seen[i] for i in common], [heard[i] for i in common], elements)
+    pairs = Pairs.of([optical[i] for i in common], [radar[i] for i in common], elements)
     photo_from_target = umeyama(target.centres_m[common], pairs.source_m)[:3, :3]
     offsets_m = target.ball_offsets_m[common] @ photo_from_target.T
     placed_m2 = target.ball_offset_sigma_m**2 * np.eye(3)
@@ -77,12 +77,12 @@ def common_pairs(
 
 
 def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:
-    """`radar_from_photo` of the pairs that agree, by maximum likelihood, with its covariance and a
-    residual for every pair. A pair that the others call wrong is named on stderr; common_m2 [3, 3]
+    """Compute `radar_from_photo` from the pairs that agree, by maximum likelihood, with its
+    covariance and a residual for every pair. Outliers are reported and left out; common_m2 [3, 3]
     is added to the translation's covariance.
 
-    Raises HandbenchError when the pairs leave a rotation open or contradict one another without a
-    majority.
+    Raises HandbenchError if the pairs do not determine the rotation, or contradict one another
+    without a majority.
     """
     kept, found = majority(pairs, with_scale)
     residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
@@ -98,10 +98,10 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
 
 
 @dataclass(frozen=True)
-class Motion:
-    """The motion that carries one capture's transform to another's, about the hand's centre: step =
-    [shift_m, rotation_rad(, log scale)] with its covariance ([6, 6] or [7, 7]); first and second
-    name the captures."""
+class RigMotion:
+    """Motion of the rig between two captures: the change of the transform about the hand's centre,
+    step = [shift_m, rotation_rad(, log scale)] with covariance ([6, 6] or [7, 7]); first, second:
+    names of the captures."""
 
     step: np.ndarray
     covariance: np.ndarray
@@ -110,17 +110,17 @@ class Motion:
 
     @property
     def chi2(self) -> float:
-        """Mahalanobis distance² of the step from none."""
+        """Squared Mahalanobis distance of the step from zero."""
         return float(self.step @ np.linalg.solve(self.covariance, self.step))
 
     @property
     def probability(self) -> float:
-        """That a rig at rest shows so large a step or a larger one."""
+        """Probability of a step this large or larger for a rig at rest."""
         return float(chi2.sf(self.chi2, len(self.step)))
 
     @property
     def moved(self) -> bool:
-        """True if a rig at rest would show so large a step in fewer than 1 % of all repeats."""
+        """True if a rig at rest shows such a step in fewer than 1 % of all repeats."""
         return self.probability < FALSE_ALARM
 
     @property
@@ -130,9 +130,9 @@ class Motion:
 
     @property
     def interval_m(self) -> tuple[float, float]:
-        """95 % interval of `shift_m`, from the ellipsoid that holds the true shift (Scheffé 1953):
-        its least extent along the shift found, and the greatest distance that it can reach. Holds
-        the truth in 95 % or more."""
+        """95 % interval of `shift_m`, from the confidence ellipsoid of the shift (Scheffé 1953):
+        its lower end along the shift found, and the largest distance in it. Coverage is 95 % or
+        more."""
         reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
         along = self.step[:3] / max(self.shift_m, 1e-300)
         low = self.shift_m - reach * np.sqrt(along @ spread @ along)
@@ -142,7 +142,7 @@ class Motion:
 
     @property
     def sentence(self) -> str:
-        """The result of the test in one sentence."""
+        """Result of the test in one sentence."""
         low_mm, high_mm = (1e3 * limit for limit in self.interval_m)
         verb = "moved" if self.moved else "did not measurably move"
         return (
@@ -159,12 +159,12 @@ def motion(
     second: Transform,
     common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
-) -> Motion:
-    """The rig's motion between two captures of the target, from each one's own transform.
+) -> RigMotion:
+    """Estimate the rig's motion between two captures of the target from their transforms.
 
-    common_m2 [3, 3]: the covariance that both transforms hold in their translations (m²) for an
-    error that is the same in both. Raises HandbenchError when their frames or unknowns differ, or a
-    covariance is missing or too small for common_m2.
+    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations. Raises
+    HandbenchError if frames or unknowns differ, or if a covariance is missing or smaller than
+    common_m2.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
@@ -173,7 +173,7 @@ def motion(
         raise HandbenchError(
             f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and "
             f"{sizes[1]}; expected 6 and 6, "
-            "or 7 and 7 with scale: calibrate both alike"
+            "or 7 and 7 with scale: calibrate both with the same options"
         )
     covariance = one + other
     if common_m2 is not None:
@@ -188,7 +188,7 @@ def motion(
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
     step = np.array([*shift_m, *turn, np.log(second.scale / first.scale)])[: len(one)]
-    return Motion(step, covariance, *names)
+    return RigMotion(step, covariance, *names)
 
 
 def combine(
@@ -198,13 +198,13 @@ def combine(
     names: Sequence[str] = (),
     ball_offset_sigma_m: float = 0.0,
 ) -> Transform:
-    """`radar_from_photo` from the pairs of several captures of one target at once, by joint
-    weighted least squares.
+    """Compute `radar_from_photo` from several captures of one target, by joint weighted least
+    squares.
 
-    common_m2 [3, 3]: as for `solve`; the same balls err alike in all captures, so that it counts
-    once and whole. So do the places of the balls in their spheres (ball_offset_sigma_m, which the
-    pairs' covariances hold), as long as the target is not turned between captures. Residuals come
-    capture by capture. Raises HandbenchError when the rig moved between two captures, with how far.
+    common_m2 [3, 3]: as for `solve`; the error is the same in all captures, so it is not averaged.
+    The same holds for the balls' offsets in their spheres (ball_offset_sigma_m, part of the pairs'
+    covariances), if the target is not turned between captures. Residuals are in the order of the
+    captures. Raises HandbenchError if the rig moved between two captures.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
     both = zip(names, captures, strict=True)
@@ -212,13 +212,13 @@ def combine(
         replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names))
         for name, pairs in both
     ]
-    require_rest([solve(pairs, with_scale) for pairs in named], names)
+    require_no_motion([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()
     unknowns, offsets = (
         len(covariance),
         [],
-    )  # what the balls' misplacement alone gives, about the origin
+    )  # covariance by the balls' offsets only, about the origin
     for pairs in named:
         middle_m = pairs.target_m.mean(axis=0)
         jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(
@@ -232,9 +232,9 @@ def combine(
     return found
 
 
-def require_rest(transforms: Sequence[Transform], names: Sequence[str]) -> None:
-    """HandbenchError when the rig moved between any two captures; every pair of them is compared,
-    at a level that leaves 1 % for a false alarm in all (Bonferroni)."""
+def require_no_motion(transforms: Sequence[Transform], names: Sequence[str]) -> None:
+    """Raise HandbenchError if the rig moved between any two captures. All pairs are tested at a
+    joint false-alarm probability of 1 % (Bonferroni)."""
     every_two = combinations(zip(transforms, names, strict=True), 2)
     motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
     worst = min(motions, key=lambda m: m.probability, default=None)

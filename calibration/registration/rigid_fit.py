@@ -1,11 +1,11 @@
-"""Pairs of centres, those of them that agree, and the similarity that carries one side to the other
-by weighted least squares.
+"""Rigid fit: the similarity between pairs of centres by weighted least squares, and the majority of
+pairs that agree.
 
-All is reckoned about the pairs' own middle: far from it, a turn and a shift look alike, and no
-arithmetic would tell them apart. Outliers take no part: every three pairs propose a transform; the
-one with the least trimmed squares (Rousseeuw 1984: of the nearest majority, each counted by its own
-covariance) names that majority. From it a forward search (Atkinson & Riani 2000) goes on: pair by
-pair joins, the nearest first, as long as it lies within reach of what those inside predict.
+Coordinates are relative to the pairs' middle: far from it, rotation and translation are numerically
+indistinguishable. Outliers are rejected: every triple of pairs proposes a transform, and the one
+with the least trimmed squares (Rousseeuw 1984; over the nearest majority, weighted by covariances)
+selects the majority. A forward search (Atkinson & Riani 2000) then adds pairs, nearest first, as
+long as they agree with the prediction.
 """
 
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ HUBER = float(
 MAX_STEPS = 50
 SIDES = ("source_m", "target_m", "source_m2", "target_m2")
 SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
-# standard deviations beyond which a pair is wrong; below, its covariance may be: Huber and χ² see
-# to it
+# standard deviations beyond which a pair is an outlier; smaller misfits are handled by Huber's
+# weights and χ²
 GROSS = 10.0
 LEAST = 4  # pairs that must agree before another is called wrong
 CONDITION = 20.0  # of the rotation, at most: planar centres whose second extent is 5 % of the first
@@ -44,9 +44,8 @@ DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 @dataclass(frozen=True)
 class Pairs:
-    """The same centres as two sensors see them: source_m and target_m [n, 3], metres, each in its
-    own frame, their covariances source_m2 and target_m2 [n, 3, 3], and the names [n] that messages
-    call them by."""
+    """The same centres measured by two sensors: source_m and target_m [n, 3], metres, each in its
+    sensor's frame; covariances source_m2 and target_m2 [n, 3, 3]; names [n] for messages."""
 
     source_m: np.ndarray
     target_m: np.ndarray
@@ -58,8 +57,8 @@ class Pairs:
     def of(
         cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()
     ) -> "Pairs":
-        """Pairs of candidates. Raises HandbenchError for fewer than three of them, for numbers that
-        are not finite and for covariances that are not positive."""
+        """Make pairs of candidates. Raises HandbenchError for fewer than three, for numbers that
+        are not finite and for covariances that are not positive definite."""
         if len(source) != len(target) or len(source) < 3:
             raise HandbenchError(
                 f"target: photographs and echoes share {min(len(source), len(target))} elements; "
@@ -98,15 +97,15 @@ class Pairs:
         return Pairs(**both, names=self.names + other.names)
 
     def mirrored(self) -> "Pairs":
-        """The same, with the source as a mirror shows it."""
+        """The pairs with the source mirrored."""
         flip = np.array([1.0, 1.0, -1.0])
         return replace(
             self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip)
         )
 
     def weights(self, with_scale: bool) -> np.ndarray:
-        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: what a closed form
-        can make use of."""
+        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: scalar weights for
+        the closed form."""
         extents = [
             np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
         ]
@@ -114,29 +113,27 @@ class Pairs:
         return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
 
     def covariances(self, linear: np.ndarray) -> np.ndarray:
-        """L·C_p·Lᵀ + C_q [n, 3, 3] of what is left between the sides after `linear` [3, 3] = s·R,
-        m²."""
+        """Covariances L·C_p·Lᵀ + C_q [n, 3, 3] of the residuals for `linear` L [3, 3] = s·R, m²."""
         return linear @ self.source_m2 @ linear.T + self.target_m2
 
     def offsets(self, matrix: np.ndarray) -> np.ndarray:
-        """q − s·R·p − t [n, 3] under a 4×4 similarity, metres."""
+        """Residuals q − s·R·p − t [n, 3] under a 4×4 similarity, metres."""
         return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
 
     def distances(self, matrix: np.ndarray) -> np.ndarray:
-        """[n]: how many of its own standard deviations each pair is apart under a 4×4
-        similarity."""
+        """Residuals [n] under a 4×4 similarity, in standard deviations."""
         return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
 
     def condition(self, with_scale: bool) -> float:
-        """The condition number of the rotation, see `condition_number`."""
+        """Condition number of the rotation, see `condition_number`."""
         return condition_number(self.source_m, self.target_m, self.weights(with_scale))
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3] in the
-    target's frame; distances: [n] of the pairs in their own standard deviations; freedom: degrees
-    of freedom."""
+class RigidFit:
+    """A fitted 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3]
+    in the target's frame; distances [n]: residuals in standard deviations; freedom: degrees of
+    freedom."""
 
     matrix: np.ndarray
     pivot_m: np.ndarray
@@ -145,13 +142,13 @@ class Fit:
     freedom: int
 
     def covariance_about_origin(self) -> np.ndarray:
-        """The covariance as a Transform carries it."""
+        """The covariance about the origin, as in `Transform`."""
         carry = adjoint(-self.pivot_m, len(self.covariance))
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:
-        """[n]: how many standard deviations, their own and the fit's, pairs that took no part lie
-        off."""
+        """Residuals [n] of pairs outside the fit, in standard deviations of pair and fit
+        together."""
         offsets = pairs.offsets(self.matrix)
         jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[
             ..., : len(self.covariance)
@@ -160,12 +157,12 @@ class Fit:
         return mahalanobis(offsets, np.linalg.inv(pairs.covariances(self.matrix[:3, :3]) + spread))
 
 
-def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
-    """The similarity that carries source centres to target centres, by maximum likelihood; they
-    must hold a rotation.
+def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
+    """Fit the similarity from source to target centres by maximum likelihood. The pairs must
+    determine a rotation.
 
     Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q −
-    s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights on what is left. The covariance is the
+    s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights on the residuals. The covariance is the
     inverse normal matrix, enlarged by χ²/dof when the residuals contradict it (99 %).
     """
     unknowns = 7 if with_scale else 6
@@ -197,7 +194,7 @@ def fit(pairs: Pairs, with_scale: bool = False) -> Fit:
     inflation = max(1.0, misfit / freedom) if misfit > chi2.ppf(0.99, freedom) else 1.0
     whole = matrix.copy()
     whole[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
-    return Fit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
+    return RigidFit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
 
 
 def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -206,7 +203,8 @@ def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """normal⁻¹·right, with the unknowns, of different units, scaled to ones on the diagonal."""
+    """Solve normal · x = right, with the unknowns, which have different units, scaled to a unit
+    diagonal."""
     root = np.sqrt(np.diag(normal))
     right = (right.T / root).T
     try:
@@ -219,13 +217,13 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, Fit]:
-    """Mask [n] of the pairs that agree, and their fit.
+def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidFit]:
+    """Find the majority of pairs that agree: their mask [n], and their fit.
 
-    HandbenchError when they leave the rotation open (with its condition number), when they
-    contradict one another and no four of them, or no 60 %, agree (three of four do not outvote the
-    fourth: in a plane they are their own mirror image, and three distances agree by chance sooner
-    than six), or when more of them agree as a mirror image.
+    Raises HandbenchError if they do not determine the rotation (with its condition number), if
+    fewer than four, or fewer than 60 %, agree (three of four do not outvote the fourth: in a plane
+    they equal their mirror image, and three distances agree by chance more often than six), or if
+    more of them agree as a mirror image.
     """
     kept, found = _largest_agreement(pairs, with_scale)
     agree = int(kept.sum())
@@ -260,7 +258,8 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, Fit]:
 
 
 def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
-    """HandbenchError, with the condition number, when the pairs leave a rotation open."""
+    """Raise HandbenchError, with the condition number, if the pairs do not determine the
+    rotation."""
     condition = pairs.condition(with_scale)
     if condition > CONDITION:
         raise HandbenchError(
@@ -271,8 +270,8 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
         )
 
 
-def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Fit]:
-    """Mask [n] of the pairs that agree, none of them without a majority that does, and the fit."""
+def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, RigidFit]:
+    """Mask [n] of the pairs that agree, all False without a majority, and the fit."""
     if pairs.condition(with_scale) <= CONDITION:
         matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))
         if pairs.distances(matrix).max() <= GROSS:
@@ -296,8 +295,8 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Fit]
 
 
 def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
-    """Mask [n] of the majority with the least squares under a transform that three pairs
-    propose."""
+    """Mask [n] of the majority with the least trimmed squares among the transforms of three
+    pairs."""
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     best, least = np.arange(needed), np.inf
     for triple in triples(len(pairs)):

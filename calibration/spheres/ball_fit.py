@@ -1,10 +1,10 @@
-"""Maximum-likelihood positions of the target's balls, all fitted to the echoes together.
+"""Maximum-likelihood positions of the target's balls, fitted to the echoes jointly.
 
-Around a ball that has been recognised its echo is known but for place and strength: Mie's series
-through the foam's delay, and before it the foam's own front, which a peak in the image cannot tell
-apart when it is nearer than the range resolution. Places and complex strengths of all of them are
-fitted to the samples by least squares (Gauss–Newton, maximum likelihood in white noise), so that
-neither neighbours nor foam pull at a ball.
+The echo of an identified ball is known up to position and strength: Mie's series with the foam's
+delay, plus the echo of the foam's front, which the image does not resolve from the ball's within
+the range resolution. Positions and complex strengths of all balls are fitted to the samples by
+least squares (Gauss–Newton, maximum likelihood in white noise), so neighbours and foam do not bias
+a ball's position.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve
 
 from handbench.calibration.spheres.description import Element, Target
-from handbench.calibration.spheres.radar_detection import Ball, mimo_array, specular_echo
+from handbench.calibration.spheres.radar_detection import DetectedBall, mimo_array, specular_echo
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.exact import exact_images
@@ -23,9 +23,9 @@ from handbench.radar.simulation.physics.spheres import path_gradients, sphere_ec
 from handbench.support.errors import HandbenchError
 
 MAX_STEPS = 8
-SETTLED_M = 5e-6  # a last step; what is left is of second order, some nanometres
-FARTHEST_M = 0.003  # from where the peak was: a fit that goes further has left its ball
-TONES = 4  # every fourth tells how polarisation moves the balls
+SETTLED_M = 5e-6  # size of the last step; the remaining error is of second order, some nanometres
+FARTHEST_M = 0.003  # largest distance of the fit from the peak
+TONES = 4  # every fourth tone is used for the effect of polarisation
 AROUND_M = 0.015 * np.array(
     [p for p in product((-1, 0, 1), repeat=3) if any(p)]
 )  # beyond a ball's own peak
@@ -35,20 +35,22 @@ REAL = block_diag([1, 1j], np.eye(3), [1, 1j])
 
 
 def fit_balls(
-    capture: RadarCapture, target: Target, heard: Mapping[int, Ball], others: Sequence[Ball] = ()
-) -> dict[int, Ball]:
-    """The recognised balls (element → ball) with fitted centres and the covariances that the
-    residual gives them: white noise, or more where the image of what is left shows more around a
-    ball (echoes of what stands there too).
+    capture: RadarCapture,
+    target: Target,
+    balls: Mapping[int, DetectedBall],
+    others: Sequence[DetectedBall] = (),
+) -> dict[int, DetectedBall]:
+    """Fit the centres of the identified balls (element → ball), with covariances from the residual:
+    white noise, or the residual's image around a ball if that is stronger (echoes of other objects
+    there).
 
-    others: echoes that are none of the target's; those that lie in no element's foam are fitted
-    along, in place. Raises HandbenchError for balls that would overlap, without echoes, and when a
-    ball runs away from its peak.
+    others: further echoes; those outside all elements' foam are fitted too, at fixed positions.
+    Raises HandbenchError for balls that would overlap, for balls without echoes, and if the fit
+    moves a ball too far from its peak.
     """
-    for i, j in combinations(
-        sorted(heard), 2
-    ):  # in one place they have one echo: a fit of two to it would be far off
-        apart_m = float(np.linalg.norm(heard[i].centre_m - heard[j].centre_m))
+    # two balls at one place have one echo, and a fit of two to it fails
+    for i, j in combinations(sorted(balls), 2):
+        apart_m = float(np.linalg.norm(balls[i].centre_m - balls[j].centre_m))
         least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
         if not apart_m >= least_m:
             raise HandbenchError(
@@ -59,17 +61,17 @@ def fit_balls(
             )
     try:
         centres_m, inverse, rest = _settle(
-            capture, target, {i: ball.centre_m for i, ball in heard.items()}, others
+            capture, target, {i: ball.centre_m for i, ball in balls.items()}, others
         )
     except LinAlgError as error:
         raise HandbenchError(
-            f"echoes: those of balls {', '.join(str(i + 1) for i in heard)} cannot be told from "
-            "one another, or there "
-            "are none; expected an echo of each; check what is in view, or record it again"
+            f"echoes: those of balls {', '.join(str(i + 1) for i in balls)} are not "
+            "distinguishable, or missing; expected an echo of each; check what is in view, or "
+            "record it again"
         ) from error
     fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
     for n, (i, centre_m) in enumerate(centres_m.items()):
-        moved_m = float(np.linalg.norm(centre_m - heard[i].centre_m))
+        moved_m = float(np.linalg.norm(centre_m - balls[i].centre_m))
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
                 f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; "
@@ -78,15 +80,15 @@ def fit_balls(
                 "and what else is in view"
             )
         place = slice(7 * n + 2, 7 * n + 5)
-        # Power of a sample of white noise that makes the image around the ball as bright as what is
-        # left does.
+        # Power per sample of white noise whose image around the ball is as bright as the
+        # residual's.
         image = exact_images(
             rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M, False
         )[0]
         noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
         shift_m = _polarisation_shift(capture, target, i, centre_m)
         covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
-        fitted[i] = replace(heard[i], centre_m=centre_m, covariance_m2=covariance_m2)
+        fitted[i] = replace(balls[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
 
 
@@ -94,11 +96,10 @@ def _settle(
     capture: RadarCapture,
     target: Target,
     centres_m: Mapping[int, np.ndarray],
-    others: Sequence[Ball],
+    others: Sequence[DetectedBall],
 ) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
-    """Gauss–Newton from centres near the balls until they move no more: the elements' balls'
-    centres, the inverse normal matrix of all unknowns in the last step, and what is left of the
-    samples [f, t, r]."""
+    """Run Gauss–Newton from centres near the balls until convergence: the centres by element, the
+    inverse normal matrix of all unknowns, and the residual samples [f, t, r]."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
@@ -134,10 +135,9 @@ def _settle(
 def _polarisation_shift(
     capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray
 ) -> np.ndarray:
-    """[3]: how far a ball seems to move when the antennas' field lies along x, where the mean over
-    its directions is assumed; along y it moves the other way. (Waves creep round a small ball,
-    differently along and across the field: a few µm for radii of 2.5 mm and more, since channels of
-    all angles take part.)"""
+    """Apparent shift [3] of a ball if the antennas' field is along x, while the model assumes the
+    mean over its directions; along y the shift is opposite. (Creeping waves differ along and across
+    the field: a few µm for radii of 2.5 mm and more, since channels of all angles contribute.)"""
     element, delay_m = target.element[number], target.foam_delay_m[number]
     few = replace(
         capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES]
@@ -157,8 +157,8 @@ def _polarisation_shift(
 def _columns(
     target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture
 ) -> np.ndarray:
-    """[5, f·t·r]: an element's ball, its derivatives by the centre's coordinates, and its foam's
-    front."""
+    """Model columns [5, f·t·r] of an element: its ball, the derivatives by the centre's
+    coordinates, and the foam's front."""
     element, delay_m = target.element[number], target.foam_delay_m[number]
     frequencies_hz, array = capture.frequencies_hz, mimo_array(capture)
     ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, frequencies_hz, array)
@@ -171,7 +171,7 @@ def _columns(
 def _with_slopes(
     echo: np.ndarray, point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """[4, f, t, r]: an echo of unit norm and its derivatives −jk·∂path/∂(x, y, z)."""
+    """An echo scaled to unit norm and its derivatives −jk·∂path/∂(x, y, z): [4, f, t, r]."""
     echo = echo / np.linalg.norm(echo)
     k = (2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S).astype(np.float32)
     gradient = path_gradients(point_m, array).astype(np.float32)
@@ -183,7 +183,8 @@ def _with_slopes(
 def _front(
     element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Echo [f, t, r] of the foam sphere's front in its own scale: specular, as strong as 1/f."""
+    """Echo [f, t, r] of the foam sphere's front, scaled to unit norm: specular, with amplitude ∝
+    1/f."""
     echo = specular_echo(centre_m, element.sphere_radius_m, frequencies_hz, array)
     echo /= (frequencies_hz / frequencies_hz[0])[:, None, None].astype(np.float32)
     return echo / np.linalg.norm(echo)
@@ -193,11 +194,11 @@ def _strangers(
     capture: RadarCapture,
     target: Target,
     centres_m: Mapping[int, np.ndarray],
-    others: Sequence[Ball],
+    others: Sequence[DetectedBall],
 ) -> np.ndarray:
-    """[4·n, f·t·r]: echoes of points that lie in no recognised element's foam, one for each peak,
-    and their derivatives by place: with complex strengths of their own, they make up for what is
-    larger than a point."""
+    """Model columns [4·n, f·t·r] of foreign echoes: points outside all elements' foam, one per
+    peak, and their derivatives by position, with free complex strengths, to fit objects larger than
+    a point."""
     array, frequencies_hz = mimo_array(capture), capture.frequencies_hz
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
@@ -216,7 +217,7 @@ def _strangers(
 
 
 def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
-    """Complex strength of each ball, with fronts and strangers free and every place as it is."""
+    """Complex strength of each ball at fixed positions, with free fronts and foreign echoes."""
     fixed = np.concatenate(
         [
             *([COLUMNS * n, COLUMNS * n + 4] for n in range(elements)),
@@ -227,7 +228,7 @@ def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
 
 
 def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
-    """Complex columns [c] in real unknowns [u]: [c, u]; a place's slopes are as strong as its
-    ball."""
+    """Matrix [c, u] from real unknowns [u] to complex columns [c]; a ball's derivatives scale with
+    its strength."""
     of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
     return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))

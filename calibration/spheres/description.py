@@ -1,5 +1,5 @@
-"""The calibration target: foam spheres that photographs see, with steel balls inside that radar
-sees.
+"""The calibration target: foam spheres, visible in photographs, with steel balls inside, visible to
+the radar.
 
 After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not public. The
 fifth element breaks the square's symmetry. A sensor's candidates are matched to the elements by
@@ -42,9 +42,9 @@ class Element(Config):
 
 
 class Target(Config):
-    """A rigid arrangement of at least three elements, with how well it was made (standard
-    deviations): of the foam's permittivity, which all spheres share, of each ball's place in its
-    sphere, per axis, and of each sphere's radius."""
+    """A rigid arrangement of at least three elements, with the standard deviations of its
+    manufacture: the foam's permittivity (common to all spheres), each ball's position in its sphere
+    (per axis), and each sphere's radius."""
 
     element: tuple[Element, ...] = Field(min_length=3)
     foam_permittivity: float = Field(default=1.03, ge=1)
@@ -73,8 +73,8 @@ class Target(Config):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A sensor's estimate of an element's centre. centre_m: [3]; covariance_m2: [3, 3]; elements:
-    indices of the elements that it can be, by its size."""
+    """A sensor's estimate of an element's centre: centre_m [3]; covariance_m2 [3, 3]; elements:
+    indices of the elements with this size."""
 
     centre_m: np.ndarray
     covariance_m2: np.ndarray
@@ -109,11 +109,12 @@ def save_target(path: str | Path, target: Target) -> None:
 
 
 def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
-    """Element → candidate for the largest set of candidates that lie as the target's elements do
-    (turned and moved, never mirrored). `sensor` names the candidates in errors.
+    """Match candidates to elements: element → candidate, for the largest set of candidates that a
+    rigid motion (without reflection) maps to the target's elements. sensor: name of the candidates
+    in errors.
 
-    Raises HandbenchError when fewer than min(4, all) elements fit, when they lie on a line, or when
-    the set can be read in more than one way: a symmetric target, or its asymmetric element unseen.
+    Raises HandbenchError if fewer than min(4, all) elements match, if they are on a line, or if the
+    match is ambiguous: a symmetric target, or its asymmetric element not found.
     """
     needed = min(4, len(target.element))
     found = assignments(candidates[:MAX_CANDIDATES], target)
@@ -137,8 +138,8 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
 
 
 def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignment]:
-    """All assignments of the greatest size in which every pair of candidates is as far apart as its
-    elements (within TOLERANCE_M) and a rotation carries all elements to their candidates."""
+    """All assignments of the largest size in which the distances between candidates equal those of
+    their elements (within TOLERANCE_M) and a rotation maps all elements to their candidates."""
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
     count = len(target.element)
@@ -148,7 +149,7 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
     def extend(element: int, chosen: Assignment) -> None:
         nonlocal best, found
         if len(chosen) + count - element < best:
-            return  # cannot become as large as what is known
+            return  # cannot become as large as the best one
         if element == count:
             if _is_rotation(chosen, target.centres_m, centres_m):
                 found = [chosen] if len(chosen) > best else [*found, chosen]
@@ -166,7 +167,8 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
 
 
 def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarray) -> bool:
-    """Distances cannot tell a set from its mirror image; the best rotation can."""
+    """True if a rotation, and not only a reflection, maps the elements to their candidates:
+    distances do not distinguish the two."""
     source, target = elements_m[list(chosen)], centres_m[list(chosen.values())]
     matrix = umeyama(source, target)
     offset = target - source @ matrix[:3, :3].T - matrix[:3, 3]

@@ -1,10 +1,10 @@
-"""The target's foam spheres in a point cloud, found without a hint.
+"""Detection of the target's foam spheres in a point cloud.
 
-Each point votes for the centre that lies one radius behind it along its normal (a Hough transform
-with known radius); where many votes meet, robust least squares of |p − c| − R refine the sphere. A
-sphere is seen from one side only, and others may hide a part of it, so that a cap of 15 % of its
-surface has to do. Over so small a cap depth and radius trade for one another: the radius is held by
-how well the target was made.
+Each point votes for the centre one radius behind it along its normal (a Hough transform with known
+radius); at maxima of the votes, robust least squares of |p − c| − R refine the sphere. A sphere is
+visible from one side only and may be partly hidden, so a cap of 15 % of its surface must suffice.
+On such a cap, depth and radius are strongly correlated; the radius is constrained by its
+manufacturing tolerance.
 """
 
 from collections.abc import Iterator
@@ -19,31 +19,30 @@ from handbench.support.errors import HandbenchError
 
 VOXELS_PER_RADIUS = 15  # of the smallest sphere
 NEIGHBOURS = 16  # of the local plane that gives a normal
-MAX_MODES = 40  # places where votes meet that are tried for each radius
-GATE = 0.15  # a vote or a point this far off, relative to the radius, is no part of a sphere
+MAX_MODES = 40  # maxima of the votes that are tried for each radius
+GATE = 0.15  # largest distance of a vote or point from a sphere, relative to the radius
 MAX_NORMAL_ANGLE_RAD = np.radians(35)
-MIN_COVERAGE = 0.12  # part of the full sphere's surface that must be seen
+MIN_COVERAGE = 0.12  # least visible share of the sphere's surface
 MAX_ROUGHNESS = (
     0.03  # largest standard deviation of the points about the sphere, relative to its radius
 )
 RADIUS_TOLERANCE = 0.06  # largest relative difference of the freely fitted radius
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
-# Dense matching sinks convex surface, the more the steeper a camera sees it. What a whole sphere
-# errs by for that, whatever the number of its points (per axis), and all spheres alike towards the
-# cameras: pixels, root mean square of 20 rendered spheres at draft quality (0.053 and 0.062; of 15
-# at normal 0.029 and 0.051).
+# Dense matching puts convex surfaces too far inside, more so at steep angles. Resulting errors in
+# pixels that more points do not reduce: of each sphere (per axis), and common to all spheres,
+# towards the cameras. Root mean square of 20 rendered spheres at draft quality (15 at normal
+# quality: 0.029 and 0.051).
 WHOLE_PX, TOWARDS_CAMERAS_PX = 0.053, 0.062
-LEAST_HELD = (
-    1e-3  # mean square cosine to a direction in which points hold the centre: a cap of 6 % has that
-)
+# least mean square cosine to any direction for a determined centre: that of a cap of 6 %
+LEAST_HELD = 1e-3
 # side, relative to the radius, of the patches whose sums reveal errors that neighbours share
 PATCH = 0.5
 
 
 @dataclass(frozen=True)
 class Sphere(Candidate):
-    """A foam sphere. radius_m: its radius when that is fitted too (a check); inliers: points of the
-    thinned cloud on it; coverage: the part of its surface that they cover."""
+    """A detected foam sphere. radius_m: freely fitted radius (a check); inliers: points of the
+    thinned cloud on it; coverage: share of its surface that they cover."""
 
     radius_m: float
     inliers: int
@@ -51,29 +50,29 @@ class Sphere(Candidate):
 
 
 @dataclass(frozen=True)
-class Cloud:
-    """points_m [n, 3]; normals [n, 3] of unit length, outward if `oriented`."""
+class OrientedPoints:
+    """Points [n, 3] with unit normals [n, 3], outward if `oriented`."""
 
     points_m: np.ndarray
     normals: np.ndarray
     oriented: bool
 
-    def __getitem__(self, chosen: np.ndarray) -> "Cloud":
-        return Cloud(self.points_m[chosen], self.normals[chosen], self.oriented)
+    def __getitem__(self, chosen: np.ndarray) -> "OrientedPoints":
+        return OrientedPoints(self.points_m[chosen], self.normals[chosen], self.oriented)
 
 
 def find_spheres(
     points_m: np.ndarray, normals: np.ndarray | None, target: Target, pixel_m: float = 0.0
 ) -> list[Sphere]:
-    """All spheres of the target's radii in a cloud, those with most points first.
+    """Find all spheres of the target's radii in a cloud, those with most points first.
 
     points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate
-    them; pixel_m: what a pixel of the depth maps that the cloud was made of measures on the
-    surface. Raises HandbenchError when the cloud is malformed.
+    them; pixel_m: size on the surface of a pixel of the cloud's depth maps. Raises HandbenchError
+    for a malformed cloud.
     """
     _check(points_m, normals)
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
-    cloud = thin(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
+    cloud = thin_cloud(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
     found: list[Sphere] = []
     if len(cloud.points_m) < NEIGHBOURS:
         return found
@@ -97,9 +96,9 @@ def find_spheres(
     return sorted(found, key=lambda sphere: -sphere.inliers)
 
 
-def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cloud:
-    """One mean point (and normal) per occupied voxel, so that every part of a surface counts alike.
-    Normals that are not given come from local planes, and their sign stays open."""
+def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> OrientedPoints:
+    """Thin a cloud to one mean point (and normal) per occupied voxel, which gives all parts of a
+    surface the same weight. Missing normals are estimated from local planes, without a sign."""
     owner = _cells(points_m, voxel_m)
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
@@ -109,7 +108,7 @@ def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cl
         )  # a range, since k = 1 would drop an axis
         near = mean[cKDTree(mean).query(mean, k=nearest)[1]]
         spread = near - near.mean(axis=1, keepdims=True)
-        return Cloud(
+        return OrientedPoints(
             mean,
             np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0],
             oriented=False,
@@ -117,11 +116,11 @@ def thin(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> Cl
     normal = _mean_by(owner, count, normals)
     length = np.linalg.norm(normal, axis=1)
     flat = length > 0.5  # normals that cancel belong to no surface
-    return Cloud(mean[flat], normal[flat] / length[flat, None], oriented=True)
+    return OrientedPoints(mean[flat], normal[flat] / length[flat, None], oriented=True)
 
 
-def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
-    """Centres [3] on which the votes of many points agree, the most voted first."""
+def meeting_points(cloud: OrientedPoints, radius_m: float) -> Iterator[np.ndarray]:
+    """Yield maxima [3] of the points' votes for a centre, the highest first."""
     votes = cloud.points_m - radius_m * cloud.normals
     if not cloud.oriented:
         votes = np.concatenate([votes, cloud.points_m + radius_m * cloud.normals])
@@ -136,17 +135,17 @@ def meeting_points(cloud: Cloud, radius_m: float) -> Iterator[np.ndarray]:
 
 
 def fit_sphere(
-    cloud: Cloud,
+    cloud: OrientedPoints,
     centre_m: np.ndarray,
     radius_m: float,
     elements: tuple[int, ...],
     radius_sigma_m: float = 0.0,
 ) -> Sphere | None:
-    """Refine a sphere from a centre near it; None when the points do not carry it.
+    """Refine a sphere from a centre near it; None if the points do not support it.
 
-    Tukey's biweight by iteratively reweighted Gauss–Newton for the centre and for what the radius
-    differs from radius_m, of which radius_sigma_m is known beforehand. The covariance is the
-    M-estimator's sandwich A⁻¹BA⁻¹, B enlarged by what neighbouring points err together.
+    M-estimate (Tukey's biweight, iteratively reweighted Gauss–Newton) of the centre and of the
+    radius' deviation from radius_m, with prior radius_sigma_m. The covariance is the sandwich
+    A⁻¹BA⁻¹, with B enlarged for correlated errors of neighbouring points.
     """
     extra_m, shared = 0.0, 1.0
     for _ in range(30):
@@ -187,16 +186,16 @@ def fit_sphere(
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:
-    """True if points of this total weight determine the centre in every direction, whatever the
-    radius: those of a circle leave it free across its plane, to first order."""
+    """True if points of this total weight determine the centre in every direction for any radius.
+    Points on a circle do not determine it across their plane, to first order."""
     centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
     return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
-    """Ratio of the variance of sums over patches to that of independent scores: 1 when neighbours
-    err each on its own, the number of points that err alike otherwise. Mean over shifted patches; 3
-    fitted unknowns counted."""
+    """Variance of sums over patches relative to that of independent scores: 1 for independent
+    errors of neighbours, else the number of points with a common error. Mean over shifted patches,
+    corrected for 3 fitted unknowns."""
     ratios = []
     if not score.any():
         return 1.0
@@ -215,12 +214,12 @@ def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
 
 
 def distances(points_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """|p − c| of points [n, 3] from one centre [3]."""
+    """Distances |p − c| of points [n, 3] from a centre [3]."""
     return np.linalg.norm(points_m - centre_m, axis=1)
 
 
-def _consistent(cloud: Cloud, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """Points near the sphere's surface whose normal is the sphere's."""
+def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
+    """Mask of the points near the sphere's surface with matching normals."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)
     cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(
@@ -233,8 +232,8 @@ def _consistent(cloud: Cloud, centre_m: np.ndarray, radius_m: float) -> np.ndarr
 def _free_radius(
     points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray, radius_m: float
 ) -> float:
-    """Radius of the weighted least-squares sphere, from |p|² − 2 p·c = R² − |c|² (linear in c and
-    R² − |c|²)."""
+    """Radius of the weighted least-squares sphere by |p|² − 2 p·c = R² − |c|² (linear in c and R² −
+    |c|²)."""
     p = (points_m - centre_m) / radius_m
     root = np.sqrt(weight)[:, None]
     design = np.concatenate([2 * p, np.ones((len(p), 1))], axis=1)
@@ -243,7 +242,7 @@ def _free_radius(
 
 
 def _coverage(outward: np.ndarray) -> float:
-    """Part of the sphere on which unit directions [n, 3] lie, counted over a Fibonacci lattice of
+    """Share of the sphere covered by unit directions [n, 3], counted on a Fibonacci lattice of
     directions."""
     n = 200
     i = np.arange(n) + 0.5
@@ -255,8 +254,7 @@ def _coverage(outward: np.ndarray) -> float:
 
 
 def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Number [n] of the occupied cubic cell that holds each point, counted from 0; shift in
-    cells."""
+    """Number [n] of each point's cubic cell among the occupied ones, from 0; shift in cells."""
     index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
     key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[
         :, 2

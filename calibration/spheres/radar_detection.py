@@ -1,10 +1,10 @@
-"""The target's steel balls in the radar image.
+"""Detection of the target's steel balls in the radar image.
 
-A ball's echo comes from its near surface through the foam: over the channel (t, r) its path is
-|t − c| + |c − r| − 2a·cos β + 2δ, with the ball's radius a, half the bistatic angle β and the
-foam's one-way delay δ. Peaks of the image are found one after another, each in what the others
-leave over (RELAX, Li & Stoica 1996), so that side lobes are neither taken for balls nor pull at
-them; then each peak is carried to the centre of a ball.
+A ball's echo comes from its near surface through the foam: over the channel (t, r) its path is |t −
+c| + |c − r| − 2a·cos β + 2δ, with the ball's radius a, half the bistatic angle β and the foam's
+one-way delay δ. Peaks of the image are found one after another, each in the residual of the others
+(RELAX, Li & Stoica 1996), so side lobes are not mistaken for balls and do not bias them; each peak
+is then converted to the centre of a ball.
 """
 
 from dataclasses import dataclass
@@ -26,10 +26,8 @@ from handbench.radar.simulation.physics.spheres import half_angle_cosine, path_g
 from handbench.support.errors import HandbenchError
 
 REACH_M = 0.006  # a seed is at most this far from its peak, per axis
-STENCIL_STEPS_M = (
-    5e-4,
-    1e-4,
-)  # the wide one walks to the summit, the narrow one is not misled by its skew
+# the wide stencil finds the summit, the narrow one is not biased by its skew
+STENCIL_STEPS_M = 5e-4, 1e-4
 MAX_STEPS = 20
 STENCIL = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
 _X, _Y, _Z = STENCIL.T
@@ -60,8 +58,8 @@ class EchoSearch(GridConfig):
 
 @dataclass(frozen=True)
 class Peak:
-    """A point-like echo: the image's maximum [3] in metres, its strength (norm of its samples), its
-    covariance."""
+    """A point-like echo: position_m [3] of the image's maximum, strength (norm of its samples),
+    covariance_m2 [3, 3]."""
 
     position_m: np.ndarray
     strength: float
@@ -69,8 +67,8 @@ class Peak:
 
 
 @dataclass(frozen=True)
-class Ball(Candidate):
-    """A steel ball. peak_m: where the image has its maximum; level_db: against the strongest
+class DetectedBall(Candidate):
+    """A detected steel ball. peak_m: the image's maximum; level_db: relative to the strongest
     echo."""
 
     peak_m: np.ndarray
@@ -79,10 +77,10 @@ class Ball(Candidate):
 
 def find_balls(
     capture: RadarCapture, target: Target, search: EchoSearch | None = None
-) -> list[Ball]:
-    """Every echo that could be one of the target's balls, the strongest first; an echo appears once
-    for each size of element, since its centre depends on it. Raises HandbenchError when the capture
-    has no MIMO array."""
+) -> list[DetectedBall]:
+    """Find all echoes that may be the target's balls, the strongest first; an echo appears once per
+    size of element, since its centre depends on the size. Raises HandbenchError for a capture
+    without a MIMO array."""
     search = search or EchoSearch()
     samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
     depth_m = search.z.stop_m - search.z.start_m
@@ -96,18 +94,20 @@ def find_balls(
         )
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
-    peaks = separate(samples, frequencies_hz, array, seeds_m, search, radius_m)
+    peaks = separate_echoes(samples, frequencies_hz, array, seeds_m, search, radius_m)
     strongest = max((peak.strength for peak in peaks), default=1.0)
     balls = []
     for peak, ((radius_m, delay_m), elements) in product(peaks, _sizes(target).items()):
         centre_m = ball_centre(peak.position_m, frequencies_hz, array, radius_m, delay_m)
         level_db = float(20 * np.log10(peak.strength / strongest))
-        balls.append(Ball(centre_m, peak.covariance_m2, elements, peak.position_m, level_db))
+        balls.append(
+            DetectedBall(centre_m, peak.covariance_m2, elements, peak.position_m, level_db)
+        )
     return balls
 
 
 def mimo_array(capture: RadarCapture) -> AntennaArray:
-    """The capture's antennas; HandbenchError for a scan, where pairs are missing, and in a
+    """The capture's MIMO array. Raises HandbenchError for a scan, for missing pairs, and in a
     medium."""
     array = capture.aperture
     if not isinstance(array, AntennaArray):
@@ -128,9 +128,8 @@ def coarse_peaks(
 ) -> np.ndarray:
     """Local maxima [n, 3] of the image's magnitude above the threshold, metres."""
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
-    half = AntennaArray(
-        array.tx_m[::2], array.rx_m[::2]
-    )  # enough for seeds; `separate` refuses a false one
+    # enough for seeds; `separate_echoes` rejects false ones
+    half = AntennaArray(array.tx_m[::2], array.rx_m[::2])
     magnitude = np.abs(
         image_volume(samples[:, ::2, ::2], frequencies_hz, half, grid, tolerance=1e-2)
     )
@@ -138,7 +137,7 @@ def coarse_peaks(
     return grid.points_m()[loud & (magnitude == maximum_filter(magnitude, size=3))]
 
 
-def separate(
+def separate_echoes(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
     array: AntennaArray,
@@ -146,8 +145,7 @@ def separate(
     search: EchoSearch,
     radius_m: float,
 ) -> list[Peak]:
-    """The echoes of balls of radius_m near seeds_m [n, 3] that explain samples [f, t, r]
-    together."""
+    """Decompose samples [f, t, r] into echoes of balls of radius_m near seeds_m [n, 3]."""
     rest = samples
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
     least = least_seen = 0.0
@@ -155,7 +153,7 @@ def separate(
         seen = np.abs(exact_images(rest, frequencies_hz, array, seeds_m, False)[0])
         loudest = int(seen.argmax())
         if seen[loudest] < least_seen:
-            break  # what is left are side lobes of what is explained
+            break  # only side lobes of the explained echoes are left
         position_m, echo = fit_echo(rest, frequencies_hz, array, seeds_m[loudest], radius_m)
         seeds_m = np.delete(seeds_m, loudest, axis=0)
         if np.linalg.norm(echo) < least:
@@ -189,7 +187,7 @@ def fit_echo(
     seed_m: np.ndarray,
     radius_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image's maximum near seed_m and the echo of the ball that peaks there: position [3],
+    """Find the image's maximum near seed_m and the echo of a ball with this peak: position [3],
     samples [f, t, r].
 
     Newton's method on log|O|, whose gradient and curvature come from a quadratic through a 3×3×3
@@ -221,11 +219,11 @@ def ball_centre(
     radius_m: float,
     delay_m: float,
 ) -> np.ndarray:
-    """Centre [3] of the ball whose image peaks at peak_m, metres.
+    """Compute the centre [3] of the ball whose image peaks at peak_m, metres.
 
-    The peak is the point whose paths follow the ball's best: it minimises the variance of k·(path
-    difference) over tones and channels (the common phase is free). Gauss–Newton on the centre;
-    radius_m: ball; delay_m: foam, one way.
+    The peak is the point with paths most similar to the ball's: it minimises the variance of
+    k·(path difference) over tones and channels (the common phase is free). Gauss–Newton on the
+    centre; radius_m: ball; delay_m: foam, one way.
     """
     centre_m = np.array(peak_m, np.float64)
     for _ in range(4):
@@ -240,8 +238,8 @@ def ball_centre(
 def specular_echo(
     centre_m: np.ndarray, radius_m: float, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a sphere without foam by its specular point alone (radius_m 0:
-    of a point), as strong at all frequencies; the channels' amplitudes sum to 1."""
+    """Simulate the specular echo of a sphere without foam (radius_m 0: of a point): samples
+    complex64 [f, t, r], equally strong at all frequencies; the channels' amplitudes sum to 1."""
     phase = phasor(ball_path(centre_m, array, radius_m, 0.0), frequencies_hz[:, None, None], -1)
     return (phase * channel_amplitudes(centre_m, array)).astype(np.complex64)
 
@@ -268,8 +266,8 @@ def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 def _phase_spread(
     point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> tuple[np.ndarray, float, float, np.ndarray, np.ndarray]:
-    """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with what it
-    is made of: the means of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t,
+    """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with its
+    parts: the means of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t,
     r]."""
     k = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     g = path_gradients(point_m, array)
@@ -286,7 +284,7 @@ def _summit(values: np.ndarray) -> np.ndarray:
     _, x, y, z, xx, yy, zz, xy, xz, yz = QUADRATIC @ values
     hessian = np.array([[2 * xx, xy, xz], [xy, 2 * yy, yz], [xz, yz, 2 * zz]])
     value, vector = np.linalg.eigh(hessian)
-    uphill = np.maximum(np.abs(value), 1e-12)  # also where the quadratic has no summit yet
+    uphill = np.maximum(np.abs(value), 1e-12)  # also if the quadratic has no maximum
     step = vector @ ((vector.T @ [x, y, z]) / uphill)
     return step / max(1.0, np.abs(step).max() / 2)
 

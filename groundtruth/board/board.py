@@ -11,7 +11,7 @@ from handbench.support.config import Config, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
-CHESSBOARD = -1  # stands for the ChArUco board where the others stand by their markers' ids
+CHESSBOARD = -1  # key of the ChArUco board, among the markers' ids
 
 
 class Marker(Config):
@@ -51,7 +51,7 @@ class Charuco(Config):
         return self.square_m * corners.reshape(-1, 3).astype(np.float64)
 
     def cv_board(self) -> Any:
-        """OpenCV's board object; HandbenchError for a dictionary with too few markers."""
+        """OpenCV's board object. Raises HandbenchError for a dictionary with too few markers."""
         import cv2
 
         dictionary = cv_dictionary(self.dictionary)
@@ -109,7 +109,7 @@ class Board(Config):
         return cv_dictionary(self.dictionary)
 
     def describe(self) -> str:
-        """Markers and squares of the board, in words."""
+        """Description of the board's markers and squares, for messages."""
         ids = sorted(marker.id for marker in self.marker)
         markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
         c = self.charuco
@@ -119,7 +119,7 @@ class Board(Config):
 
 
 def cv_dictionary(name: str) -> Any:
-    """OpenCV's dictionary object of a name; HandbenchError for one that it does not have."""
+    """OpenCV's dictionary object with this name. Raises HandbenchError for an unknown name."""
     import cv2
 
     number = getattr(cv2.aruco, name, None)

@@ -1,8 +1,8 @@
 """The board's corners in photographs.
 
-A corner detector finds the corner of a blurred square inside it, and a photograph's tone curve
-(sRGB) shifts every edge into the dark: together half a pixel. A straight line through the middle of
-an edge's slope has neither error, once the tones are proportional to light.
+A corner detector finds the corner of a blurred square too far inside, and a photograph's tone curve
+(sRGB) shifts every edge towards the dark side: together half a pixel. A line fitted to the middle
+of an edge's slope has neither error, if tones are linear in light.
 """
 
 from collections.abc import Sequence
@@ -16,21 +16,20 @@ from handbench.support.errors import HandbenchError
 
 FEWEST_CORNERS = 16  # for a focal length
 REACHES_PX = (4.0, 3.0)  # across the edge, first and second pass
-REACH = 1 / 8  # at most, of the shortest side: a marker's border is 1/6 to 1/12 of it
-INNER = 0.1  # of an edge, at either end: there the blur mixes in the other edge
+REACH = 1 / 8  # largest reach relative to the shortest side; a marker's border is 1/6 to 1/12 of it
+INNER = 0.1  # share at either end of an edge that is left out: blur mixes in the other edge
 STEP_PX = 0.5
 FAINTEST = 0.5  # of the typical slope along the edge
 CLEAR = 0.6  # of the edge's length that must lie on the line
 TRIED = 4  # photographs, with other patterns of the board
 STRAIGHT_PX = 0.25  # median distance from the line
 
-Corners = dict[
-    tuple[int, int], np.ndarray
-]  # (marker, or CHESSBOARD, and its corner) → pixel [2], COLMAP's convention
+# (marker or CHESSBOARD, number of the corner) → pixel [2], COLMAP's convention
+Corners = dict[tuple[int, int], np.ndarray]
 
 
 def detect_corners(photo: Photo, board: Board) -> Corners:
-    """Sub-pixel corners of the board in a photograph."""
+    """Find the board's corners in a photograph, with sub-pixel accuracy."""
     tones = photo.gray()
     picture = (tones * 255).round().astype(np.uint8)
     found = _chessboard_corners(picture, board)
@@ -42,7 +41,8 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
-    """Intersections of the markers' edges; a marker seen twice is a mistake."""
+    """Corners of the markers, as intersections of their edges. Markers that appear twice are left
+    out."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(
@@ -54,13 +54,13 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
         (name, k): corner
         for name, quad in zip(names, found, strict=True)
         if name in known and names.count(name) == 1
-        for k, corner in enumerate(refined(light, quad.reshape(4, 2).astype(np.float64)))
+        for k, corner in enumerate(refine_corners(light, quad.reshape(4, 2).astype(np.float64)))
         if not np.isnan(corner).any()
     }
 
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
-    """Inner corners of the chessboard: blur and tone curve do not shift them."""
+    """Inner corners of the chessboard, which blur and tone curve do not shift."""
     if board.charuco is None:
         return {}
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
@@ -107,10 +107,10 @@ def pattern_in(photos: Sequence[Photo], board: Board) -> str:
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
-    """Focal length from one view of the board, within a few per cent; None where the photograph
-    shows too little.
+    """Estimate the focal length from one view of the board, to a few per cent; None if it shows too
+    little of the board.
 
-    A plane under a slant fixes one focal length when the principal point is taken to be the middle
+    A tilted plane determines one focal length if the principal point is the middle of the picture
     (Zhang, TPAMI 2000).
     """
     if len(corners) < FEWEST_CORNERS:
@@ -137,16 +137,16 @@ def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | Non
 
 
 def to_light(tones: np.ndarray) -> np.ndarray:
-    """sRGB tones in 0 … 1 as amounts of light in 0 … 1 (IEC 61966-2-1), float32."""
+    """Convert sRGB tones in 0 … 1 to linear light in 0 … 1 (IEC 61966-2-1), float32."""
     return np.where(tones < 0.04045, tones / 12.92, ((tones + 0.055) / 1.055) ** 2.4).astype(
         np.float32
     )
 
 
-def refined(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
-    """The corners [4, 2] of a dark square on white as indices (column, row), clockwise, from a
-    guess `quad` within two pixels or so; NaN beside an edge that is covered, faint or not straight.
-    light [height, width] float32."""
+def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
+    """Refine the corners [4, 2] of a dark square on white (indices column, row; clockwise) from a
+    guess `quad` within about two pixels; NaN next to an edge that is covered, faint or not
+    straight. light [height, width]: float32."""
     for reach_px in REACHES_PX:
         reach_px = min(
             reach_px, REACH * np.linalg.norm(quad - np.roll(quad, -1, axis=0), axis=1).min()
@@ -164,8 +164,8 @@ def refined(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
 def _edge(
     light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point [2] on the edge from about a to about b, and its direction [2]; light grows to its
-    left."""
+    """Fit the edge between a and b (approximate): a point [2] on it, and its direction [2], with
+    the bright side on its left; None if it is not clear or not straight."""
     length_px = np.linalg.norm(b - a)
     along = (b - a) / length_px
     across = np.array([along[1], -along[0]])

@@ -1,7 +1,7 @@
-"""Cameras that something else has found: handbench's cameras.json, a COLMAP model, Metashape's XML.
+"""Files of known cameras: handbench's cameras.json, COLMAP models, Metashape's XML.
 
-COLMAP's binary models are walked through first: its own reader believes every count in them, and
-counts for ever.
+COLMAP's binary models are checked first: COLMAP's reader trusts every count in them and may never
+return.
 """
 
 import struct
@@ -17,7 +17,7 @@ from handbench.groundtruth.cameras.cameras import (
     camera_in,
     load_cameras,
     pycolmap,
-    registered,
+    registered_images,
 )
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
@@ -26,7 +26,7 @@ from handbench.support.files import one_form, read_bytes, read_text, require_fol
 from handbench.support.limits import MODEL_BYTES
 from handbench.support.progress import say
 
-FEWEST_POINTS = 20  # that a photograph of a model must see
+FEWEST_POINTS = 20  # least number of points in a photograph of a model
 TURNABLE = {
     "f",
     "fx",
@@ -42,7 +42,7 @@ TURNABLE = {
     "k6",
     "p1",
     "p2",
-}  # what a lens may have
+}  # parameters of lens models that can be rotated
 PLAUSIBLE = (
     0.1,
     20.0,
@@ -52,11 +52,11 @@ KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 
 def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
-    """Each photograph's camera, of its stored pixels, from a cameras.json, a COLMAP model's folder
-    or Metashape's XML.
+    """Read each photograph's camera, for its stored pixels, from a cameras.json, a COLMAP model's
+    folder or Metashape's XML.
 
-    metric: the poses of the COLMAP model are in metres; without it they are left out, since
-    COLMAP's own have no unit.
+    metric: the poses of the COLMAP model are in metres; otherwise they are ignored, since COLMAP's
+    poses have no unit.
     """
     if path.is_dir():
         known = cameras_in(read_model(path))
@@ -85,14 +85,15 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
 
 
 def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruction":
-    """A COLMAP model (text or binary) of these photographs, its images under the photographs'
-    names; images without a photograph, and images that see next to nothing of the model's points,
-    are left out, and said.
+    """Load a COLMAP model (text or binary) of these photographs, and rename its images after them.
+    Images without a photograph, and those with very few of the model's points, are left out and
+    reported.
 
-    A HandbenchError when fewer than three photographs remain, or one has another size in the model.
+    Raises HandbenchError if fewer than three photographs are left, or if one has another size in
+    the model.
     """
     model = read_model(folder)
-    images = registered(model)
+    images = registered_images(model)
     if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
         raise HandbenchError(
             f"{folder}: has rigs of several cameras; expected single ones: export it without rigs"
@@ -117,9 +118,9 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
             model.deregister_frame(image.frame_id)
         else:
             image.name = photo.name
-    if len(registered(model)) < FEWEST:
+    if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{folder}: holds {len(registered(model))} of the {len(photos)} photographs; "
+            f"{folder}: holds {len(registered_images(model))} of the {len(photos)} photographs; "
             f"expected at least {FEWEST}, "
             "by the same names"
         )
@@ -127,14 +128,14 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
 
 
 def read_model(folder: Path) -> "pycolmap.Reconstruction":
-    """A COLMAP model of any origin; a HandbenchError for a broken one."""
+    """Read a COLMAP model. Raises HandbenchError for a broken one."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     check_model(folder)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
         model = pycolmap.Reconstruction(str(folder))
         _restore_names(model, folder)
-        registered(model)  # by their names, which are text
+        registered_images(model)  # by their names, which are text
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
             f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected "
@@ -143,12 +144,12 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
         ) from error
     finally:
         pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    numbers = [image.cam_from_world().matrix() for image in registered(model)]
-    lenses = [camera_in(image) for image in registered(model)]  # others are nobody's
+    numbers = [image.cam_from_world().matrix() for image in registered_images(model)]
+    lenses = [camera_in(image) for image in registered_images(model)]  # others are nobody's
     numbers += [camera.params for camera in lenses]
     numbers += [point.xyz for point in model.points3D.values()]
     broken = not all(np.isfinite(part).all() for part in numbers) or not all(
-        map(_is_rigid, registered(model))
+        map(_is_rigid, registered_images(model))
     )
     if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
         raise HandbenchError(
@@ -173,8 +174,7 @@ def _restore_names(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _is_rigid(image: "pycolmap.Image") -> bool:
-    """True if the image's pose holds a rotation: a quaternion that is not of unit length does not
-    give one."""
+    """True if the image's pose has a rotation, which needs a quaternion of unit length."""
     R = image.cam_from_world().rotation.matrix()
     return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
@@ -182,7 +182,7 @@ def _is_rigid(image: "pycolmap.Image") -> bool:
 def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
     """The cameras and poses of a model's registered images, by name."""
     cameras = []
-    for image in registered(model):
+    for image in registered_images(model):
         camera, pose = camera_in(image), image.cam_from_world()
         found = Camera(
             name=image.name,
@@ -198,9 +198,9 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
 
 
 def stored_camera(photo: Photo, camera: Camera) -> Camera:
-    """The camera of the stored pixels, from that of the upright picture; a HandbenchError for a
-    lens model that is not the same when turned. With each turn by 90° clockwise what was at (x, y)
-    went to (height − y, x)."""
+    """Convert the camera of the upright picture to that of the stored pixels. Each rotation by 90°
+    clockwise has moved (x, y) to (height − y, x). Raises HandbenchError for a lens model that
+    cannot be rotated."""
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
         raise HandbenchError(
@@ -236,8 +236,8 @@ def stored_camera(photo: Photo, camera: Camera) -> Camera:
 def _pairs(
     photos: tuple[Photo, ...], named: "Sequence[Camera] | Sequence[pycolmap.Image]", where: Path
 ) -> list[tuple[Photo, Any]]:
-    """Each photograph with what bears its name: all of it, else without folders, else without
-    suffix too (None: nothing). A HandbenchError where two things do."""
+    """Pair each photograph with the item of the same name: the whole name, else without folders,
+    else also without suffix (None: no item). Raises HandbenchError if two items match."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
     known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
@@ -269,8 +269,8 @@ def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
 
 
 def check_model(folder: Path) -> None:
-    """A HandbenchError where a binary file of a model is not exactly as long as what it counts, or
-    one is too large."""
+    """Raise HandbenchError if the length of a model's binary file does not fit its counts, or a
+    file is too large."""
     for name in KINDS:
         file = folder / f"{name}.bin"
         if not file.is_file():
@@ -291,8 +291,7 @@ def check_model(folder: Path) -> None:
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Write a model, binary; an OSError where it was cut short, which COLMAP passes over in
-    silence."""
+    """Write a binary model. Raises OSError if it was cut short, which COLMAP does not report."""
     model.write_binary(folder)
     try:
         check_model(folder)
@@ -301,8 +300,8 @@ def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _length(content: bytes, kind: str) -> int:
-    """End of the records of a file, whose number stands at its head; struct.error, ValueError or
-    KeyError where they go beyond it, or name a lens model that there is not."""
+    """End offset of the records of a file, by the count at its start. Raises struct.error,
+    ValueError or KeyError if they exceed the file or have an unknown lens model."""
 
     def number(form: str, at: int) -> int:
         return int(struct.unpack_from(form, content, at)[0])

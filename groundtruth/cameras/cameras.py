@@ -15,8 +15,8 @@ from handbench.support.files import read_json, write_json
 
 
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap without the SIGTERM handler that it installs (it prints a stack trace);
-    Python lets only the main thread put the old one back, so import it there first."""
+    """Import pycolmap without its SIGTERM handler, which prints a stack trace. Only the main thread
+    can restore the old handler, so the first import must happen there."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
@@ -26,7 +26,7 @@ def load_pycolmap() -> ModuleType:
 
 
 class _Colmap(ModuleType):
-    """pycolmap, imported when something of it is asked for."""
+    """pycolmap, imported on first use of an attribute."""
 
     def __getattr__(self, name: str) -> object:
         return getattr(load_pycolmap(), name)
@@ -63,7 +63,7 @@ class Camera(Config):
     def _is_rotation(cls, rows: tuple[Row, ...] | None) -> tuple[Row, ...] | None:
         if rows is not None:
             R = np.array(rows)
-            small = R.shape == (3, 3) and np.abs(R).max() < 2  # what is not might overflow
+            small = R.shape == (3, 3) and np.abs(R).max() < 2  # larger numbers might overflow
             if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
                 raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows
@@ -89,8 +89,8 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def colmap(self) -> "pycolmap.Camera":
-        """The same intrinsics as a pycolmap camera; HandbenchError for a model or parameters COLMAP
-        does not know."""
+        """Convert the intrinsics to a pycolmap camera. Raises HandbenchError for a model or
+        parameters unknown to COLMAP."""
         try:
             camera = pycolmap.Camera(
                 model=self.model, width=self.width, height=self.height, params=list(self.params)
@@ -106,7 +106,7 @@ class Camera(Config):
         return camera
 
     def project(self, points_m: np.ndarray) -> np.ndarray:
-        """World points [n, 3] to pixels [n, 2], lens distortion included."""
+        """Project world points [n, 3] to pixels [n, 2], lens distortion included."""
         return np.asarray(
             self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m)
         )
@@ -152,7 +152,7 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
     write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})
 
 
-def registered(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
+def registered_images(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
     """The registered photographs, by name."""
     return sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
@@ -162,12 +162,12 @@ def registered(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
 def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
     """The camera that took a photograph of a model."""
     if image.camera is None:
-        raise ValueError(f"{image.name} stands in no model")
+        raise ValueError(f"{image.name} is in no model")
     return image.camera
 
 
 def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
     """Put a photograph of a model at a pose, camera from world."""
     if image.frame is None:
-        raise ValueError(f"{image.name} stands in no model")
+        raise ValueError(f"{image.name} is in no model")
     image.frame.set_cam_from_world(image.camera_id, pose)

@@ -29,7 +29,7 @@ from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 MOST_PARTS = 100  # of a sensor, and of its calibration
 LARGEST = 1e12  # metres or pixels; nothing overflows
 NOT_IN_COLMAP = ("k4", "p3", "p4")
-SMALLEST_SKEW_PX = 0.05  # what B2 may move at the picture's edge and is left out
+SMALLEST_SKEW_PX = 0.05  # largest effect of B2 at the picture's edge that is ignored
 
 Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], translation [3]
 
@@ -78,7 +78,7 @@ def _is_of(label: str, photos: Collection[str]) -> bool:
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
-    """The file's root. Document types are refused: entities are what attacks by XML are made of."""
+    """Parse the file. Document types are refused, since XML attacks use entities."""
     try:
         text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
@@ -147,7 +147,7 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
 
 
 def _similarity(element: ElementTree.Element) -> Similarity | None:
-    """From the chunk's frame to the world; None without a scale."""
+    """The similarity from the chunk's frame to the world; None without a scale."""
     if element.find("transform/scale") is None:
         return None
     scale = float(_numbers(element, "transform/scale", 1)[0])
@@ -164,7 +164,7 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
 
 
 def _id(element: ElementTree.Element | None, name: str) -> str:
-    """An attribute that must be there."""
+    """A required attribute. Raises ValueError if it is missing."""
     value = None if element is None else element.get(name)
     if value is None:
         raise ValueError(f"the attribute {name} is missing")

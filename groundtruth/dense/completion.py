@@ -1,31 +1,31 @@
-"""Further looks at every view, which start from what all of them have found.
+"""Repeated matching of every view, starting from the depths of all views.
 
-A thin column that the sweep missed in one view was found in another. Its points, rendered into the
-first, are where PatchMatch starts there, and the pixels of every view are matched and filtered
-again as before.
+A thin object that the sweep missed in one view is often found in another. The points of all views
+are rendered into each view as PatchMatch's initial depths, and all pixels are matched and filtered
+again.
 """
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, DepthMap, refined
+from handbench.groundtruth.dense.dense import ITERATIONS, LOOKS, THOROUGH, ViewDepth, refine_planes
 from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.progress import track
 
-CONFIRMATIONS = 1  # other views that a point needs: what is wrong does not match again
+CONFIRMATIONS = 1  # other views that must confirm a point; wrong points do not match again
 STEEPEST = 8.0  # disparities per pixel
 
 
-def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list[DepthMap]:
-    """The depth maps made again, from their own depths and, where these have none, from the
-    others'. sources: of each view."""
+def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) -> list[ViewDepth]:
+    """Match all depth maps again, starting from their own depths and, for missing pixels, from the
+    other views'. sources: of each view."""
     for _ in range(LOOKS):
         cloud, again = fuse(maps, None, CONFIRMATIONS), []
         for m, used in zip(track(maps, "another look"), sources, strict=True):
             stereo = Stereo.of(m.view, [maps[s].view for s in used])
-            depth_m, normals = rendered(cloud, m.view)
+            depth_m, normals = render_cloud(cloud, m.view)
             known = np.isfinite(m.depth_m)
             depth_m, normals = (
                 np.where(known, m.depth_m, depth_m),
@@ -34,14 +34,14 @@ def completed(maps: list[DepthMap], sources: list[list[int]], seed: int) -> list
             planes = _filled(
                 planes_through(m.view, depth_m, normals @ m.view.R.T, stereo.unit, STEEPEST)
             )
-            again.append(refined(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
+            again.append(refine_planes(m.view, stereo, planes, ITERATIONS, seed, THOROUGH))
         maps = again
     return maps
 
 
-def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces the
-    view at each pixel."""
+def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
+    """Render depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces
+    the view."""
     h, w = view.gray.shape
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
     local = cloud.points_m @ view.R.T + view.t
@@ -58,7 +58,7 @@ def rendered(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _filled(planes: np.ndarray) -> np.ndarray:
-    """Planes [h, w, 3], those that are missing (NaN) taken from the nearest pixel that has one."""
+    """Fill missing planes (NaN) of [h, w, 3] from the nearest pixel that has one."""
     missing = np.isnan(planes[..., 0])
     if missing.all():
         return planes

@@ -1,4 +1,4 @@
-"""Depth maps on a CUDA device: COLMAP's PatchMatch searches, our own last step measures.
+"""Depth maps on a CUDA device: COLMAP's PatchMatch for the search, our own final refinement.
 
 Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP
 replaces the sweep and the iterations of `groundtruth.dense.dense`, from the same views, with the
@@ -26,7 +26,7 @@ import numpy as np
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import pycolmap
-from handbench.groundtruth.dense.dense import DepthMap, refined
+from handbench.groundtruth.dense.dense import ViewDepth, refine_planes
 from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
@@ -43,11 +43,12 @@ options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
 pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
 INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
-TELLING = ("Check failed", "rror")  # lines that name what went wrong
+TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failure
 
 
-def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[DepthMap]:
-    """Depth of every view, as `dense.depth_maps`; a HandbenchError when COLMAP fails."""
+def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
+    """Compute the depth of every view, as `dense.depth_maps` does. Raises HandbenchError if COLMAP
+    fails."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
         write_workspace(folder, views, sources)
@@ -70,8 +71,8 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
 
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
-    """Pictures, cameras and each view's sources in an empty folder, as COLMAP's stereo takes
-    them."""
+    """Write pictures, cameras and each view's sources to an empty folder, in the layout of COLMAP's
+    stereo."""
     for part in (
         "images",
         "sparse",
@@ -105,8 +106,8 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
 
 
 def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """A depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in ASCII,
-    then float32 by channel, row, column. A HandbenchError when it is not of that shape."""
+    """Read a depth or normal map [h, w, channels] of COLMAP: width&height&channels& in ASCII, then
+    float32 by channel, row, column. Raises HandbenchError for another shape."""
     content = file.read_bytes() if file.is_file() else b""
     h, w, channels = shape
     head = f"{w}&{h}&{channels}&".encode()
@@ -122,8 +123,8 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
 
 
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
-    """COLMAP's PatchMatch with these of its options, in a process of its own: it ends the process
-    when it fails."""
+    """Run COLMAP's PatchMatch with these options in a child process, because a failure ends the
+    process."""
     done = subprocess.run(
         [sys.executable, "-P", "-c", CHILD, str(workspace), json.dumps(options)],
         stdin=subprocess.DEVNULL,
@@ -132,18 +133,18 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         errors="replace",
     )
     if done.returncode != 0:
-        told = [
+        messages = [
             line.strip()
             for line in done.stderr.splitlines()
             if any(word in line for word in TELLING)
         ]
-        reason = told[-1] if told else f"exit code {done.returncode}"
+        reason = messages[-1] if messages else f"exit code {done.returncode}"
         raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
 
 
 def _depth_map(
     folder: Path, views: list[View], i: int, sources: list[int], suffix: str
-) -> DepthMap:
+) -> ViewDepth:
     view = views[i]
     h, w = view.gray.shape
     depth_m, normals = (
@@ -153,7 +154,7 @@ def _depth_map(
         for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
     )
     stereo = Stereo.of(view, [views[s] for s in sources])
-    return refined(
+    return refine_planes(
         view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0
     )
 

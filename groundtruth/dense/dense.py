@@ -1,7 +1,7 @@
 """Dense stage: a depth map for every view, on the CPU.
 
 Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a
-façade and an unscaled scene are treated alike.
+façade and an unscaled scene use the same thresholds.
 """
 
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
 from handbench.groundtruth.dense import patchmatch
 from handbench.groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
-from handbench.groundtruth.dense.prediction import predicted
+from handbench.groundtruth.dense.prediction import predict_cost
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import Masks
 from handbench.groundtruth.photos.photos import Photo
@@ -21,7 +21,7 @@ from handbench.support.progress import say, track
 
 
 class Limits(NamedTuple):
-    """The highest cost, 1 − NCC, and lowest cosine of incidence of pixels that are kept."""
+    """Limits of kept pixels: highest cost, 1 − NCC, and lowest cosine of incidence."""
 
     cost: float
     cosine: float
@@ -40,7 +40,7 @@ JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surf
 
 
 @dataclass(frozen=True)
-class DepthMap:
+class ViewDepth:
     """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3],
     world frame."""
 
@@ -57,11 +57,11 @@ def open_views(
     masks: Masks,
     target_m: np.ndarray | None,
 ) -> tuple[list[View], list[list[int]]]:
-    """The registered photographs as views of the region of interest, box_m [2, 3], and each one's
-    sources (see `choose_sources`). target_m [2, 3]: the box that colours are told apart by, if one
-    is known to hold the target and little else."""
+    """Open the registered photographs as views of the region of interest, box_m [2, 3], and choose
+    each view's sources (see `choose_sources`). target_m [2, 3]: a tight box around the target for
+    the segmentation by colour, if known."""
     by_name = {photo.name: photo for photo in photos}
-    images = registered(model)
+    images = registered_images(model)
     points = list(model.points3D.values())
     points_m = np.array([point.xyz for point in points])
     column = {image.image_id: i for i, image in enumerate(images)}
@@ -92,9 +92,9 @@ def open_views(
 
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
-) -> list[DepthMap]:
-    """Depth of every view from its sources; thorough: sweep in several directions, and keep
-    surfaces that are seen at low angles."""
+) -> list[ViewDepth]:
+    """Compute the depth of every view from its sources; thorough: sweep in several directions, and
+    keep surfaces at low angles."""
     coarse = [view.halved() for view in views]
     counts = [
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
@@ -103,7 +103,7 @@ def depth_maps(
     first = Stereo.of(views[0], [views[s] for s in sources[0]])
     rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
     say(
-        predicted(
+        predict_cost(
             views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)
         ).describe()
     )
@@ -114,14 +114,16 @@ def depth_maps(
             views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough
         )
         maps.append(
-            refined(views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL)
+            refine_planes(
+                views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL
+            )
         )
     return maps
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """For each view, the others that share most sparse points under a useful angle (Yao et al.,
-    ECCV 2018). tracks [n, views]: which view saw which of the sparse points_m [n, 3]."""
+    """Choose each view's sources: the views that share most sparse points at a useful angle (Yao et
+    al., ECCV 2018). tracks [n, views]: which views see each of the sparse points_m [n, 3]."""
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []
@@ -137,17 +139,17 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
     return chosen
 
 
-def refined(
+def refine_planes(
     view: View,
     stereo: Stereo,
     planes: np.ndarray,
     iterations: int,
     seed: int = 0,
     limits: Limits = USUAL,
-) -> DepthMap:
-    """The depth map that a guess of the planes [h, w, 3] (changed in place; NaN: none) becomes by
-    PatchMatch, a polish with curved windows, and the filters. No iterations: polish and filters
-    alone."""
+) -> ViewDepth:
+    """Refine a guess of the planes [h, w, 3] (changed in place; NaN: none) to a depth map:
+    PatchMatch, a refinement with curved windows, and filters. Without iterations, only the last
+    two."""
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
@@ -155,7 +157,7 @@ def refined(
     normals, cosine = _normals(view, planes)
     good = (cost < limits.cost) & (cosine > limits.cosine) & (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
-    return DepthMap(view, depth_m, normals @ view.R)
+    return ViewDepth(view, depth_m, normals @ view.R)
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,8 +177,8 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beside_jump(planes: np.ndarray) -> np.ndarray:
-    """Pixels [h, w] whose neighbour does not continue their plane: a window there has seen two
-    surfaces, and depth is fattened."""
+    """Mask [h, w] of the pixels whose neighbour does not continue their plane: a window there
+    covers two surfaces, and depth is biased."""
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):

@@ -1,9 +1,9 @@
 """A first plane for every pixel, from plane sweeps at half the resolution.
 
 Gallup et al., "Real-time plane-sweeping stereo with multiple sweeping directions", CVPR 2007:
-windows on planes that face the camera do not match on a floor that it sees at a low angle, and
-PatchMatch, which starts from the guess, does not get there by itself. Of several sweeps each pixel
-takes the one whose planes match best.
+windows on planes that face the camera do not match on a floor seen at a low angle, and PatchMatch
+does not recover from such a guess. Each pixel takes the planes of the best-matching of several
+sweeps.
 """
 
 import cv2
@@ -26,7 +26,7 @@ SLANTS = tuple(
     for tangent in INCIDENCES
     for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
 )
-MERIT_PX = 5  # side of the window whose mean cost tells the sweeps apart
+MERIT_PX = 5  # side of the window of the mean cost by which sweeps are compared
 
 
 def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
@@ -60,7 +60,7 @@ def first_guess(
 
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:
-    """Of planes [h, w, 3] at each pixel those that match best about it."""
+    """Choose the best-matching of several planes [h, w, 3] at each pixel."""
     low, high = 1 / (half.far_m * stereo.unit), 1 / (half.near_m * stereo.unit)
     merits = []
     for planes in candidates:
@@ -105,8 +105,8 @@ def planes_through(
     view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float, steepest: float = STEEPEST
 ) -> np.ndarray:
     """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with
-    unit normals [h, w, 3] in the camera frame; NaN where the depth is not of interest or the normal
-    looks away.
+    unit normals [h, w, 3] in the camera frame; NaN for depths outside the region of interest and
+    normals that face away.
 
     n·X = d is 1/z = (n·K⁻¹x)/d.
     """

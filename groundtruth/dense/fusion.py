@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handbench.groundtruth.dense.dense import DepthMap
+from handbench.groundtruth.dense.dense import ViewDepth
 from handbench.groundtruth.dense.planesweep import LESS
 from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from handbench.support.compiled import njit, prange
@@ -42,7 +42,7 @@ class Cloud:
     pixel_m: float
 
     def at(self, index: np.ndarray) -> "Cloud":
-        """The cloud of some of the points."""
+        """A cloud of some of the points."""
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
@@ -62,10 +62,10 @@ class Cloud:
 
 
 def fuse(
-    maps: list[DepthMap], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
+    maps: list[ViewDepth], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
 ) -> Cloud:
-    """Every pixel in the box [2, 3] whose depth enough other views confirm, moved to the mean of
-    all that agree."""
+    """Fuse depth maps: each pixel in the box [2, 3] that enough other views confirm becomes the
+    mean point of all views that agree."""
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
@@ -122,9 +122,9 @@ def _agree(
     R: np.ndarray,
     t: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean point and normal [h, w, 3] of a pixel and the views that agree with it, which these are
-    [h, w, views], itself among them, and how far their points lie before its own, along its normal
-    [h, w, views]."""
+    """Per pixel of the reference: mean point and normal [h, w, 3] over the views that agree with
+    it, the mask [h, w, views] of these views (itself included), and the offsets [h, w, views] of
+    their points along its normal."""
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
     agreeing = np.zeros((h, w, count), dtype=np.bool_)

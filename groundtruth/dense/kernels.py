@@ -1,5 +1,5 @@
-"""Compiling photogrammetry's kernels before they are needed: some twenty seconds, once per machine;
-then cached."""
+"""Compilation of photogrammetry's kernels before they are needed: some twenty seconds, once per
+machine; later runs read the cache."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from handbench.support.compiled import compile_once
 
 
 def compile_kernels() -> None:
-    """Have the kernels compiled where they are not."""
+    """Compile the kernels that are not cached yet."""
     kernels = (
         planesweep._correlate,
         planesweep._smooth,
@@ -22,7 +22,7 @@ def compile_kernels() -> None:
 
 
 def run_every_kernel() -> None:
-    """Depth maps of three small pictures, and what is fused of them."""
+    """Run all kernels on three small pictures."""
     K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
     gray = np.random.default_rng(0).random((3, 40, 40), dtype=np.float32)
     steps_m = np.array([[0.0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])

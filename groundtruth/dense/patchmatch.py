@@ -16,9 +16,8 @@ import numpy as np
 from handbench.groundtruth.dense.views import Stereo
 from handbench.support.compiled import njit, prange
 
-RADIUS = (
-    3  # a window of 7 × 7 pixels; larger ones flatten what is curved, and put a finger too far away
-)
+# a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
+RADIUS = 3
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
 ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row
@@ -66,9 +65,8 @@ def refine(
     returns the cost [h, w] float32, 1 − NCC averaged over the better half of the sources.
 
     low, high [h, w]: allowed disparities, NaN where there is nothing to do. After a first
-    evaluation only those pixels
-    are worked on whose neighbours match: a box shows more than its content, and what lies behind it
-    fits nowhere in it.
+    evaluation only pixels with matching neighbours are processed: others are mostly background,
+    which matches nowhere in the box.
     """
     wanted = low <= high
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
@@ -91,9 +89,9 @@ def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the
     slopes of planes [h, w, 3] around each pixel.
 
-    A plane that is matched over a window on a convex surface lies below its middle, by half the
+    A plane fitted over a window on a convex surface is too deep at its middle, by half the
     curvature times the window's mean square: some hundredths of a millimetre on a finger. A
-    paraboloid does not.
+    paraboloid is not.
     """
     weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
     smooth = [
@@ -136,11 +134,13 @@ def _window(
     total = np.float32(0)
     for k in range(samples):
         value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
-        alike = max(np.float32(1) - abs(value) * np.float32(1 / (64 * SIGMA_GRAY)), np.float32(0))
+        scaled = abs(value) * np.float32(1 / (64 * SIGMA_GRAY))
+        similarity = max(np.float32(1) - scaled, np.float32(0))
         for _ in range(6):
-            alike *= alike  # exp(−|value| / SIGMA_GRAY) as (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+            # exp(−|value| / SIGMA_GRAY) ≈ (1 − |value| / (64 SIGMA_GRAY))⁶⁴
+            similarity *= similarity
         values[k] = value
-        weights[k] = alike * NEARNESS[k]
+        weights[k] = similarity * NEARNESS[k]
         total += weights[k]
     mean = np.float32(0)
     for k in range(samples):
@@ -218,7 +218,7 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         i, j = (
             np.uint32(np.int32(sv)),
             np.uint32(np.int32(su)),
-        )  # which no index from the end needs to be told from
+        )  # unsigned: no check for negative indices
         fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
         top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
         bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
@@ -302,7 +302,7 @@ def _pass(
     for row in prange(h):
         y = int(
             np.int64(row)
-        )  # prange's own is unsigned: what is called with it would be compiled twice
+        )  # prange's index is unsigned: functions called with it would be compiled twice
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = (
             np.empty(len(stereo.sources)),
@@ -316,7 +316,7 @@ def _pass(
             least = np.inf
             for n in range(
                 -1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0
-            ):  # first what the pixel has
+            ):  # first the pixel's own plane
                 if 0 <= n < len(DIRECTIONS):
                     i, j = _best_neighbour(cost, y, x, n)
                     if i < 0:

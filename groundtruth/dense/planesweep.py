@@ -37,8 +37,8 @@ PATHS: tuple[tuple[int, int], ...] = (
 
 
 def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
-    """Disparity [h, w] float32 of the smoothed cost's minimum, to a fraction of a plane; these lie
-    at first, first + 1, …"""
+    """Compute the disparity [h, w] float32 of the smoothed cost's minimum, with sub-plane accuracy;
+    planes are at first, first + 1, …"""
     h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
@@ -81,11 +81,9 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 def _warp(
     stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
 ) -> None:
-    """A row of source s as the reference would see it if everything lay at one disparity; OUTSIDE
-    where it ends.
+    """Warp a row of source s to the reference at one disparity; OUTSIDE beyond the picture.
 
-    places [2, w] are what the columns and rows are written to: a loop of its own, whose arithmetic
-    becomes vectors.
+    places [2, w]: scratch for columns and rows, whose separate loop becomes vector code.
     """
     sources, A, b = stereo.sources, stereo.A, stereo.b
     rows, columns = np.float32(stereo.sizes[s, 0] - 1), np.float32(stereo.sizes[s, 1] - 1)
@@ -187,7 +185,7 @@ def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.n
 
 @njit(cache=True)
 def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
-    """Exchange values [h, w] where the other one's are less."""
+    """Move the smaller values [h, w] to `least` and the larger ones to `other`."""
     h, w = least.shape
     for y in range(h):
         for x in range(w):

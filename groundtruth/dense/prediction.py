@@ -1,5 +1,5 @@
-"""The cost of depth maps, predicted: work counted on the views, times this machine's rates measured
-on a small part."""
+"""Prediction of the cost of depth maps: operations counted on the views, times this machine's rates
+measured on a small part."""
 
 import time
 from collections.abc import Callable
@@ -18,19 +18,19 @@ HYPOTHESES = (
 SWEPT, MATCHED = (
     1.4,
     0.19,
-)  # of the trial's processor time: what large pictures take, measured on three dense stages
+)  # processor time of large pictures relative to the trial's, measured on three dense stages
 MAP_BYTES, VIEW_BYTES = (
     32,
     15,
 )  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
 SWEEP_BYTES = 4  # a plane and pixel
 FUSED_BYTES, FUSED_ALONE = 58, 72  # a pixel of each map, and of the one that is fused
-LIBRARY_BYTES = 3e8  # kernels, and what is imported for the cloud
+LIBRARY_BYTES = 3e8  # kernels and imported libraries
 
 
 class Prediction(NamedTuple):
-    """The cost of the depth maps: processor time, summed over threads, since other work on the
-    machine leaves it alone; bytes_: what they and their fusion take in addition at their peak."""
+    """Predicted cost of depth maps. seconds: processor time, summed over threads (independent of
+    other load); bytes_: additional memory at the peak, with fusion."""
 
     pixels: int
     views: int
@@ -39,7 +39,7 @@ class Prediction(NamedTuple):
     bytes_: float
 
     def describe(self) -> str:
-        """The prediction in a line."""
+        """Description in one line."""
         return (
             f"dense: {self.views} views, {self.pixels / 1e6:.2f} MP to match, up to "
             f"{self.most_planes} planes: about "
@@ -47,7 +47,7 @@ class Prediction(NamedTuple):
         )
 
 
-def predicted(
+def predict_cost(
     views: list[View],
     stereo: Stereo,
     sources: int,
@@ -55,9 +55,9 @@ def predicted(
     iterations: list[int],
     sweeps: int = 1,
 ) -> Prediction:
-    """The cost of depth maps of views from so many sources each, with so many planes swept at half
-    the resolution in each of `sweeps` directions; iterations: of PatchMatch, each time that it
-    runs; stereo: of the first view."""
+    """Predict the cost of the views' depth maps, with `sources` sources each and `planes` planes
+    swept at half the resolution in each of `sweeps` directions; iterations: of each run of
+    PatchMatch; stereo: of the first view."""
     sizes = np.array([view.gray.size for view in views])
     wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
     sweep_s, match_s = _rates(views[0], stereo)
@@ -73,8 +73,8 @@ def predicted(
 
 
 def _matches(sources: int, iterations: int) -> int:
-    """Windows that PatchMatch compares at a pixel: all sources under what it has, the better half
-    under what it tries, were it worked on in all iterations."""
+    """Number of windows that PatchMatch compares at a pixel in all iterations: all sources for the
+    current plane, the better half for each hypothesis."""
     half = max(1, sources // 2)
     return (
         sources

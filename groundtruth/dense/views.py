@@ -1,9 +1,8 @@
-"""Undistorted, cropped and shrunk photographs: what the dense stage works on.
+"""Views of the dense stage: undistorted, cropped and shrunk photographs.
 
-Depth is measured along the camera's z axis. Both the sweep and PatchMatch think in inverse depth ω
-= 1/z, because a plane in space is exactly an affine function of the pixel in ω, and because a
-source view sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman,
-section 13.1).
+Depth is measured along the camera's z axis. The sweep and PatchMatch use inverse depth ω = 1/z,
+because a plane in space is exactly an affine function of the pixel in ω, and because a source view
+sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """
 
 from dataclasses import dataclass
@@ -26,8 +25,8 @@ class View:
     """A pinhole picture of a part of the scene.
 
     gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first
-    pixel's centre is at 0. R, t (metres): camera from world. near_m, far_m [h, w] float32: depths
-    between which the surface may lie at a pixel, NaN where it is of no interest.
+    pixel's centre is at 0. R, t (metres): camera from world. near_m, far_m [h, w] float32: range of
+    depth of the surface at a pixel, NaN for pixels that are not of interest.
     """
 
     name: str
@@ -109,10 +108,10 @@ def open_view(
 ) -> View | None:
     """Read a photograph, shrink it by a whole number and undo its distortion.
 
-    depth_range_m: where the surface may lie. box_m [2, 3]: lowest and highest corner, in the world
-    frame, of the region of interest; it crops the picture and replaces the depth range. mask: True
-    at the photograph's pixels [height, width] that are of interest. None when the picture shows
-    nothing of interest.
+    depth_range_m: least and largest depth of the surface. box_m [2, 3]: lowest and highest corner,
+    in the world frame, of the region of interest; it crops the picture and replaces the depth
+    range. mask: True at the photograph's pixels [height, width] that are of interest. Returns None
+    if the picture shows nothing of interest.
     """
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
@@ -141,7 +140,7 @@ def open_view(
         ):  # where each ray enters and leaves: the slab method
             crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
         near, far = crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)
-        near = np.maximum(near, depth_range_m[0] / 4)  # for a camera that stands in the box
+        near = np.maximum(near, depth_range_m[0] / 4)  # for a camera inside the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     if mask is not None:
         column, row = np.moveaxis(
@@ -162,7 +161,7 @@ def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
-    """[h, w] as [h / factor, factor, w / factor, factor]; what does not fill a block at the end is
+    """Reshape [h, w] to [h / factor, factor, w / factor, factor]; incomplete blocks at the end are
     dropped."""
     h, w = (n // factor for n in picture.shape)
     return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
@@ -177,7 +176,7 @@ def _extent(
 ) -> tuple[int, int, int, int]:
     """Left, top, right, bottom in pixels of the picture's part that may show the box."""
     corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3) @ R.T + t
-    if (corners[:, 2] <= 0).any():  # the camera stands beside or in the box
+    if (corners[:, 2] <= 0).any():  # a corner is behind the camera
         return (0, 0, width, height)
     pixels = corners @ K.T
     pixels = pixels[:, :2] / pixels[:, 2:]

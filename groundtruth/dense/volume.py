@@ -1,6 +1,6 @@
-"""The volume that the dense stage works in: given, or found from the board, the cameras' common
-field and the sparse points, so that a background does not take the time; and the plane of a board,
-which tells the target from what it stands before or lies on."""
+"""The volume of the dense stage, given or found from the board, the cameras' common field of view
+and the sparse points, to save the time for the background; and the plane of a board, which
+separates the target from its background or support."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -18,13 +18,13 @@ from handbench.support.progress import say
 FLATTEST = (
     0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
 )
-FINEST_M = 1e-3  # no board is flatter, and known better
+FINEST_M = 1e-3  # least deviation of a board from its plane
 
 
 class Plane(NamedTuple):
     """A board's plane in the mesh's frame. axes [3, 3]: unit vectors along rows, two in the plane
     and its normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first
-    two. rough_m: how far the board may lie from the plane."""
+    two. rough_m: largest distance of the board from the plane."""
 
     origin_m: np.ndarray
     axes: np.ndarray
@@ -32,7 +32,8 @@ class Plane(NamedTuple):
     rough_m: float
 
     def local(self, points_m: np.ndarray) -> np.ndarray:
-        """Points [n, 3] along the axes; the last column is their height above the board."""
+        """Coordinates [n, 3] of points along the axes; the last column is their height above the
+        board."""
         return (points_m - self.origin_m) @ self.axes.T
 
     def around(self, box_m: np.ndarray) -> np.ndarray:
@@ -42,8 +43,8 @@ class Plane(NamedTuple):
 
 
 def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | None:
-    """The plane of the board that gave the scale: the one given, or that beside the photographs.
-    None without a board, and for one whose corners lie in several planes."""
+    """The plane of the board that gave the scale (default file: board.toml in the photographs'
+    folder). None without a board, and for one with corners in several planes."""
     if sparse.scale.source != "board":
         return None
     corners = load_board(board or photos / "board.toml").corners_m()
@@ -54,8 +55,8 @@ def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | Non
 
 
 def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: float) -> Plane | None:
-    """The plane of corners [n, 3] (None: they do not lie in one), its normal towards the cameras'
-    centres [m, 3]; residual_m: how far the corners are from where they were found."""
+    """Fit a plane to corners [n, 3], with its normal towards the cameras' centres [m, 3]; None if
+    the corners are not in one plane. residual_m: root mean square error of the corners."""
     origin_m = corners_m.mean(axis=0)
     _, _, axes = np.linalg.svd(corners_m - origin_m, full_matrices=False)
     axes[2] = np.cross(axes[0], axes[1])
@@ -74,25 +75,26 @@ BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
 GROWN = 0.5
 REACH_M = 0.3  # of a board's surroundings, or its diagonal where that is longer
 STANDS_M = 5e-3  # above the board: no point of the board
-BELOW_M = 1e-2  # of the plane: a board that lies in the volume is found where it is
+BELOW_M = 1e-2  # depth of the volume below the plane, so that the board itself is inside
 NEAREST = 0.9  # of the lowest camera's height, where surroundings end
 CELLS, FEWEST_VIEWS = 12, 3  # of the volume along each axis; photographs that must show a cell
 COARSE_BETWEEN = (0.002, 0.998)  # quantiles of a coarse cloud's points on each axis
 COARSE_ROOM, COARSE_ROOM_PX = 0.1, 6.0  # on each side: of their diagonal, and of the coarse pixels
-AT_SIDE, CUT = 0.01, 0.002  # of the volume's sides; share of the cloud beside one that means a cut
+# distance from a side relative to the volume's size; share of the cloud there that indicates a cut
+AT_SIDE, CUT = 0.01, 0.002
 
 
 @dataclass(frozen=True)
 class Volume:
-    """box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: everything); source:
-    what it is from."""
+    """A volume: box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None:
+    everything); source: how it was determined."""
 
     box_m: tuple[float, ...] | None
     source: str
 
     @classmethod
     def found(cls, box_m: np.ndarray, source: str) -> "Volume":
-        """A box [2, 3] that was found, to the micrometre."""
+        """The volume of a box [2, 3], rounded to micrometres."""
         return cls(tuple(box_m.ravel().round(6).tolist()), source)
 
     def box(self) -> np.ndarray | None:
@@ -100,14 +102,14 @@ class Volume:
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
     def describe(self) -> str:
-        """The volume in a line."""
+        """Description in one line."""
         size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"
         return f"volume ({self.source}){size}"
 
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
-    """The given box, or one about what the photographs show: with a board's plane, about what
-    stands off it in its surroundings."""
+    """The given box, or one around the photographed scene: with a board's plane, around the points
+    that rise above it in its surroundings."""
     if given is not None:
         return Volume(given, "given")
     points_m = _seen(sparse)
@@ -123,7 +125,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
 
 
 def _seen(sparse: Sparse) -> np.ndarray:
-    """The features [n, 3] that enough photographs show."""
+    """The sparse points [n, 3] in at least FEWEST_VIEWS photographs."""
     seen = [
         point.xyz
         for point in sparse.model.points3D.values()
@@ -133,8 +135,8 @@ def _seen(sparse: Sparse) -> np.ndarray:
 
 
 def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
-    """The box [2, 3] along a board's axes about the points [n, 3] that stand off it in its
-    surroundings, or these where hardly any do; and what it is from."""
+    """The box [2, 3] along a board's axes around the points [n, 3] that rise above it, or its whole
+    surroundings if there are too few; and the description of its source."""
     reach_m = max(REACH_M, float(np.linalg.norm(plane.extent_m[1] - plane.extent_m[0])))
     lowest_camera_m = float(plane.local(centres_m)[:, 2].min())
     ceiling_m = (
@@ -153,9 +155,9 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
     )
 
 
-def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
-    """A volume that was found, cut to what a coarse cloud and the features show off the board, with
-    room; the volume itself where either shows hardly any."""
+def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
+    """Narrow an automatic volume to the points of a coarse cloud and the features above the board,
+    with a margin; unchanged if either has too few."""
     box = found.box()
     if box is None:
         return found
@@ -179,14 +181,14 @@ def narrowed(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volum
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:
-    """A box [2, 3] about points [n, 3], with room for what has no features."""
+    """A box [2, 3] around points [n, 3], with a margin for parts without features."""
     low, high = np.quantile(points_m, BETWEEN, axis=0)
     room_m = GROWN * np.linalg.norm(high - low)
     return np.stack([low - room_m, high + room_m])
 
 
 def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
-    """The part of a box [2, 3] whose cells enough photographs show; the box, if they show none."""
+    """The part of a box [2, 3] that enough photographs show; the whole box if there is none."""
     steps = (np.arange(CELLS) + 0.5) / CELLS
     cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(
         -1, 3
@@ -208,8 +210,8 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
 
 
 def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
-    """Say where the surface seems to run on beyond a volume that nobody has given; a board does so
-    by nature."""
+    """Warn if the surface seems to continue beyond an automatic volume. A board, which always does,
+    is ignored."""
     box_m = found.box()
     if box_m is None or found.source == "given":
         return
@@ -221,6 +223,6 @@ def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
     shares = near.sum(axis=1) / max(len(points_m), 1)
     for side, axis in zip(*np.nonzero(shares > CUT), strict=True):
         say(
-            f"volume: {shares[side, axis]:.1%} of what was seen lies at its side {'xyz'[axis]} = "
-            f"{box_m[side, axis]:.3f}, and may run on there; give --box to see more"
+            f"volume: {shares[side, axis]:.1%} of the points are at its side {'xyz'[axis]} = "
+            f"{box_m[side, axis]:.3f}, and the surface may continue there; set a larger --box"
         )

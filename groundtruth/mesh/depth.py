@@ -1,4 +1,4 @@
-"""Depth of a surface on the radar's grid: what the radar's depth maps are compared with."""
+"""Depth of a surface on the radar's grid: the reference for the radar's depth maps."""
 
 from typing import NamedTuple
 
@@ -10,25 +10,21 @@ from handbench.support.errors import HandbenchError
 from handbench.support.rays import TriangleMesh, embree
 
 CLEARANCE_M = 1e-3
-LARGEST_M = np.array(
-    [50.0, 50.0, 250.0]
-)  # beside a radar, and in depth, which single precision tells to 0.06 mm
-EDGE_ON = 1e-4  # cosine between a triangle's normal and z below which rays along z must miss it
-STEEPEST = (
-    0.1  # cosine between a surface's normal and z below which its uncertainty along z grows no more
-)
+# largest extent in x, y and z, for which single precision has errors below 0.06 mm
+LARGEST_M = np.array([50.0, 50.0, 250.0])
+EDGE_ON = 1e-4  # triangles whose normal has a smaller cosine to z are ignored by rays along z
+# least cosine between a surface's normal and z in the conversion of its uncertainty
+STEEPEST = 0.1
 
 
 class Reference(NamedTuple):
-    """Depth z [ny, nx] of a surface, metres (NaN: none that was seen), and what is known of its
-    error along z.
+    """Reference depth z_m [ny, nx] of a surface, metres (NaN: no observed surface), and its
+    uncertainty along z.
 
-    mesh_sigma_m [ny, nx]: standard deviation that the surface gives itself, NaN where it does not
-    know. leverage
-    [ny, nx, 6 or 7]: change of depth with each parameter of `registration`, which carried the
-    surface here; its error is common to all pixels. Both are None where the registration tells no
-    covariance. met [ny, nx]: whether a pixel's ray meets any surface, seen or invented; None: not
-    told.
+    mesh_sigma_m [ny, nx]: standard deviation of the surface itself, NaN if unknown. leverage [ny,
+    nx, 6 or 7]: derivative of depth by each parameter of `registration`, the transform of the
+    surface, whose error is common to all pixels; both are None if it has no covariance. met [ny,
+    nx]: whether a pixel's ray meets any surface, observed or interpolated; None: unknown.
     """
 
     z_m: np.ndarray
@@ -39,8 +35,7 @@ class Reference(NamedTuple):
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] that the registration gives to the depth, √(g·C·gᵀ); NaN:
-        unknown."""
+        """Standard deviation [ny, nx] of the depth by the registration, √(g·C·gᵀ); NaN: unknown."""
         if self.leverage is None or self.registration is None:
             return np.full(self.z_m.shape, np.nan)
         variance = np.einsum(
@@ -58,13 +53,13 @@ class Reference(NamedTuple):
 
 
 def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Orthographic depth z [ny, nx] (metres, float64) of a mesh, in the radar frame, seen from the
-    radar (from −z).
+    """Compute the orthographic depth z [ny, nx] (metres, float64) of a mesh in the radar frame,
+    seen from −z.
 
-    NaN where a ray along +z at (x, y) meets nothing but triangles on edge. HandbenchError for a
-    mesh that spans more than anything before a radar does, as one in millimetres. The ray caster
-    works in single precision: rays start just in front of the mesh, and the depth is computed again
-    in double precision on the triangle that was hit.
+    NaN where a ray along +z at (x, y) hits no triangle; triangles parallel to the ray are ignored.
+    Raises HandbenchError for an implausibly large mesh, e.g. one in millimetres. The ray caster
+    works in single precision: rays start just in front of the mesh, and the depth is recomputed in
+    double precision on the triangle that was hit.
     """
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
     unknown_m, seen = np.full(len(vertices_m), np.nan), np.ones(len(vertices_m), dtype=bool)
@@ -74,11 +69,11 @@ def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np
 def reference_on_grid(
     surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
 ) -> Reference:
-    """As `depth_on_grid`, with its uncertainty. Where a ray meets invented surface nothing is
-    known, neither of that nor of what lies behind it.
+    """Compute the depth of a surface as `depth_on_grid` does, with its uncertainty. Pixels whose
+    first hit is interpolated surface are NaN.
 
-    surface: in the radar frame already; registration: the transform that carried it there, for its
-    covariance. Along its ray a pixel's depth changes by n·δ/n_z when the surface, with normal n,
+    surface: in the radar frame; registration: the transform that moved it there, for its
+    covariance. A pixel's depth changes along its ray by n·δ/n_z when the surface, with normal n,
     moves by δ: σ/|n_z| for an error σ along the normal, and n·J(p)·ξ/n_z for an error ξ of the
     registration, of first order.
     """
@@ -107,10 +102,10 @@ def reference_on_grid(
 def _cast(
     vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mask [ny, nx] of the rays along +z that hit, and the number [n] of the triangle that each of
-    these hits first."""
-    # Of a triangle on edge a ray can tell no depth: rounding would choose it before its neighbours,
-    # and any z of it.
+    """Cast rays along +z: the mask [ny, nx] of the rays that hit, and the number [n] of the first
+    triangle of each of these."""
+    # A triangle parallel to the rays has no depth: rounding would choose it before its neighbours,
+    # at any z.
     normal = _normal(vertices_m[faces])
     shown = np.flatnonzero(np.abs(normal[:, 2]) > EDGE_ON * np.linalg.norm(normal, axis=1))
     used_m = vertices_m[faces[shown].ravel()]
@@ -123,8 +118,8 @@ def _cast(
             f"{_by(LARGEST_M)} m: is it in "
             "millimetres? `handbench groundtruth --unit` carries it over"
         )
-    # Single precision counts from the middle of the grid and the front of the mesh, wherever these
-    # are.
+    # In single precision, coordinates are relative to the middle of the grid and the front of the
+    # mesh.
     origin_m = np.array([np.mean(x_m), np.mean(y_m), used_m[:, 2].min()])
     rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
@@ -136,7 +131,7 @@ def _cast(
 
 
 def _normal(corners: np.ndarray) -> np.ndarray:
-    """Of triangles [n, 3, 3]: [n, 3], as long as twice their area."""
+    """Normals [n, 3] of triangles [n, 3, 3], with twice their area as length."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -145,7 +140,8 @@ def _by(spans_m: np.ndarray) -> str:
 
 
 def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
-    """Values [n, ...] at the places [ny, nx] that were hit, and `elsewhere`."""
+    """Map [ny, nx, ...] with values [n, ...] at the pixels that were hit and `elsewhere` at
+    others."""
     grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid

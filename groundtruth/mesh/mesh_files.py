@@ -1,8 +1,7 @@
-"""Triangle meshes on disk: the one place that reads mesh files of strangers.
+"""Triangle meshes on disk: the only module that reads foreign mesh files.
 
-They are read with numpy alone. The libraries that know more formats believe what a file says of
-itself (open3d: a header that lies crashes it), or read past it in silence (trimesh: text with
-numbers missing, OBJ's relative indices).
+It uses numpy only. Libraries for more formats trust a file's header (open3d crashes on a wrong one)
+or skip errors silently (trimesh: text with missing numbers, OBJ's relative indices).
 """
 
 import codecs
@@ -21,7 +20,7 @@ from handbench.support.files import atomic_path, require_file, require_size
 from handbench.support.limits import MESH_BYTES
 from handbench.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
-SMALLEST_M, LONGEST_M = 5e-3, 50.0  # of what anybody puts before a radar
+SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
@@ -49,9 +48,9 @@ def read_mesh(path: str | Path) -> TriangleMesh:
 
 
 def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
-    """A mesh file (PLY, OBJ, STL) whose numbers are in units of `unit_m` metres, in metres,
-    repaired and its triangles turned alike; a HandbenchError for one without triangles, with broken
-    numbers, or of a size that tells of another unit."""
+    """Read a mesh file (PLY, OBJ, STL) with coordinates in units of `unit_m` metres, convert it to
+    metres, repair it and orient its triangles consistently. Raises HandbenchError for a mesh
+    without triangles, with invalid numbers, or with an implausible size."""
     surface = read_mesh(path)
     surface.scale(unit_m, center=np.zeros(3))
     repair(surface)
@@ -67,8 +66,8 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
 
 
 def repair(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh itself, without what ray casting and scoring stumble over: duplicates, triangles
-    without area, edges of more than two triangles, vertices of none."""
+    """Repair a mesh in place for ray casting and scoring: remove duplicates, triangles without
+    area, edges of more than two triangles, and unused vertices. Returns the mesh."""
     for kind in (
         "duplicated_vertices",
         "degenerate_triangles",
@@ -83,9 +82,8 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64
     (polygons are cut), and what else each vertex of a PLY carries, [n] by name.
 
-    Raises HandbenchError for a file that is cut short, that is not what its header promises,
-    without triangles, with NaN, infinite or absurdly far vertices, or with faces that name vertices
-    that there are not.
+    Raises HandbenchError for a file that is cut short, contradicts its header or has no triangles,
+    for NaN, infinite or implausibly far vertices, and for faces with unknown vertices.
     """
     path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
     readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
@@ -189,7 +187,7 @@ def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _corner(word: bytes, vertices: int) -> int:
-    """The vertex that a corner as 7, 7/1/2 or -1 (the last one so far) names, counted from 0."""
+    """Index, from 0, of the vertex of a corner such as 7, 7/1/2 or -1 (the last one so far)."""
     index = int(word.partition(b"/")[0])
     if index == 0 or abs(index) > MOST:
         raise ValueError
@@ -265,13 +263,13 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
             raise OSError(f"open3d could not write {path}")
         try:
             read_ply(temporary)
-        except ValueError as error:  # open3d does not mind a full disk
+        except ValueError as error:  # open3d ignores a full disk
             raise OSError(
                 "what was written is cut short; is there space left on the disk?"
             ) from error
 
 
 def raycasting_scene(surface: TriangleMesh) -> RaycastingScene:
-    """An Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32,
+    """Create an Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32,
     metres)."""
     return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

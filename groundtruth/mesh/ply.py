@@ -1,5 +1,5 @@
-"""PLY files, read with numpy alone: what a header promises is compared with the file before
-anything is believed."""
+"""Reader of PLY files, with numpy only: the header is checked against the file before anything is
+read."""
 
 import codecs
 import struct
@@ -32,9 +32,9 @@ TYPES |= dict(
 CORNERS = ("vertex_indices", "vertex_index")
 
 
-class Property(NamedTuple):
-    """A column: the type of its values and, if each row has a list of them, that of the list's
-    length. Types are a byte order and a letter that `struct` and numpy read alike."""
+class PlyProperty(NamedTuple):
+    """A column: the type of its values and, if each row has a list of them, the type of the list's
+    length. Types are a byte order and a letter, valid for `struct` and numpy."""
 
     name: str
     type: str
@@ -42,15 +42,15 @@ class Property(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Element:
+class PlyElement:
     """A table: its name, its number of rows, its columns."""
 
     name: str
     count: int
-    properties: list[Property]
+    properties: list[PlyProperty]
 
     def dtype(self, lengths: dict[str, int]) -> np.dtype:
-        """One row, its lists as long as `lengths` says."""
+        """Type of one row with lists of these lengths."""
         fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
         for p in self.properties:
             fields += [] if p.length is None else [(f"length of {p.name}", p.length)]
@@ -84,9 +84,9 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     return vertices, faces
 
 
-def _header(content: bytes) -> tuple[str, list[Element], int]:
-    """The byte order, the elements (all numbers of an ASCII file are read as doubles), and where
-    their rows begin."""
+def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
+    """Parse the header: byte order, elements (numbers of an ASCII file become doubles), and offset
+    of their rows."""
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
     start = content.find(b"\n", len(head) + 1) + 1
     lines = head.decode("latin-1").split("\n")
@@ -99,7 +99,7 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
             f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes"
         )
     order, known = "", TYPES
-    elements: list[Element] = []
+    elements: list[PlyElement] = []
     for number, line in enumerate(lines[1:], 2):
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
@@ -109,7 +109,7 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
             case ["element", name, count] if (
                 count.isascii() and count.isdigit() and len(count) < 10
             ):
-                elements.append(Element(name, int(count), []))
+                elements.append(PlyElement(name, int(count), []))
             case ["property", "list", length, kind, name] if (
                 elements and {length, kind} <= TYPES.keys()
             ):
@@ -119,10 +119,10 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
                         "number"
                     )
                 elements[-1].properties.append(
-                    Property(name, order + known[kind], order + known[length])
+                    PlyProperty(name, order + known[kind], order + known[length])
                 )
             case ["property", kind, name] if elements and kind in TYPES:
-                elements[-1].properties.append(Property(name, order + known[kind], None))
+                elements[-1].properties.append(PlyProperty(name, order + known[kind], None))
             case _:
                 raise ValueError(
                     f"line {number} of its header is '{line.strip()[:60]}', which is no PLY"
@@ -142,7 +142,7 @@ def _header(content: bytes) -> tuple[str, list[Element], int]:
 
 
 def _numbers(text: bytes) -> np.ndarray:
-    """All numbers of a text, float64."""
+    """Parse all numbers of a text, float64."""
     with warnings.catch_warnings(
         action="error", category=DeprecationWarning
     ):  # older numpy only warns of words
@@ -152,9 +152,9 @@ def _numbers(text: bytes) -> np.ndarray:
             raise ValueError("what follows its header is not numbers alone") from None
 
 
-def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
-    """The columns of an element whose rows begin at `offset`, and where they end. Lists of one
-    length are an array [rows, length], others a list of tuples."""
+def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
+    """Read an element's columns from `offset`: (columns, end offset). Lists of equal length become
+    an array [rows, length], others a list of tuples."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
     room = len(body) - offset
     if element.count * least > room:
@@ -186,9 +186,9 @@ def _rows(element: Element, body: bytes, offset: int) -> tuple[dict[str, Any], i
 
 
 def _walk(
-    element: Element, body: bytes, offset: int, count: int
+    element: PlyElement, body: bytes, offset: int, count: int
 ) -> Iterator[tuple[dict[str, Any], int]]:
-    """Row for row, each with where it ends."""
+    """Yield row after row, each with its end offset."""
     for _ in range(count):
         row = {}
         try:

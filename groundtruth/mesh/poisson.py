@@ -1,7 +1,7 @@
-"""From a cloud of points to a clean surface.
+"""Surface of a cloud of points.
 
-Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; what it invents, far from every
-point, is cut off again. Thresholds are in pixels of the depth maps.
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; surface far from all points is cut
+off again. Thresholds are in pixels of the depth maps.
 """
 
 from dataclasses import replace
@@ -24,7 +24,7 @@ FEWEST_POINTS = 500
 
 
 def clean(cloud: Cloud) -> Cloud:
-    """One point per voxel, without outliers, its normal from its neighbours and towards the
+    """Clean a cloud: one point per voxel, no outliers, normals from neighbours and towards the
     cameras."""
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
@@ -46,8 +46,7 @@ def clean(cloud: Cloud) -> Cloud:
 
 
 def _one_per_voxel(cloud: Cloud) -> Cloud:
-    """Means over the points of each voxel; a view that agrees on one of them agrees on their
-    mean."""
+    """Average the points of each voxel; the mean has all views of its points."""
     voxel = np.floor(
         (cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)
     ).astype(np.int64)
@@ -69,7 +68,8 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
 
 
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
-    """The cloud's surface: Poisson, cut where no point is near and at the box [2, 3], manifold."""
+    """Reconstruct a cloud's surface by Poisson's method, cut far from points and at the box [2, 3],
+    and repaired."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)

@@ -1,4 +1,4 @@
-"""A surface that knows how far to trust each of its points."""
+"""Surfaces with the uncertainty of each vertex."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,8 @@ class Surface:
     """Triangles over vertices [n, 3] (metres), faces [m, 3] counter-clockwise seen from outside.
 
     sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]:
-    False where no two views saw the surface, which is invented then and must not be scored.
+    False where fewer than two views saw the surface: it is interpolated there and must not be
+    scored.
     """
 
     vertices_m: np.ndarray
@@ -32,11 +33,11 @@ class Surface:
 
     @property
     def mesh(self) -> TriangleMesh:
-        """The triangles alone."""
+        """The triangles as an Open3D mesh."""
         return mesh(self.vertices_m, self.faces)
 
     def moved(self, transform: Transform) -> "Surface":
-        """The surface in the transform's target frame; the transform's own uncertainty is not
+        """Move the surface to the transform's target frame. The transform's uncertainty is not
         added."""
         sigma_m = self.sigma_m * abs(transform.scale)
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
@@ -63,9 +64,9 @@ class Surface:
 
 
 def read_surface(file: str | Path) -> "Surface":
-    """Read a mesh (PLY, OBJ, STL; metres) with what it says of itself; a mesh without sigma_m and
-    observed was observed everywhere, with unknown uncertainty."""
-    vertices_m, faces, told = read_triangles(file)
-    sigma_m = np.asarray(told.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
-    observed = np.asarray(told.get("observed", np.ones(len(vertices_m)))) > 0
+    """Read a mesh (PLY, OBJ, STL; metres) with sigma_m and observed; without them, the uncertainty
+    is unknown and every vertex counts as observed."""
+    vertices_m, faces, columns = read_triangles(file)
+    sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
+    observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0
     return Surface(vertices_m, faces, sigma_m, observed)

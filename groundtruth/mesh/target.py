@@ -1,4 +1,4 @@
-"""The target among what was photographed, and what is dropped for it, with its share."""
+"""Selection of the target among all photographed surfaces."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,19 +11,19 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh
 
-OFF_PX = 6.0  # a point nearer to the board's plane may be the board's
-RISES = 2.0  # times as high: a part that stays lower is noise of the board
-FEWEST_POINTS = 100  # that rise so high; fewer are noise
+OFF_PX = 6.0  # points nearer to the board's plane may belong to the board
+RISES = 2.0  # a part lower than this many times that height is noise of the board
+FEWEST_POINTS = 100  # least number of points above that height
 SMALLEST_PART = 0.01  # of the largest part's triangles
 
 Components = Literal["target", "largest", "all"]
 
 
 @dataclass(frozen=True)
-class Target:
-    """The parts kept: in words; the share of the cloud's points that were dropped with the board's
-    plane; the shares of the surface's area of the parts kept, largest first; the number of other
-    parts, and their share."""
+class TargetParts:
+    """The selected parts of a surface. kept: description; on_board: share of the cloud's points
+    removed with the board; parts: shares of the area of the kept parts, largest first;
+    dropped_parts, dropped: number and share of the others."""
 
     kept: str
     on_board: float
@@ -33,20 +33,20 @@ class Target:
 
 
 def margin_m(plane: Plane, pixel_m: float) -> float:
-    """Height below which a point may be the board's."""
+    """Height below which points may belong to the board."""
     return max(plane.rough_m, OFF_PX * pixel_m)
 
 
-def off_board(cloud: Cloud, plane: Plane) -> Cloud:
-    """The cloud's points that stand off the board's plane on the cameras' side; a HandbenchError
-    where there are none."""
+def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
+    """Remove the points of the board and behind it from a cloud. Raises HandbenchError if none are
+    left."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
     off = height_m > least_m
     if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
         raise _nothing_off(RISES * least_m)
     if not off.all():
         say(
-            f"target: {1 - off.mean():.1%} of the points lie less than {1e3 * least_m:.1f} mm "
+            f"target: {1 - off.mean():.1%} of the points are less than {1e3 * least_m:.1f} mm "
             "above the board: dropped"
         )
     return cloud.at(off)
@@ -54,9 +54,9 @@ def off_board(cloud: Cloud, plane: Plane) -> Cloud:
 
 def keep_target(
     mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
-) -> Target:
-    """Drop, in place, the parts of a surface that are not wanted, and those that are tiny against
-    the largest; with the board's plane, those too that nowhere rise above it far beyond least_m."""
+) -> TargetParts:
+    """Remove, in place, unwanted parts of a surface: tiny ones, all but the largest if so chosen,
+    and, with a board, parts that are nowhere much higher than least_m above it."""
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
     wanted, kept = (
         np.ones(len(triangles), dtype=bool),
@@ -77,7 +77,7 @@ def keep_target(
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
     parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
-    target = Target(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
+    target = TargetParts(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
     listed = ", ".join(f"{share:.1%}" for share in target.parts)
     say(f"target: {kept}, {len(target.parts)} of {len(shares)} parts, with {listed} of the surface")
     if target.dropped_parts:

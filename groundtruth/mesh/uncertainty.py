@@ -1,5 +1,4 @@
-"""The standard deviation of a surface: matching, cameras, distance to what was seen, and what
-windows do to all maps.
+"""Standard deviation of a surface: by matching, cameras, extrapolation and matching windows.
 
 Independent parts are added as variances. *Matching*: n views agree on a point, and their depths
 differ by s along the normal. They are not n independent measurements: a depth map is matched
@@ -9,10 +8,10 @@ Hence the spread shows (1 − ρ) of the variance of one map, and their mean kee
 it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
 map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on
 fine strong textures. *Cameras*: `adjust.point_covariance`. *Distance*: where the surface runs on
-beyond the points that were seen, its slope is known to SLOPE only. *Windows*: where a surface bends
-or is seen aslant they shift all maps alike, by SHARED_PX of a pixel, and where the seen surface
-ends, mostly at a silhouette, they see what lies behind it too: by FATTENED_PX at the border, and
-less up to the reach of a window. No spread shows either; both are measured.
+beyond the points that were seen, its slope is known to SLOPE only. *Windows*: on curved or slanted
+surfaces they shift all maps by the same SHARED_PX of a pixel, and at the border of the visible
+surface, mostly a silhouette, they include the background: a shift of FATTENED_PX at the border,
+less up to the reach of a window. The spread shows neither; both were measured.
 """
 
 import numpy as np
@@ -23,9 +22,9 @@ from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.adjust import CameraCovariance, point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
-SLOPE = 0.25  # of a surface that was not seen
-REACH_PX = 0.5  # of a point: as far as neighbouring points are from what lies between them
-OBSERVED_PX = 1.5  # a surface farther from every point was not seen
+SLOPE = 0.25  # standard deviation of the slope of unobserved surface
+REACH_PX = 0.5  # of a point: half of the distance between neighbouring points
+OBSERVED_PX = 1.5  # surface farther from every point counts as unobserved
 FATTENED_PX, WINDOW_PX = 0.1, 3.0
 SHARED_PX = 0.03  # hands' skin lies 0.04 px inside, fine strong textures 0.01 px
 CHUNK = 1_000_000  # points times camera parameters that are worked on at once
@@ -34,8 +33,8 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 def surface_sigma(
     cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a surface made of
-    a cloud's points, and whether [n] they were seen."""
+    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a cloud's surface,
+    and the mask [n] of observed vertices."""
     distance_m, near = KDTree(cloud.points_m).query(
         vertices_m, k=min(NEIGHBOURS, len(cloud.points_m))
     )
@@ -49,8 +48,8 @@ def surface_sigma(
 def window_sigma(
     vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float
 ) -> np.ndarray:
-    """Standard deviation [n], metres, that matching windows give to vertices [n, 3] of triangles
-    [m, 3], more of it beside the border of the observed [n] surface."""
+    """Standard deviation [n], metres, of vertices [n, 3] of triangles [m, 3] by matching windows,
+    larger near the border of the observed [n] surface."""
     seen = faces[observed[faces].all(axis=1)]
     edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
@@ -80,8 +79,7 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
 def camera_variance(
     cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> np.ndarray:
-    """Variance [n] along the normals, m², that the cameras' own uncertainty gives to a cloud's
-    points."""
+    """Variance [n] along the normals, m², of a cloud's points by the uncertainty of the cameras."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
     unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)

@@ -17,7 +17,7 @@ from handbench.support.progress import say
 if TYPE_CHECKING:
     import pycolmap
 
-LONGEST_SIDE_PX = 500  # of the picture that colours are told apart in
+LONGEST_SIDE_PX = 500  # of the picture in which colours are segmented
 ITERATIONS = 5
 CENTRE = 0.8  # of the picture's sides: the ellipse that holds the target when there is no box
 SMALLEST = 0.002  # share of the picture below which nothing was found
@@ -25,8 +25,8 @@ SMALLEST = 0.002  # share of the picture below which nothing was found
 
 @dataclass(frozen=True)
 class Masks:
-    """files: each photograph's mask, by the photograph's name; by_colour: cut the target out where
-    there are none."""
+    """Masks of photographs. files: mask files by the photograph's name; by_colour: segment the
+    target by colour if there are none."""
 
     files: dict[str, Path] = field(default_factory=dict)
     by_colour: bool = False
@@ -38,8 +38,8 @@ class Masks:
         pose: pycolmap.Rigid3d,
         box_m: np.ndarray | None,
     ) -> np.ndarray | None:
-        """True [height, width] at the pixels that show the target; None where every pixel may.
-        box_m [2, 3]: region of interest in the frame that `pose` starts from."""
+        """Mask [height, width] of the pixels that show the target; None for all pixels. box_m [2,
+        3]: region of interest in the frame that `pose` starts from."""
         if self.files:
             return read_mask(self.files[photo.name], photo)
         if not self.by_colour:
@@ -51,8 +51,9 @@ class Masks:
 
 
 def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
-    """Each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on the
-    target; all are read once. A HandbenchError where one is missing, empty or of another size."""
+    """Find each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on
+    the target. All are read once. Raises HandbenchError for a missing or empty mask and for one of
+    another size."""
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
     pictures = {one_form(file.name): file for file in folder.glob("*.png")}
     masks = {}
@@ -77,8 +78,8 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
 
 
 def read_mask(path: Path, photo: Photo) -> np.ndarray:
-    """True [height, width] at the mask's nonzero pixels. One made for the upright picture of a
-    photograph with an EXIF orientation is turned to the stored pixels."""
+    """Read a mask [height, width]: True at its nonzero pixels. A mask of the upright picture of a
+    photograph with an EXIF orientation is rotated to the stored pixels."""
     mask = read_gray(path) > 0
     height, width = mask.shape
     if sides_swapped(photo, width, height):
@@ -95,9 +96,9 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 
 
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
-    """The largest thing [height, width] within `candidates` [height, width] whose colours are not
-    those around it, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None when nothing
-    stands out."""
+    """Segment the largest region [height, width] within `candidates` [height, width] whose colours
+    differ from the surroundings, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None if
+    there is none."""
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -123,14 +124,14 @@ def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
 def _may_show(
     photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
 ) -> np.ndarray:
-    """True [height, width] where the box, or the ellipse in the picture's middle, is seen."""
+    """Mask [height, width] of the box's projection, or of an ellipse in the picture's middle."""
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:
         axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))
         cv2.ellipse(candidates, (photo.width // 2, photo.height // 2), axes, 0, 0, 360, 1, -1)
         return candidates > 0
     corners = pose * np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
-    if (corners[:, 2] <= 0).any():  # the camera stands in the box or beside it
+    if (corners[:, 2] <= 0).any():  # a corner is behind the camera
         return candidates == 0
     pixels = np.asarray(camera.img_from_cam(corners)).astype(np.float32)
     cv2.fillConvexPoly(candidates, cv2.convexHull(pixels).round().astype(np.int32), 1)

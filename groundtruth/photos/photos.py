@@ -1,11 +1,9 @@
-"""Photographs on disk: found, read with their EXIF data, and looked at: repeated, blurred and
-untextured ones.
+"""Photographs on disk: search, EXIF data, and detection of repeated, blurred and untextured ones.
 
-Pixels are taken as the sensor stored them: an EXIF orientation turns nothing here, as in COLMAP,
-because intrinsics belong to the sensor, and a camera that was turned is nothing but another pose. A
-mask or a camera whose sides are swapped against the stored ones belongs to the upright picture and
-is turned instead; what has equal sides is taken to
-belong to the stored one: sizes cannot tell.
+Pixels are used as the sensor stored them, without the EXIF orientation, as in COLMAP: intrinsics
+belong to the sensor, and a rotated camera is only another pose. A mask or camera with swapped sides
+belongs to the upright picture and is rotated; with equal sides it is assumed to belong to the
+stored picture.
 """
 
 import math
@@ -43,7 +41,7 @@ QUARTER_TURNS = {
     8: 3,
 }  # EXIF orientation: clockwise, from the stored to the upright picture
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
-LOOK_PX = 1000  # longer side at which photographs are looked at
+QUALITY_PX = 1000  # longer side at which quality is measured
 DIRECTIONS = 8
 FEWEST_FEATURES = 40  # of a photograph that may register
 BLURRED = (
@@ -54,7 +52,7 @@ Exif = dict[int, Any]  # tag → value
 
 
 def read_exif(path: Path) -> Exif:
-    """Tag → value of a picture file; empty where there are none or they are broken."""
+    """Read the EXIF data of a picture file, tag → value; empty if they are missing or broken."""
     try:
         with open_picture(path) as image:
             exif = image.getexif()
@@ -70,8 +68,8 @@ def orientation_of(exif: Exif) -> int:
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Equal for photographs of one camera at one focal length and size; None where the camera is
-    not named."""
+    """Identity of the camera, focal length and picture size; None if EXIF does not name the
+    camera."""
     if MODEL not in exif:
         return None
     return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
@@ -80,9 +78,9 @@ def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
 
 
 def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Focal length in pixels: from its equivalent on 35 mm film, whose diagonal stands for the
-    picture's (as COLMAP does), or in millimetres and pixels per millimetre (which COLMAP leaves);
-    None when EXIF tells neither."""
+    """Focal length in pixels, from its equivalent on 35 mm film by the ratio of diagonals (as
+    COLMAP does), or from millimetres and pixels per millimetre (which COLMAP ignores); None if EXIF
+    has neither."""
     equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
     if equivalent_mm > 0:
         focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)
@@ -171,14 +169,14 @@ def read_gray(path: Path) -> np.ndarray:
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """True if a size is that of the photograph's upright picture and not that of its stored
+    """True if this is the size of the photograph's upright picture and not that of its stored
     pixels."""
     turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
     return turned and (width, height) == (photo.height, photo.width)
 
 
 def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
-    """The upright picture [width, height, ...] turned back to the stored pixels [height, width,
+    """Rotate the upright picture [width, height, ...] back to the stored pixels [height, width,
     ...]."""
     return np.rot90(upright, QUARTER_TURNS[photo.orientation])
 
@@ -240,19 +238,19 @@ def _open(path: Path) -> Photo:
 
 
 @dataclass(frozen=True)
-class Look:
-    """Measures of one photograph: hash of its pixels, sharpness, number of features (or of enough
-    of them)."""
+class PhotoQuality:
+    """Quality of one photograph: hash of its pixels, sharpness, number of features (counted only
+    until they suffice)."""
 
     pixels: str
     sharpness: float
     features: int
 
 
-def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
-    """The photographs without repetitions and without those that are blurred against the others;
-    says which are left out. A HandbenchError when fewer than three differ or show any texture."""
-    looks = {photo.name: look_at(photo) for photo in track(photos, "looking")}
+def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
+    """Leave out repeated photographs and those that are blurred compared with the others, and
+    report them. Raises HandbenchError if fewer than three are left or have texture."""
+    looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
         if first[look.pixels] != name:
@@ -274,7 +272,9 @@ def usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     return _without_blurred(photos, looks)
 
 
-def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple[Photo, ...]:
+def _without_blurred(
+    photos: tuple[Photo, ...], looks: dict[str, PhotoQuality]
+) -> tuple[Photo, ...]:
     typical = np.median([looks[photo.name].sharpness for photo in photos])
     blurred = [photo for photo in photos if looks[photo.name].sharpness < BLURRED * typical]
     spared = len(photos) - len(blurred) >= FEWEST
@@ -287,15 +287,15 @@ def _without_blurred(photos: tuple[Photo, ...], looks: dict[str, Look]) -> tuple
     return tuple(photo for photo in photos if photo not in blurred) if spared else photos
 
 
-def look_at(photo: Photo) -> Look:
-    """Sharpness is the power of the picture's second derivative along a line over that of its
-    first, in the direction where this is least: contrast and plain surfaces cancel, and a camera
-    that moved along a line is noticed too."""
+def photo_quality(photo: Photo) -> PhotoQuality:
+    """Measure a photograph's quality. Sharpness is the power of the second derivative over that of
+    the first, in the direction where this ratio is smallest: independent of contrast and plain
+    areas, and sensitive to motion blur along a line."""
     import cv2
 
     gray = photo.gray()
     pixels = content_hash(gray)
-    scale = LOOK_PX / max(gray.shape)
+    scale = QUALITY_PX / max(gray.shape)
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     slopes = np.gradient(gray)  # by row and by column
@@ -306,12 +306,12 @@ def look_at(photo: Photo) -> Look:
         slope = cosine * slopes[1] + sine * slopes[0]
         bend = cosine**2 * xx + cosine * sine * (xy + yx) + sine**2 * yy
         sharpness = min(sharpness, float(bend.var() / max(slope.var(), 1e-12)))
-    return Look(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
+    return PhotoQuality(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
 
 
 def _features(gray: np.ndarray) -> int:
-    """Number of features: of the middle quarter, if it has enough of them, since the whole takes
-    four times as long."""
+    """Count features: in the middle quarter if it has enough, since the whole picture takes four
+    times as long."""
     import cv2
 
     h, w = gray.shape

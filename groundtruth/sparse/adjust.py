@@ -1,5 +1,5 @@
-"""Bundle adjustment of a model that lies in the board's frame; the joint covariance of the cameras
-after it, and the covariance that it gives to points in space.
+"""Bundle adjustment of a model in the board's frame, the joint covariance of the adjusted cameras,
+and the resulting covariance of points in space.
 
 Gauss–Newton steps on the cameras after the points have been eliminated (Schur's complement), damped
 after Levenberg and Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import pycolmap, registered
+from handbench.groundtruth.cameras.cameras import pycolmap, registered_images
 from handbench.groundtruth.sparse.bundle import Bundle, pseudo_inverse
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import pixel_jacobians
@@ -22,10 +22,9 @@ from handbench.support.parallel import one_blas_thread
 
 STEPS, CONVERGED = 50, 1e-5  # steps at most; relative fall of the cost at which they end
 SETTLED = 1e-6  # relative fall of the cost at which points have been triangulated
-ROUNDS = 3  # of adjusting with the noise that the last one left
-NOT_SEEN = (
-    1e-12  # of the information on a point: where nothing tells a direction, nothing moves along it
-)
+ROUNDS = 3  # of adjustment, each with the noise level of the last one's residuals
+# directions of a point with less relative information are undetermined and do not move
+NOT_SEEN = 1e-12
 
 
 def adjust(
@@ -35,7 +34,7 @@ def adjust(
     free: tuple[int, ...] = (),
     scales_px: dict[str, np.ndarray] | None = None,
 ) -> None:
-    """Adjust a model that lies near the board's frame, in place. Arguments: as of `Bundle`."""
+    """Adjust a model, near the board's frame, in place. Arguments: see `Bundle`."""
     for _ in range(ROUNDS):
         with one_blas_thread():  # sums over threads would not repeat bit for bit
             _descend(Bundle(model, corners, corners_m, free, scales_px or {}))
@@ -43,14 +42,14 @@ def adjust(
 
 
 def _descend(bundle: Bundle) -> None:
-    """Move the bundle's model to the least cost."""
+    """Minimise the cost of the bundle's model."""
     damping, equations = 1e-4, bundle.normal()
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)
         diagonal = np.diag(matrix)
         held = np.where(
             diagonal > 0, damping * diagonal, 1.0
-        )  # what nothing tells stays where it is
+        )  # undetermined parameters do not move
         step = np.linalg.solve(matrix + np.diag(held), right)
         points_step = np.einsum(
             "pij,pj->pi",
@@ -69,9 +68,9 @@ def _descend(bundle: Bundle) -> None:
 
 
 def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
-    """Move all points, those left out too, to where the cameras see them now."""
+    """Triangulate all points again, including those left out, with the adjusted cameras."""
     config = pycolmap.BundleAdjustmentConfig()
-    for image in registered(model):
+    for image in registered_images(model):
         config.add_image(image.image_id)
     options = pycolmap.BundleAdjustmentOptions(print_summary=False)
     options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = (
@@ -114,11 +113,10 @@ class CameraCovariance:
 
 
 def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
-    """Covariance of a bundle's cameras where its model stands, in its frame.
+    """Covariance of a bundle's cameras in its model's frame.
 
-    The board's corners hold the frame if there are any, else known poses do, to scale.residual_m,
-    else nothing: then it is the covariance of least trace, about the frame of all photographs
-    together (an inner constraint).
+    The frame is fixed by the board's corners if there are any, else by known poses, to
+    scale.residual_m. Without either it is the covariance of least trace (inner constraint).
     """
     information, _, _ = bundle.normal().reduced(0.0)
     if scale.source == "poses" and scale.residual_m:
@@ -133,9 +131,9 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
 def point_covariance(
     images: "list[pycolmap.Image]", known: CameraCovariance, points_m: np.ndarray, seen: np.ndarray
 ) -> np.ndarray:
-    """Covariance [n, 3, 3] (m²) that the cameras' own uncertainty gives to points [n, 3] that the
-    photographs seen [n, images] see: the points move to where the rays of the moved cameras meet
-    again, by least squares."""
+    """Covariance [n, 3, 3] (m²) of points [n, 3] by the uncertainty of the cameras; seen [n,
+    images]: which photographs see each point. Points follow the moved cameras' rays by least
+    squares."""
     information = np.zeros((len(points_m), 3, 3))
     moved = np.zeros((len(points_m), 3, len(known.matrix)))
     for image, mask in zip(images, seen.T, strict=True):

@@ -1,14 +1,14 @@
-"""The normal equations of a bundle adjustment with the board in it, everything with a weight of its
-own.
+"""Normal equations of a bundle adjustment with the board's corners, each kind of observation with
+its own weight.
 
 Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly.
 Large features are located worse than small ones, in proportion to their scale but for what all have
 in common. The board's corners are points whose places are known, seen some ten times sharper than
-features, which COLMAP cannot be told. They fix frame and scale, and tell what features tell badly:
-focal lengths and principal points. Features that only two of many photographs show are left out:
-nothing contradicts a false one, as where two contours seem to cross, and many of them bend the
-cameras. The normal matrix of the cameras, without the points, is the information on all of them
-together.
+features, which COLMAP's adjustment does not support. They fix frame and scale, and determine focal
+lengths and principal points, which features determine poorly. Features in only two of many
+photographs are left out: false ones (apparent crossings of contours) cannot be detected, and many
+of them bias the cameras. The normal matrix of the cameras, without the points, is the information
+on all of them together.
 """
 
 from dataclasses import dataclass, field
@@ -18,24 +18,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import pycolmap, registered, set_pose
+from handbench.groundtruth.cameras.cameras import pycolmap, registered_images, set_pose
 from handbench.groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
 
-# scale below which features are located alike: their noise goes as the root of both squares
+# scale below which all features are equally precise: noise grows with the root of the sum of both
+# squares
 LOCATED_LIKE_PX = 2.0
-LEAST_NOISE_PX = 0.03  # nothing is located better
+LEAST_NOISE_PX = 0.03  # least noise of any observation
 # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
 CAUCHY = 2.385
 MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
-# What is known of any lens: standard deviation of principal point (of the width), fx/fy, and
-# distortion k and p.
+# Priors of any lens: standard deviation of principal point (of the width), fx/fy, and distortion k
+# and p.
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
-LEAST_SHARE = 0.05  # of the residuals' numbers that must be left, for a noise to be told from them
+LEAST_SHARE = 0.05  # least redundancy, relative to the number of residuals, in the noise estimate
 FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
 GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
 
 
-class Seen(NamedTuple):
+class Observations(NamedTuple):
     """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the
     model's points and, after these, the board's corners, and the pixels' standard deviations:
     noise_px times a spread [n, 1]."""
@@ -54,7 +55,7 @@ class Seen(NamedTuple):
         )
 
 
-class Normal(NamedTuple):
+class NormalEquations(NamedTuple):
     """Normal equations of d camera parameters and p points: cameras [d, d] and their right side
     [d], the points' blocks [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the
     cost."""
@@ -67,8 +68,8 @@ class Normal(NamedTuple):
     cost: float
 
     @classmethod
-    def empty(cls, d: int, p: int) -> "Normal":
-        """Nothing is seen yet."""
+    def empty(cls, d: int, p: int) -> "NormalEquations":
+        """Normal equations without observations."""
         return cls(
             np.zeros((d, d)),
             np.zeros(d),
@@ -79,8 +80,8 @@ class Normal(NamedTuple):
         )
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Normal matrix and right side of the cameras alone, and the inverse of the points' blocks
-        [p, 3, 3]."""
+        """Eliminate the points: normal matrix and right side of the cameras, and the inverse of the
+        points' blocks [p, 3, 3]."""
         diagonal = np.einsum("pii->pi", self.points)
         inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
         eliminated = self.coupling @ inverse
@@ -94,9 +95,8 @@ class Normal(NamedTuple):
 
 @dataclass
 class Bundle:
-    """A model, what its photographs show, and the intrinsics that are unknown, by their places
-    among the parameters of COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); others may be
-    held only as a whole.
+    """A model with its observations. free: the unknown intrinsics, by index among the parameters of
+    COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); cameras of other models must be fixed.
 
     scales_px: photograph → the scales [n] of its features, where they are known.
     place: photograph → its columns among all unknowns: its pose's six and then its camera's, which
@@ -110,7 +110,7 @@ class Bundle:
     scales_px: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.images = registered(self.model)
+        self.images = registered_images(self.model)
         cameras = sorted({image.camera_id for image in self.images})
         first, k = POSE * len(self.images), len(self.free)
         self.size = first + k * len(cameras)
@@ -133,7 +133,7 @@ class Bundle:
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
-    def _features(self) -> list[Seen]:
+    def _features(self) -> list[Observations]:
         shown: dict[int, list[tuple[int, int]]] = {image.image_id: [] for image in self.images}
         for number, point in enumerate(self.points):
             for element in point.track.elements:
@@ -147,10 +147,10 @@ class Bundle:
             if image.name in self.scales_px:
                 spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
             pixels = np.array([image.points2D[k].xy for k in places.tolist()])
-            seen.append(Seen(image, pixels, numbers, spread[:, None]))
+            seen.append(Observations(image, pixels, numbers, spread[:, None]))
         return self._with_noise(seen)
 
-    def _known(self) -> list[Seen]:
+    def _known(self) -> list[Observations]:
         names = [
             (name, k) for name, places_m in self.corners_m.items() for k in range(len(places_m))
         ]
@@ -159,12 +159,14 @@ class Bundle:
         for image in self.images:
             if at := self.corners.get(image.name):
                 numbers = np.array([number[corner] for corner in at])
-                seen.append(Seen(image, np.array([*at.values()]), numbers, np.ones((len(at), 1))))
+                seen.append(
+                    Observations(image, np.array([*at.values()]), numbers, np.ones((len(at), 1)))
+                )
         return self._with_noise(seen)
 
-    def _with_noise(self, seen: list[Seen]) -> list[Seen]:
-        """The observations, save of points behind the camera, with the noise that what is left of
-        them shows."""
+    def _with_noise(self, seen: list[Observations]) -> list[Observations]:
+        """Set the noise level of observations from their residuals; points behind the camera are
+        left out."""
         xyz = self._xyz()
         off = [s.off(xyz) for s in seen]
         before = [np.isfinite(each).all(axis=1) for each in off]
@@ -173,14 +175,17 @@ class Bundle:
         )
         noise_px = max(MAD * float(np.median(left)), LEAST_NOISE_PX) if len(left) else np.nan
         shown = [(s, b) for s, b in zip(seen, before, strict=True) if b.any()]
-        return [Seen(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px) for s, b in shown]
+        return [
+            Observations(s.image, s.pixels[b], s.numbers[b], s.spread[b], noise_px)
+            for s, b in shown
+        ]
 
     def _count_unknowns(self) -> None:
-        """Make the noise larger by what the unknowns have fitted of it, each kind of observation
-        its own share of them (Förstner, "Ein Verfahren zur Schätzung von Varianz- und
-        Kovarianzkomponenten", AVN 1979)."""
+        """Correct the noise levels for the fitted unknowns, with each kind of observation's share
+        of them (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN
+        1979)."""
         information, _, _ = self.normal().reduced(0.0)
-        of_known, xyz = Normal.empty(self.size, 0), self._xyz()
+        of_known, xyz = NormalEquations.empty(self.size, 0), self._xyz()
         for seen in self.known:
             self._add(of_known, seen, xyz, seen.off(xyz))
         inverse = pseudo_inverse(information)
@@ -193,9 +198,10 @@ class Bundle:
         """Positions [p, 3] of the model's points, and after them of the board's corners."""
         return np.concatenate([self.points_m, *self.corners_m.values()])
 
-    def normal(self, jacobians: bool = True) -> Normal:
-        """The normal equations where the model stands; without jacobians, the cost alone."""
-        equations = Normal.empty(self.size, len(self.points))
+    def normal(self, jacobians: bool = True) -> NormalEquations:
+        """Compute the normal equations at the model's current state; without jacobians, only the
+        cost."""
+        equations = NormalEquations.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
             off = seen.off(xyz)
@@ -204,7 +210,9 @@ class Bundle:
                 self._add(equations, seen, xyz, off)
         return equations._replace(cost=cost)
 
-    def _add(self, equations: Normal, seen: Seen, xyz: np.ndarray, off: np.ndarray) -> None:
+    def _add(
+        self, equations: NormalEquations, seen: Observations, xyz: np.ndarray, off: np.ndarray
+    ) -> None:
         by_point, by_camera = pixel_jacobians(seen.image, xyz[seen.numbers], self.free)
         sigma_px = seen.noise_px * seen.spread
         weight = 1 / (1 + (off**2).sum(axis=1, keepdims=True) / CAUCHY**2) / sigma_px
@@ -223,8 +231,8 @@ class Bundle:
             np.add.at(equations.points, at, np.einsum("nia,nib->nab", by_weight, by_point))
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
-    def _add_priors(self, equations: Normal) -> float:
-        """Add what is known of any lens; returns its cost."""
+    def _add_priors(self, equations: NormalEquations) -> float:
+        """Add the priors of lenses; returns their cost."""
         cost = 0.0
         for camera_id, columns in self.intrinsics.items():
             camera = self.model.cameras[camera_id]
@@ -264,7 +272,7 @@ class Bundle:
         self.restore((poses, intrinsics, xyz + points_step))
 
     def state(self) -> "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]":
-        """Poses, intrinsics and points, to come back to."""
+        """Current poses, intrinsics and points, for `restore`."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self.points_m
@@ -272,7 +280,7 @@ class Bundle:
     def restore(
         self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]"
     ) -> None:
-        """Go to a state."""
+        """Set the model to a state."""
         poses, intrinsics, self.points_m = state
         for image, pose in zip(self.images, poses, strict=True):
             set_pose(image, pose)
@@ -292,8 +300,8 @@ def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix [d, d], in units of its own diagonal; what nothing
-    determines is left out."""
+    """Pseudo-inverse of an information matrix [d, d], scaled to its diagonal; undetermined
+    directions are left out."""
     unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     kept = values > GAUGE * values[-1]
@@ -301,9 +309,8 @@ def pseudo_inverse(information: np.ndarray) -> np.ndarray:
     return (vectors / values[kept]) @ vectors.T
 
 
-def _with_redundancy(seen: list[Seen], unknowns: float) -> list[Seen]:
-    """The observations with the noise of which residuals are what `unknowns` of their numbers have
-    left."""
+def _with_redundancy(seen: list[Observations], unknowns: float) -> list[Observations]:
+    """Increase the noise of observations whose residuals were reduced by the fit of `unknowns`."""
     count = 2 * sum(len(s.pixels) for s in seen)
     share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
     return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

@@ -10,17 +10,16 @@ import numpy as np
 from handbench.calibration.transforms import MAJORITY, triples, umeyama
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
 from handbench.groundtruth.options import Distance
 from handbench.support.errors import HandbenchError
 
-TRIM = 4.0  # times the median residual: what lies beyond is no part of the fit
-FAR_BETTER = (
-    2.0  # times smaller is the median residual of a majority that others have bent away from
-)
+TRIM = 4.0  # points beyond this many times the median residual are left out of the fit
+# a majority is used if its median residual is smaller by this factor
+FAR_BETTER = 2.0
 FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
-LARGEST_MISFIT = 0.03  # root mean square distance after the fit, over the extent of what is fitted
+LARGEST_MISFIT = 0.03  # root mean square residual relative to the extent of the points
 DISAGREEMENT = 0.02  # largest share by which a measured distance may miss the fit
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
@@ -40,10 +39,10 @@ class Scale:
 def board_from_model(
     model: "pycolmap.Reconstruction", seen: dict[str, Corners], board: Board
 ) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity from the reconstruction's frame to the board's, by one fit to all triangulated
+    """Fit the 4×4 similarity from the reconstruction's frame to the board's to all triangulated
     corners."""
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
-    for image in registered(model):
+    for image in registered_images(model):
         for corner, pixel in seen.get(image.name, {}).items():
             observed.setdefault(corner, []).append((pixel, image))
     points = {
@@ -60,12 +59,12 @@ def board_from_model(
 def poses_from_model(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity from the reconstruction's frame to that of the known camera poses, by the
-    cameras' centres."""
+    """Fit the 4×4 similarity from the reconstruction's frame to that of the known camera poses, by
+    the cameras' centres."""
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
     pairs = [
         (image.projection_center(), known[image.name])
-        for image in registered(model)
+        for image in registered_images(model)
         if image.name in known
     ]
     source, target_m = (
@@ -80,14 +79,14 @@ def poses_from_model(
 def distances_from_model(
     model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]
 ) -> tuple[np.ndarray, Scale]:
-    """4×4 similarity that scales the reconstruction to metres and leaves its frame, by least
-    squares over distances between projection centres; the residual is that of the distances (None
-    for one alone, which nothing checks).
+    """Fit the 4×4 similarity that scales the reconstruction to metres without moving its frame, by
+    least squares over distances between projection centres; the residual is that of the distances
+    (None for a single one).
 
-    A HandbenchError when a photograph is not registered or a distance misses the fit by more than 2
-    %.
+    Raises HandbenchError if a photograph is not registered or a distance deviates from the fit by
+    more than 2 %.
     """
-    centre = {image.name: image.projection_center() for image in registered(model)}
+    centre = {image.name: image.projection_center() for image in registered_images(model)}
     for distance in distances:
         for name in (distance.first, distance.second):
             if name not in centre:
@@ -123,13 +122,12 @@ def distances_from_model(
 def trimmed_similarity(
     source: np.ndarray, target_m: np.ndarray, what: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Similarity (4×4) from points [n, 3] to points [n, 3] in metres, refitted without what lies
-    far off.
+    """Fit a similarity (4×4) from points [n, 3] to points [n, 3] in metres, without outliers.
 
-    Far off is told by a fit to all points; where three of them propose one that a majority fits far
-    better, wrong points have bent it, and that majority tells (Rousseeuw 1984). Returns the matrix,
-    which points were used [n] and every point's residual [n]. HandbenchError for fewer than three
-    points, points on a line, a mirror image, and a misfit (`check_fit`).
+    Outliers are found by a fit to all points, or, if three points propose one that fits a majority
+    much better (Rousseeuw 1984), by the fit to that majority. Returns the matrix, the mask of used
+    points [n] and all residuals [n]. Raises HandbenchError for fewer than three points, points on a
+    line, a mirror image, and a bad fit (`check_fit`).
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
@@ -141,7 +139,7 @@ def trimmed_similarity(
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
     far = int(
         (residuals_m > far_m).sum()
-    )  # a majority in a plane is its own mirror image: what lies off it tells
+    )  # a majority in a plane equals its mirror image, so points outside it decide
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
             f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has "
@@ -155,7 +153,7 @@ def trimmed_similarity(
 def _agreeing(
     source: np.ndarray, target_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `trimmed_similarity`, whatever the misfit."""
+    """`trimmed_similarity` without its checks."""
     found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
     if len(source) < FEWEST_FOR_MAJORITY:
         return found
@@ -166,7 +164,7 @@ def _agreeing(
 def _trimmed(
     source: np.ndarray, target_m: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `trimmed_similarity`, from the points that are kept [n] at first."""
+    """Fit and remove outliers repeatedly, starting with the points kept [n]."""
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
     for _ in range(20):
         matrix = umeyama(source[kept], target_m[kept], with_scale=True)
@@ -198,8 +196,8 @@ def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -
 
 
 def check_fit(residual_m: float, extent_m: float, what: str) -> None:
-    """A HandbenchError when what gives the scale misses its own numbers by more than 3 % of their
-    extent; what: board corners, or the like."""
+    """Raise HandbenchError if the residual of the scale's features exceeds 3 % of their extent.
+    what: name of the features."""
     if residual_m > LARGEST_MISFIT * extent_m:
         raise HandbenchError(
             f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, "
@@ -212,7 +210,7 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
 
 
 def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
-    """Carry a reconstruction into the frame that `matrix` (4×4 similarity) leads to, in place."""
+    """Transform a reconstruction by `matrix` (4×4 similarity), in place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     model.transform(
         pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3])
@@ -220,8 +218,8 @@ def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
 
 
 def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarray | None:
-    """Point [3] that projects to the pixels in their photographs; a photograph that disagrees is
-    left out."""
+    """Triangulate the point [3] of pixels in their photographs; photographs that disagree are left
+    out."""
     options = pycolmap.EstimateTriangulationOptions()
     options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
     options.ransac.max_error = CORNER_ERROR_PX

@@ -1,5 +1,4 @@
-"""The inputs of a reconstruction, gathered and checked: what can be refused is refused before the
-work starts."""
+"""Collection and checks of a reconstruction's inputs, before the work starts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
-from handbench.groundtruth.photos.photos import Photo, find_photos, usable
+from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -28,10 +27,10 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """The photographs; the known camera of each (None: unknown); the board (None: none) and its
-    corners in each; a COLMAP model of the photographs to start from (None: they have to be
-    registered)."""
+class SparseInputs:
+    """Inputs of the sparse stage: photos; cameras: known camera of each (None: unknown); board
+    (None: none) and its corners in each photograph; model: a COLMAP model of the photographs (None:
+    they are registered here)."""
 
     photos: tuple[Photo, ...]
     cameras: tuple[Camera, ...] | None
@@ -41,7 +40,7 @@ class Inputs:
 
     @property
     def posed(self) -> bool:
-        """True if every photograph's pose is known, and no model has others."""
+        """True if every photograph's pose is known and there is no model."""
         return (
             self.model is None
             and self.cameras is not None
@@ -49,8 +48,8 @@ class Inputs:
         )
 
     def focal_lengths_px(self) -> dict[str, float]:
-        """A focal length for each photograph, from the board or, where it shows too little of it,
-        from the others."""
+        """Focal length of each photograph from the board, or the median of the others' if it shows
+        too little of the board."""
         if self.board is None:
             return {}
         found = {
@@ -66,8 +65,8 @@ class Inputs:
 
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
-    """All photographs in a folder, and the options with the files found there and the machine that
-    computes the depth maps filled in; what cannot be used is refused."""
+    """Find all photographs in a folder and complete the options: files found there, and the device
+    for depth maps. Raises HandbenchError for unusable options."""
     options.box()
     devices = 0 if options.dense == "cpu" else cuda_devices()
     if options.dense == "cuda" and not devices:
@@ -86,8 +85,8 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
 
 
 def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
-    """All photographs in a folder, and the options with the cameras.json and board.toml that lie
-    beside them, unless others are given."""
+    """Find all photographs in a folder and add its cameras.json and board.toml to the options,
+    unless others are given."""
     photos = find_photos(folder)
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
@@ -105,18 +104,17 @@ def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen
 
 
 def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
-    """Everything that the cameras' poses depend on, as `content_hash` takes it: the files behind
-    resolved options."""
+    """Hashes of all files that the cameras' poses depend on, by resolved options."""
     given = (options.cameras, options.board, options.model)
     hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
     return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
 
 
-def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
-    """The inputs in a folder of photographs, looked at and checked, and the options with the files
-    found there."""
+def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
+    """Collect and check the inputs in a folder of photographs, and complete the options with the
+    files found there."""
     photos, options = _completed(folder, options)
-    photos = usable(photos)
+    photos = select_usable(photos)
     cameras = (
         None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     )
@@ -148,17 +146,17 @@ def gather(folder: Path, options: Chosen) -> tuple[Inputs, Chosen]:
         corners = require_board(
             {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board, photos
         )
-    return Inputs(photos, cameras, board, corners, options.model), options
+    return SparseInputs(photos, cameras, board, corners, options.model), options
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
-    """A HandbenchError where two options are given of which one suffices."""
+    """Raise HandbenchError if two mutually exclusive options are given."""
     if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
         raise HandbenchError(f"{first} and {second}: both are given; {advice}")
 
 
 def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> None:
-    """A HandbenchError for options that cannot go together."""
+    """Raise HandbenchError for contradictory options."""
     _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
     _require_one(options, "model", "intrinsics", "the model has its own")
     _require_one(options, "board", "distances", "give the one you trust more")

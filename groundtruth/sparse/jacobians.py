@@ -1,4 +1,4 @@
-"""Derivatives of a photograph's pixels by the points that it sees and by its camera."""
+"""Derivatives of a photograph's pixels by its points and its camera."""
 
 import numpy as np
 
@@ -11,16 +11,16 @@ STEP = 1e-6  # of differences, relative
 
 
 def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
-    """Pixels [n, 2] at which a photograph sees points [n, 3] (COLMAP's convention)."""
+    """Project points [n, 3] to pixels [n, 2] of a photograph (COLMAP's convention)."""
     return _pixels(camera_in(image), _in_camera(image, points_m))
 
 
 def pixel_jacobians(
     image: "pycolmap.Image", points_m: np.ndarray, free: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the pixels at which a photograph sees points [n, 3]: by the point [n, 2, 3]
-    and by the camera's pose and its intrinsics at the places `free` [n, 2, 6 + k]; central
-    differences of COLMAP's own projection."""
+    """Derivatives of the projections of points [n, 3]: by the point [n, 2, 3], and by the camera's
+    pose and its intrinsics with indices `free` [n, 2, 6 + k]; central differences of COLMAP's
+    projection."""
     camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
     for axis in range(3):
@@ -49,7 +49,7 @@ def _pixels(camera: "pycolmap.Camera", x: np.ndarray) -> np.ndarray:
 
 
 def _moved(camera: "pycolmap.Camera", k: int, step: float) -> "pycolmap.Camera":
-    """The camera with its parameter k moved by step."""
+    """A copy of the camera with parameter k changed by step."""
     other = type(camera)(camera.todict())
     params = np.array(camera.params)
     params[k] += step

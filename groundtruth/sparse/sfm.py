@@ -1,6 +1,5 @@
-"""Photographs to a model with pycolmap: features and their matches, structure from motion, in an
-arbitrary frame and scale, or, where cameras and poses are known, the matches that the poses
-explain, triangulated.
+"""Photographs to a model with pycolmap: features, matches and structure from motion in an arbitrary
+frame and scale; with known cameras and poses, triangulation of the matches that agree with them.
 
 Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the
 same poses.
@@ -14,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered, set_pose
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
 from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
@@ -32,14 +31,13 @@ LARGE_PX = 2000
 FAINT = 0.004
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
 CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows
-LEAST_AGREEING = (
-    0.5  # of the matches, with the poses: wrong ones have a quarter, since epipolar lines are alike
-)
+# least share of matches that agree with the poses; wrong poses reach a quarter
+LEAST_AGREEING = 0.5
 
 
 @dataclass(frozen=True)
 class Lenses:
-    """Knowledge of the lenses before anything is registered.
+    """Prior knowledge of the lenses, before registration.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera
     that took all photographs, held fixed; without distortion, unless it is free. focal_px: a focal
@@ -56,13 +54,13 @@ class Lenses:
 
     @property
     def known(self) -> bool:
-        """True if nothing about the lenses is left to be estimated."""
+        """True if all intrinsics are known."""
         return self.cameras is not None or (
             self.intrinsics is not None and not self.free_distortion
         )
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
-        """The photographs' names, those together that share a camera."""
+        """Names of the photographs, grouped by common camera."""
         if self.cameras is not None or (self.shared is False and self.intrinsics is None):
             return [[photo.name] for photo in photos]
         by_body = self.shared is None and self.intrinsics is None
@@ -72,7 +70,7 @@ class Lenses:
         return list(groups.values())
 
     def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
-        """The known camera of a photograph, None where it has to be estimated."""
+        """The known camera of a photograph; None if it must be estimated."""
         if self.cameras is not None:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
         if self.intrinsics is None:
@@ -101,7 +99,7 @@ def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
 
 
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
-    """Write the photographs' features, and what is known of their cameras, into a new database."""
+    """Detect features, and write them with the known cameras into a new database."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
@@ -135,8 +133,8 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Give the database's cameras what is known of them, or else the median focal length of their
-    photographs."""
+    """Set the database's cameras to the known ones, or to the median guess of their focal
+    length."""
     guess_px = lenses.focal_px or {
         photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
     }
@@ -158,7 +156,7 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 
 
 def match(database: Path, seed: int) -> None:
-    """Match every pair, and keep the matches that one motion explains."""
+    """Match every pair of photographs, and keep the geometrically consistent matches."""
     say("matching every pair")
     matching = pycolmap.FeatureMatchingOptions(
         num_threads=1
@@ -171,8 +169,7 @@ def match(database: Path, seed: int) -> None:
 
 
 def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
-    """COLMAP's options to register and triangulate photographs so that the same seed gives the same
-    model."""
+    """COLMAP's options for reproducible registration and triangulation."""
     options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
     options.num_threads = 1  # sums over threads would not repeat bit for bit
     options.mapper.random_seed = options.triangulation.random_seed = seed
@@ -180,9 +177,9 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
     return options
 
 
-def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
-    """Keep the matches that the known motion of all cameras explains instead; returns their number,
-    over that of the matches that any motion explained."""
+def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> float:
+    """Keep the matches that agree with the known poses; returns their number relative to that
+    before."""
     with pycolmap.Database.open(database) as stored:
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
@@ -191,8 +188,8 @@ def agreement(database: Path, posed: "pycolmap.Reconstruction") -> float:
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Photograph → the scale [n] of each of its features, standard deviation of the blur that it
-    was found at."""
+    """Scales [n] of each photograph's features: standard deviation of the blur at which they were
+    found."""
     with pycolmap.Database.open(database) as stored:
         keypoints = {
             image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
@@ -209,10 +206,9 @@ def structure_from_motion(
 ) -> "pycolmap.Reconstruction":
     """Register the photographs; `folder` (empty) receives COLMAP's database.
 
-    Known lenses are held fixed. So is a known focal length, since a plane and free focal lengths do
-    not determine each other. Where nothing is known all but the principal point is estimated, from
-    the focal lengths that EXIF data tell. HandbenchError when fewer than three photographs
-    register.
+    Known lenses are fixed, and so is a known focal length, since planar scenes do not determine it.
+    Otherwise everything but the principal point is estimated, starting from EXIF focal lengths.
+    Raises HandbenchError if fewer than three photographs register.
     """
     database = folder / DATABASE
     find_features(photos, database, lenses, seed)
@@ -245,26 +241,26 @@ def structure_from_motion(
     return best
 
 
-def triangulated(
+def triangulate_known_poses(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """The model of photographs with known cameras (all with R, t), which stay as they are bit for
-    bit; `folder` (empty) receives COLMAP's database.
+    """Triangulate photographs with known cameras (all with R, t), which do not change; `folder`
+    (empty) receives COLMAP's database.
 
-    Photographs that see next to nothing are left out. HandbenchError when the features do not fit
+    Photographs with very few points are left out. Raises HandbenchError if the features contradict
     the poses.
     """
     pictures, database = named_pictures(photos, folder), folder / DATABASE
     given = {camera.name: camera for camera in cameras}
     find_features(photos, database, Lenses(cameras), seed)
-    model = pycolmap.Reconstruction()  # of the cameras alone, with the database's numbers
+    model = pycolmap.Reconstruction()  # of the cameras only, with the database's ids
     with pycolmap.Database.open(database) as stored:
         for camera in stored.read_all_cameras():
             model.add_camera_with_trivial_rig(camera)
         for image in stored.read_all_images():
             model.add_image_with_trivial_frame(image, _pose(given[image.name]))
     match(database, seed)
-    share = agreement(database, model)
+    share = keep_agreeing_matches(database, model)
     if share < LEAST_AGREEING:
         raise HandbenchError(
             f"{pictures}: {share:.0%} of the matched features agree with the given poses, "
@@ -277,23 +273,23 @@ def triangulated(
     model = pycolmap.triangulate_points(
         model, database, pictures, folder, options=pipeline_options(seed)
     )
-    for image in registered(model):
+    for image in registered_images(model):
         if image.num_points3D < FEWEST_POINTS:
             model.deregister_frame(image.frame_id)
-    if len(registered(model)) < FEWEST:
+    if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{pictures}: {len(registered(model))} of {len(photos)} photographs see "
+            f"{pictures}: {len(registered_images(model))} of {len(photos)} photographs see "
             f"{FEWEST_POINTS} "
             f"points with the given poses, {FEWEST} are needed; take photographs with more "
             "overlap and texture"
         )
-    for image in registered(
+    for image in registered_images(
         model
-    ):  # back to where it was given: COLMAP scales its models, and back
+    ):  # restore the exact poses: COLMAP scales its models, and back
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(
-        f"{model.num_points3D()} points of {len(registered(model))} photographs with known "
+        f"{model.num_points3D()} points of {len(registered_images(model))} photographs with known "
         f"poses, {error_px:.2f} px off"
     )
     return model
@@ -303,12 +299,15 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
     return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.rotation), camera.translation_m)
 
 
-def changes(
+def camera_changes(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [n] of a model's cameras from those given, and angles [n] between them, radians."""
+    """Distances [n] between a model's cameras and the given ones, and angles [n] between them,
+    radians."""
     given = {camera.name: camera for camera in cameras}
-    pairs = [(image, given[image.name]) for image in registered(model) if image.name in given]
+    pairs = [
+        (image, given[image.name]) for image in registered_images(model) if image.name in given
+    ]
     moved = np.array(
         [np.linalg.norm(image.projection_center() - camera.centre_m) for image, camera in pairs]
     )
@@ -318,9 +317,9 @@ def changes(
     return moved, np.array(turned_rad)
 
 
-def refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
-    """The change of a model's cameras against those given, in words."""
-    moved, turned_rad = changes(model, cameras)
+def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
+    """Describe the change of a model's cameras from the given ones."""
+    moved, turned_rad = camera_changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (
         f"refined: the given cameras moved by {moved.mean():.3g} (at most {moved.max():.3g}; "

@@ -1,5 +1,5 @@
-"""The sparse stage: registered cameras and points in the metric frame, and how well the cameras are
-known."""
+"""The sparse stage: registered cameras and points in the metric frame, with the cameras'
+covariance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.cameras.camera_files import cameras_in, load_model, write_model
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered
+from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
@@ -22,15 +22,15 @@ from handbench.groundtruth.sparse.frame import (
     distances_from_model,
     poses_from_model,
 )
-from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.inputs import SparseInputs
 from handbench.groundtruth.sparse.sfm import (
     DATABASE,
     Lenses,
-    changes,
-    refinement,
+    camera_changes,
+    describe_refinement,
     scales_px,
     structure_from_motion,
-    triangulated,
+    triangulate_known_poses,
 )
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
@@ -46,8 +46,8 @@ DISTORTION, INTRINSICS = (
 
 @dataclass(frozen=True)
 class Sparse:
-    """A COLMAP model in the mesh's frame, where its scale comes from, and how well its cameras are
-    known."""
+    """A COLMAP model in the mesh's frame, the source of its scale, and the covariance of its
+    cameras (known)."""
 
     model: pycolmap.Reconstruction
     scale: Scale
@@ -71,14 +71,14 @@ class Sparse:
         return cameras_in(self.model)
 
 
-def register(inputs: Inputs, options: SparseOptions) -> Sparse:
-    """The photographs' model, found or given, adjusted and carried into the metric frame; a board,
-    which is known in that frame, takes part in the adjustment."""
+def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
+    """Register the photographs or load their model, adjust it and transform it to the metric frame.
+    A board takes part in the adjustment."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
         scales = scales_px(database) if database.exists() else {}
-    unregistered(inputs.photos, model)
+    warn_of_unregistered(inputs.photos, model)
     check_geometry(model)
     board = inputs.board
     seen = (
@@ -90,21 +90,23 @@ def register(inputs: Inputs, options: SparseOptions) -> Sparse:
     scale = None if board is None else _to_metric_frame(model, inputs, options)
     given = inputs.posed or (
         board is None and inputs.model is not None
-    )  # what is given is taken at its word
+    )  # given poses are not adjusted
     if options.refine_poses or not given:
         before = cameras_in(model)
         adjust(model, *seen)
         if options.refine_poses:  # it stays in the frame of the given cameras
             if board is None:
                 apply(model, poses_from_model(model, before)[0])
-            say(refinement(model, before))
+            say(describe_refinement(model, before))
     scale = scale or _to_metric_frame(model, inputs, options)
     return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
 
 
-def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> tuple[str, ...]:
-    """Names of the photographs that are not part of a reconstruction; said aloud."""
-    known = {image.name for image in registered(model)}
+def warn_of_unregistered(
+    photos: tuple[Photo, ...], model: pycolmap.Reconstruction
+) -> tuple[str, ...]:
+    """Report the photographs that are not part of a reconstruction, and return their names."""
+    known = {image.name for image in registered_images(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
         say(
@@ -115,9 +117,9 @@ def unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> t
 
 
 def check_geometry(model: pycolmap.Reconstruction) -> None:
-    """A HandbenchError when the cameras hardly moved, against the distance of what they see: such
-    photographs register, and carry no depth."""
-    images = [image for image in registered(model) if image.num_points3D]
+    """Raise HandbenchError if the cameras hardly moved compared with the distance of the scene:
+    such photographs register but contain no depth."""
+    images = [image for image in registered_images(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
     reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
     seen = [
@@ -139,32 +141,31 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
         )
 
 
-def _given(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    """The given model, with points: one without any is completed, its cameras as they are."""
+def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+    """Load the given model; points are triangulated if it has none, with unchanged cameras."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
     if model.num_points3D():
         return model
     cameras = cameras_in(model)
     names = {camera.name for camera in cameras}
-    return triangulated(
+    return triangulate_known_poses(
         tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed
     )
 
 
-def _found(inputs: Inputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
+def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
     if inputs.posed and inputs.cameras is not None:
-        return triangulated(inputs.photos, inputs.cameras, scratch, options.seed)
+        return triangulate_known_poses(inputs.photos, inputs.cameras, scratch, options.seed)
     found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
     lenses = Lenses(inputs.cameras, options.intrinsics, options.refine_distortion, found_px, shared)
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
 def _free(
-    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> tuple[int, ...]:
-    """The intrinsics that nobody has given; lenses that COLMAP's camera OPENCV does not describe
-    are held."""
+    """Indices of the unknown intrinsics; lenses of other models than COLMAP's OPENCV are fixed."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
@@ -172,7 +173,7 @@ def _free(
     for camera in model.cameras.values():
         if (
             camera.model_name == "RADIAL"
-        ):  # one focal length and radial distortion alone: the others begin at that
+        ):  # one focal length and radial distortion only: initial values of the other parameters
             f, cx, cy, k1, k2 = camera.params
             camera.model, camera.params = (
                 pycolmap.CameraModelId.OPENCV,
@@ -182,7 +183,7 @@ def _free(
 
 
 def _to_metric_frame(
-    model: pycolmap.Reconstruction, inputs: Inputs, options: SparseOptions
+    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> Scale:
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
@@ -191,7 +192,7 @@ def _to_metric_frame(
     elif inputs.model is not None and options.metric:
         return Scale("model")
     elif inputs.posed and inputs.cameras is not None and not options.unscaled:
-        moved_m = changes(model, inputs.cameras)[0]
+        moved_m = camera_changes(model, inputs.cameras)[0]
         rms_m = float(np.sqrt(np.mean(moved_m**2))) if options.refine_poses else 0.0
         return Scale("poses", len(moved_m), len(moved_m), rms_m)
     elif not options.unscaled:

@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
     from handbench.bench.validation.capture_problems import board_warnings
     from handbench.groundtruth.board.board import load_board
-    from handbench.groundtruth.options import Options, predicted
+    from handbench.groundtruth.options import Options, predict_effort
     from handbench.groundtruth.photos.photos import find_photos
     from handbench.groundtruth.pipeline import reconstruct
     from handbench.support.config import parse
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
         say(f"{described}: {warning}")
     megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
-    core_s, bytes_ = predicted(len(photos), megapixels, chosen.quality)
+    core_s, bytes_ = predict_effort(len(photos), megapixels, chosen.quality)
     require_time(
         core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_
     )

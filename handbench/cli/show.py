@@ -13,7 +13,7 @@ import numpy as np
 
 from handbench.bench.results import ErrorMap, SurfaceMap, load, load_tradeoff
 from handbench.cli.options import free
-from handbench.radar.data.capture import evenly
+from handbench.radar.data.capture import even_subset
 from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, read_npz, write_text
@@ -280,7 +280,7 @@ def _recording(path: Path) -> Figure:
             0, min(0.5 / float(np.median(np.diff(np.sort(f_per_m)))), FARTHEST_M), RANGES
         )
         some = (
-            samples[:, evenly(samples.shape[1], MOST_CHANNELS)]
+            samples[:, even_subset(samples.shape[1], MOST_CHANNELS)]
             * np.hanning(len(f_hz) + 2)[1:-1, None]
         )
         power = np.mean(np.abs(np.exp(4j * np.pi * np.outer(range_m, f_per_m)) @ some) ** 2, axis=1)

@@ -16,15 +16,14 @@ from handbench.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
-FARTHEST_M = (
-    1e7  # float64 tells a path to 4e-9 m there, a phase at 80 GHz to 1e-5 rad, and worse beyond
-)
+# float64 resolves a path to 4e-9 m there, and a phase at 80 GHz to 1e-5 rad
+FARTHEST_M = 1e7
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One end of every path: antennas at position_m [n, 3] that the wave meets `passes` times;
-    channels [n]: so many of them each antenna has, or any multiple of that."""
+    """One end of every path: antennas at position_m [n, 3], each passed `passes` times; channels
+    [n]: number of channels per antenna, up to a common factor."""
 
     position_m: np.ndarray
     passes: int
@@ -42,9 +41,9 @@ class Leg:
 
 @dataclass(frozen=True)
 class AntennaArray:
-    """A MIMO array: every transmitter tx_m [t, 3] is heard by every receiver rx_m [r, 3] (metres),
-    or by those that measured, bool [t, r], says; the samples of the other pairs are 0 and add
-    nothing to an image."""
+    """A MIMO array: transmitters tx_m [t, 3] and receivers rx_m [r, 3], metres. measured, bool [t,
+    r]: the pairs that were measured (None: all). Samples of the other pairs are 0 and add nothing
+    to an image."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -53,13 +52,13 @@ class AntennaArray:
     def __post_init__(self) -> None:
         object.__setattr__(self, "tx_m", positions("tx_m", self.tx_m))
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
-        heard = self.measured
-        if heard is not None and (heard.shape != self.channels or not heard.any()):
-            found = f"{np.count_nonzero(heard)} pairs of {heard.shape}"
+        measured = self.measured
+        if measured is not None and (measured.shape != self.channels or not measured.any()):
+            found = f"{np.count_nonzero(measured)} pairs of {measured.shape}"
             raise HandbenchError(
                 f"measured: {found}; expected some of {self.channels}: is anything left?"
             )
-        if heard is not None and heard.all():
+        if measured is not None and measured.all():
             object.__setattr__(self, "measured", None)
 
     @property
@@ -69,7 +68,7 @@ class AntennaArray:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """From the transmitters, to the receivers."""
+        """The legs from the transmitters and to the receivers."""
         every = [np.ones(n) for n in self.channels]
         to, back = (
             every
@@ -81,7 +80,8 @@ class AntennaArray:
 
 @dataclass(frozen=True)
 class PlanarScan:
-    """One transceiver moved over position_m [n, 3] (metres): each position hears only itself."""
+    """One transceiver moved over position_m [n, 3], metres: each position receives its own echo
+    only."""
 
     position_m: np.ndarray
 
@@ -95,8 +95,8 @@ class PlanarScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """There and back from the same antenna; the second leg is there only so that a scan looks
-        like an array of one receiver."""
+        """The way to the target and back, both in the first leg; the second adds nothing and makes
+        a scan look like an array with one receiver."""
         return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(
             self.position_m[:1], 0, np.ones(1)
         )
@@ -104,8 +104,8 @@ class PlanarScan:
 
 @dataclass(frozen=True)
 class BistaticScan:
-    """A list of pairs: what tx_m[i] sends, rx_m[i] hears ([n, 3] each, metres), as where both are
-    moved."""
+    """A list of pairs, for a transmitter and a receiver that both move: rx_m[i] receives what
+    tx_m[i] sends ([n, 3] each, metres)."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -125,7 +125,7 @@ class BistaticScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """From the transmitters, to the receivers; their antennas belong together one by one."""
+        """The legs from the transmitters and to the receivers, paired one by one."""
         return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
             self.rx_m, 1, np.ones(len(self.rx_m))
         )
@@ -134,17 +134,17 @@ class BistaticScan:
 Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
-def as_of_an_array(aperture: Aperture, lengths: Any) -> Any:
-    """Lengths of both legs [t, …], [r, …] whose sums for every t and r are the paths; a list of
-    pairs is seen as an array of one receiver that adds nothing."""
+def array_legs(aperture: Aperture, lengths: Any) -> Any:
+    """Lengths of both legs, [t, …] and [r, …], such that every path is the sum of one of each. A
+    list of pairs becomes an array with one receiver at distance 0."""
     to, back = lengths
     return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
 
 
 def qar50() -> AntennaArray:
-    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch.
-    Transmitters stand on the two vertical sides (the outermost 1.5 mm further out), receivers lie
-    on the two horizontal ones."""
+    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch. The
+    transmitters are on the two vertical sides (the outermost 1.5 mm further out), the receivers on
+    the two horizontal ones."""
     along = np.linspace(-0.069, 0.069, 47)
     side = 0.0705
     outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
@@ -155,7 +155,7 @@ def qar50() -> AntennaArray:
 
 
 def load_positions(path: str | Path) -> np.ndarray:
-    """Antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
+    """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
     try:
         text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode(
             "utf-8"
@@ -176,8 +176,8 @@ def load_positions(path: str | Path) -> np.ndarray:
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:
-    """Frequencies [f] in hertz as float64, in any order; `name` is refused where one is no positive
-    number."""
+    """Check frequencies [f], in any order, and return them in hertz as float64. Raises
+    HandbenchError, which begins with `name`, unless all are positive numbers."""
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
@@ -191,8 +191,8 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
 
 
 def positions(name: str, values: ArrayLike) -> np.ndarray:
-    """Places [n, 3] in metres as float64; `name` is refused where it holds none, or such as no
-    phase can be told of."""
+    """Check positions [n, 3] and return them in metres as float64. Raises HandbenchError, which
+    begins with `name`, for other shapes, NaN, and distances beyond FARTHEST_M."""
     given = np.asarray(values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
         raise HandbenchError(

@@ -11,19 +11,19 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, tones
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.errors import HandbenchError
 
-SLOWEST = 100  # times slower than in vacuum a wave may be: in water it is 9
-QUIETEST, LOUDEST = 1e-30, 3e38  # largest part of samples that complex64 keeps with their digits
+SLOWEST = 100  # how many times slower than in vacuum a wave may be (in water: 9)
+QUIETEST, LOUDEST = 1e-30, 3e38  # range of the largest real or imaginary part that complex64 holds
 
 
 @dataclass(frozen=True)
 class RadarCapture:
-    """samples: complex64 [frame, f, t, r] (or [frame, f, n] of a scan); frequencies_hz: [f],
-    ascending or not.
+    """The echoes of one scene. samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan;
+    frequencies_hz: [f], in any order.
 
-    wave_speed_m_s: in the medium before the antennas; source, licence: whose recording it is;
-    calibration: the values of an `array.json` of the antennas, not yet applied
-    (`calibration.array.array_file`); sensors: by name the other sensors that saw the scene, each
-    z_m [ny, nx] of a grid's pixels in a frame."""
+    wave_speed_m_s: in the medium in front of the antennas; source, licence: origin and licence of
+    the recording; calibration: content of the antennas' `array.json`, not applied yet
+    (`calibration.array.array_file`); sensors: other sensors that saw the scene, by name, each a
+    function (grid, frame) → z_m [ny, nx]."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -66,12 +66,11 @@ class RadarCapture:
             )
 
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Samples of the measured tones nearest to wanted_hz, and the frequencies that formulas are
-        to use: ([f, …], [f]). These are the true ones times c/v: only f/v enters a phase, so that
-        all formulas are those of vacuum.
+        """Samples of the measured tones nearest to wanted_hz, and their equivalent frequencies in
+        vacuum: ([f, …], [f]). Only f/v enters a phase, so f·c/v makes the formulas of vacuum valid.
 
-        A tone further away than half the median spacing of the measured ones (at least 1 MHz) is an
-        error: the method asks for what was not measured.
+        Raises HandbenchError for a tone that was not measured: further from every measured one than
+        half their median spacing and 1 MHz.
         """
         wanted = np.asarray(wanted_hz, np.float64)
         index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
@@ -101,9 +100,9 @@ class RadarCapture:
         )
 
 
-def single(samples: np.ndarray) -> np.ndarray:
-    """Samples as complex64; HandbenchError where that would make all of them zero, or one
-    infinite."""
+def as_complex64(samples: np.ndarray) -> np.ndarray:
+    """Convert samples to complex64. Raises HandbenchError if this would make all of them zero or
+    one infinite."""
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
         raise HandbenchError(
@@ -113,40 +112,39 @@ def single(samples: np.ndarray) -> np.ndarray:
 
 
 def largest_part(samples: np.ndarray) -> float:
-    """Largest magnitude of a real or imaginary part; NaN where one is."""
+    """Largest magnitude of the real and imaginary parts; NaN if one of them is NaN."""
     parts = _parts(samples)
     return float(np.maximum(float(parts.max(initial=0)), -float(parts.min(initial=0))))
 
 
-def near_one(samples: np.ndarray) -> np.ndarray:
-    """The samples times the power of two that brings the largest near 1: not a digit is lost, and
-    powers and sums of them stay within float32, whatever the receiver's unit."""
+def scaled_to_one(samples: np.ndarray) -> np.ndarray:
+    """Scale samples by a power of two to a largest magnitude near 1. No digit is lost, and their
+    powers and sums stay within float32, whatever the receiver's unit."""
     largest = largest_part(samples := np.asarray(samples, np.result_type(samples, np.complex64)))
     if not 0 < largest < np.inf:
         return samples
     exponent, parts = int(np.frexp(largest)[1]), _parts(samples)
-    usual = (
-        abs(exponent) < 100
-    )  # whose power single precision holds: a product is ten times as fast as `ldexp`
+    # a product, for powers of two that float32 holds, is ten times as fast as `ldexp`
+    usual = abs(exponent) < 100
     return (parts * parts.dtype.type(2.0**-exponent) if usual else np.ldexp(parts, -exponent)).view(
         samples.dtype
     )
 
 
 def _parts(samples: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts beside each other, as they lie in memory."""
+    """Real and imaginary parts as one array, in turn, as in memory."""
     return np.ascontiguousarray(samples).view(samples.real.dtype)
 
 
-def evenly(count: int, most: int) -> np.ndarray:
-    """At most `most` of the numbers 0 to count − 1, in even steps from the first to the last."""
+def even_subset(count: int, most: int) -> np.ndarray:
+    """Choose at most `most` of the indices 0 to count − 1, evenly spaced, the first and the last
+    included."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
-def thinned(capture: RadarCapture, every: int) -> RadarCapture:
-    """The capture of an array with fewer antennas: every `every`-th transmitter and receiver in the
-    order of the file, from the first; of a scan every `every`-th position. HandbenchError for less
-    than 1."""
+def thin_antennas(capture: RadarCapture, every: int) -> RadarCapture:
+    """Keep every `every`-th transmitter and receiver of an array, in the file's order from the
+    first, or every `every`-th position of a scan. Raises HandbenchError for less than 1."""
     if every < 1:
         raise HandbenchError(
             f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)"

@@ -1,4 +1,4 @@
-"""Depth maps: what every method returns and what is scored."""
+"""Depth maps: the output of every method and the input of scoring."""
 
 import json
 from dataclasses import dataclass, field, replace
@@ -10,23 +10,21 @@ import numpy as np
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
-OPTIONAL = {
-    "sigma_m": "f",
-    "wrapped": "b",
-    "p_gross": "f",
-}  # not known to every method; kinds of number
+# fields that only some methods fill in, with their kind of number
+OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}
 FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """x_m [nx], y_m [ny]; z_m [ny, nx], NaN off target; amplitude_db [ny, nx], 0 at the maximum.
+    """A depth map: axes x_m [nx], y_m [ny]; depths z_m [ny, nx], NaN off target; amplitude_db [ny,
+    nx], 0 at the maximum.
 
-    Methods that know it add, [ny, nx]: sigma_m, predicted 1σ of z_m where no phase wrapped, NaN off
-    target; and wrapped (bool), pixels in doubt: their phase may have wrapped, which would put z_m
-    off by a whole period, or their tones do not agree on a depth, or it is the first or last that
-    was looked at. p_gross, NaN off target: the probability that z_m is off by more than 5 mm from
-    the nearest true surface (`radar.methods.depth_uncertainty`).
+    Optional fields [ny, nx]. sigma_m: predicted 1σ of z_m if no phase has wrapped, NaN off target.
+    wrapped (bool): flagged pixels, whose phase may have wrapped (z_m is then off by a whole
+    period), whose tones disagree on the depth, or whose depth is the first or the last one
+    searched. p_gross, NaN off target: probability that z_m is more than 5 mm from the nearest true
+    surface (`radar.methods.depth_uncertainty`).
     """
 
     x_m: np.ndarray
@@ -40,8 +38,8 @@ class DepthMap:
     p_gross: np.ndarray | None = None
 
     def trusted(self, most: float) -> "DepthMap":
-        """The map without the depths whose p_gross is above `most`; HandbenchError where it has
-        none."""
+        """Set depths whose p_gross exceeds `most` to NaN. Raises HandbenchError for a map without
+        p_gross."""
         if self.p_gross is None or not 0 <= most <= 1:
             has = (
                 "the depth map has no p_gross"
@@ -61,7 +59,7 @@ class DepthMap:
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
-    """Read a depth map; refuses axes that do not fit the map."""
+    """Read a depth map. Raises HandbenchError for axes that do not fit the map."""
     content: dict[str, Any] = read_npz(
         path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL)
     )
@@ -91,8 +89,8 @@ def load_depthmap(path: str | Path) -> DepthMap:
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:
-    """20 log10 of an amplitude relative to its maximum, in dB; an image of zeros is an error, not a
-    depth map."""
+    """Amplitudes in dB relative to their maximum: 20 log10. Raises HandbenchError for an image of
+    zeros."""
     peak = amplitude.max(initial=0.0)
     if not peak > 0:
         raise HandbenchError(

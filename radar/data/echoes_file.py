@@ -1,5 +1,5 @@
-"""The file `echoes.h5`: version 1 holds an array or a planar scan in air, version 2 any capture,
-and says what its numbers are (docs/files.md)."""
+"""The file `echoes.h5`. Version 1 holds an array or a planar scan in air; version 2 holds any
+capture and names its units, frame and time convention (docs/files.md)."""
 
 import json
 import os
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
-from handbench.radar.data.capture import RadarCapture, single
+from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.radar.data.recording import Recording
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -21,31 +21,28 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT = "handbench-echoes"
-HEADERS_BYTES = 2**13  # of the file, at least
-FRAMES = {
-    "x left, y up, z away": 1,
-    "x right, y up, z away": -1,
-}  # seen from the array looking at the target: of our x
-# Of every file of version 2: what it may say, first as it is here. time: e^{±jωt}, where an echo is
-# exp(∓j2πf·path/v).
-TOLD = {"units": ("m, Hz, m/s",), "frame": tuple(FRAMES), "time": ("+jwt", "-jwt")}
-OURS = {name: values[0] for name, values in TOLD.items()}
+HEADERS_BYTES = 2**13  # size of the file's headers, at least
+# sign of x in handbench's frame; as seen from the array looking at the target
+FRAMES = {"x left, y up, z away": 1, "x right, y up, z away": -1}
+# Conventions that version 2 names, with the allowed values, handbench's first. time: e^{±jωt}, for
+# which an echo is exp(∓j2πf·path/v).
+CONVENTIONS = {"units": ("m, Hz, m/s",), "frame": tuple(FRAMES), "time": ("+jwt", "-jwt")}
+OURS = {name: values[0] for name, values in CONVENTIONS.items()}
 ABOUT = {"wave_speed_m_s": float, "source": str, "licence": str}
-CALIBRATION = "array.json"  # a data set with the bytes of such a file
+CALIBRATION = "array.json"  # name of the data set that holds the bytes of such a file
 SCAN = ("samples", "frequencies_hz", "position_m", "gains")
 ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", "gains", "pairs", CALIBRATION)
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
-    """Write `echoes.h5`, atomically: as version 1 where that can hold the capture."""
+    """Write `echoes.h5`, atomically: version 1 if it can hold the capture, else version 2."""
     import h5py
 
     data, about = _contents(capture)
     size = sum(values.nbytes for values in data.values())
     with atomic_path(path) as temporary:
-        with temporary.open(
-            "wb"
-        ) as stream:  # is there room? HDF5 finds out late, and then prints tracebacks
+        # check for space here: HDF5 notices a full disk late, and then prints tracebacks
+        with temporary.open("wb") as stream:
             os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
         try:
             with h5py.File(temporary, "w") as file:
@@ -54,16 +51,15 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
                     file[name] = values
         except (
             RuntimeError
-        ) as error:  # what the library calls a disk that is full by the time the file is closed
+        ) as error:  # HDF5's error for a disk that is full when the file is closed
             raise OSError(
                 "the library could not close the file; is there space left on the disk?"
             ) from error
 
 
 def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Data sets, and the attributes that version 2 has; none of these where version 1 can hold the
-    capture."""
-    aperture, samples = capture.aperture, single(capture.samples)
+    """Data sets, and version 2's attributes ({} if version 1 can hold the capture)."""
+    aperture, samples = capture.aperture, as_complex64(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
         data["pairs"] = np.repeat(np.arange(len(aperture.tx_m))[:, None], 2, axis=1)
@@ -81,7 +77,7 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
 
 
 def load_capture(path: str | Path) -> RadarCapture:
-    """Read `echoes.h5`; a broken, foreign or inconsistent file is a HandbenchError."""
+    """Read `echoes.h5`. Raises HandbenchError for a broken, foreign or inconsistent file."""
     path = require_file(path, "an echoes.h5 file")
     try:
         with open_hdf5(path) as file:
@@ -102,22 +98,22 @@ def load_capture(path: str | Path) -> RadarCapture:
 def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     there = set(file.keys())
     known = SCAN if "position_m" in there else ARRAY
-    told: dict[str, Any] = dict(OURS)
+    attributes: dict[str, Any] = dict(OURS)
     if version == 1:
         there = set(known[:-1] if known is SCAN else known[:-3])
     else:
-        told = {name: attribute(file, name) for name in file.attrs}
-        _check(sorted(there), known, told)
+        attributes = {name: attribute(file, name) for name in file.attrs}
+        _check(sorted(there), known, attributes)
     values = {name: _numbers(file, name, path) for name in known if name in there}
-    if told["time"] == "-jwt":
+    if attributes["time"] == "-jwt":
         values |= {name: values[name].conj() for name in ("samples", "gains") if name in values}
-    side = [FRAMES[told["frame"]], 1, 1]
+    side = [FRAMES[attributes["frame"]], 1, 1]
     places_m = {
         name: p * side if p.shape[1:] == (3,) else p
         for name, p in values.items()
         if name.endswith("_m")
     }
-    about = {name: kind(told[name]) for name, kind in ABOUT.items() if name in told}
+    about = {name: kind(attributes[name]) for name, kind in ABOUT.items() if name in attributes}
     if (content := values.get(CALIBRATION)) is not None:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
             raise ValueError(
@@ -127,40 +123,45 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
         about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
     samples, further = (
         values["samples"],
-        (values.get("pairs"), values.get("gains"), told.get("sweeps", "mean"), about),
+        (values.get("pairs"), values.get("gains"), attributes.get("sweeps", "mean"), about),
     )
-    samples = samples[:, None] if "sweeps" not in told and samples.ndim else samples
+    samples = samples[:, None] if "sweeps" not in attributes and samples.ndim else samples
     return Recording(samples, values["frequencies_hz"], places_m, *further)
 
 
-def _check(there: list[str], known: tuple[str, ...], told: dict[str, Any]) -> None:
-    """HandbenchError that names all that is missing, and for what is not known: nothing is passed
-    over."""
+def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
+    """Raise HandbenchError for missing data sets and attributes, all named at once, and for unknown
+    ones."""
     needed = [name for name in known if name.endswith(("samples", "_hz", "_m"))]
     lacks = [f"data set '{name}'" for name in needed if name not in there]
-    lacks += [f"attribute {name} = '{value}'" for name, value in OURS.items() if name not in told]
+    lacks += [
+        f"attribute {name} = '{value}'" for name, value in OURS.items() if name not in attributes
+    ]
     if lacks:
         raise HandbenchError(f"version 2 lacks {', '.join(lacks)}; add them")
-    for names, those in ((there, known), (told, ("format", "version", *TOLD, *ABOUT, "sweeps"))):
+    for names, those in (
+        (there, known),
+        (attributes, ("format", "version", *CONVENTIONS, *ABOUT, "sweeps")),
+    ):
         for name in names:
             if name not in those:
                 raise HandbenchError(f"unknown '{name[:80]}'; {suggest(name[:80], [*those])}")
-    for name, values in TOLD.items():
-        if (found := told[name]) not in values:
+    for name, values in CONVENTIONS.items():
+        if (found := attributes[name]) not in values:
             raise HandbenchError(
                 f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}"
             )
     for name, kind in ABOUT.items():
-        if name in told and not isinstance(
-            told[name], str if kind is str else float | int | np.number
+        if name in attributes and not isinstance(
+            attributes[name], str if kind is str else float | int | np.number
         ):
-            raise HandbenchError(
-                f"{name} is {told[name]!r:.80}; expected one {'text' if kind is str else 'number'}"
-            )
+            expected = "one text" if kind is str else "one number"
+            raise HandbenchError(f"{name} is {attributes[name]!r:.80}; expected {expected}")
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """A data set of numbers that lie in this very file, real ones but for samples and gains."""
+    """A data set of numbers stored in this file itself; complex numbers only for samples and
+    gains."""
     values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
     if values.dtype.kind not in kinds:
         raise ValueError(

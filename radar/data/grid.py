@@ -16,8 +16,7 @@ MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper
 
 
 class Axis(Config):
-    """A closed range with a step, metres; the paper's axes are the defaults of the methods that use
-    it."""
+    """A closed range with a step, metres. Methods use the paper's axes as defaults."""
 
     start_m: float
     stop_m: float
@@ -77,26 +76,29 @@ class PixelGrid:
         return len(self.y_m), len(self.x_m)
 
     def points_at_m(self, index: np.ndarray, z_m: np.ndarray | float) -> np.ndarray:
-        """Points [n, 3] of the pixels with the flat indices [n], at one depth or one each."""
+        """Points [n, 3] of the pixels with flat indices [n], at one common depth or a depth
+        each."""
         y, x = np.unravel_index(index, self.shape)
         return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
 
     def on_map(
         self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """Values [n] of the pixels with the flat indices [n] as a map [ny, nx], float64."""
+        """Map [ny, nx] (float64) with values [n] at the pixels with flat indices [n] and
+        `elsewhere` at all others."""
         whole = np.full(self.shape, elsewhere)
         whole.ravel()[index] = values
         return whole
 
     def part(self, box: tuple[slice, slice]) -> "PixelGrid":
-        """Some rows and columns."""
+        """The grid of some rows and columns."""
         return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
 
     def placed(
         self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """The map [ny, nx] that a part's values are of, with the value `elsewhere` beyond it."""
+        """Map [ny, nx] of the whole grid from the values of a part; `elsewhere` outside that
+        part."""
         if part is self:
             return values
         whole = np.full(self.shape, elsewhere)
@@ -105,15 +107,15 @@ class PixelGrid:
         return whole
 
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
-        """Points [ny, nx, 3] with one depth for all pixels or one each [ny, nx]."""
+        """Points [ny, nx, 3] at one depth for all pixels or at depths [ny, nx]."""
         x, y = np.meshgrid(self.x_m, self.y_m)
         return np.stack([x, y, np.broadcast_to(z_m, x.shape)], axis=-1)
 
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, even or not; volumes are stored
-    [nz, ny, nx]."""
+    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, evenly spaced or not. Volumes are
+    stored as [nz, ny, nx]."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -134,7 +136,7 @@ class VoxelGrid:
 
     @property
     def ends_m(self) -> tuple[np.ndarray, np.ndarray]:
-        """The first and the last x, y, z [3] of the voxels, metres."""
+        """First and last voxel centre, each [x, y, z], metres."""
         first, last = (
             np.array([axis[i] for axis in (self.x_m, self.y_m, self.z_m)]) for i in (0, -1)
         )
@@ -142,7 +144,7 @@ class VoxelGrid:
 
     @property
     def pixels(self) -> PixelGrid:
-        """The grid seen along z."""
+        """The grid's pixels, seen along z."""
         return PixelGrid(self.x_m, self.y_m)
 
     def points_at_m(self, index: np.ndarray) -> np.ndarray:
@@ -157,7 +159,6 @@ class VoxelGrid:
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
-    """The smallest rectangle that holds every true pixel: targets fill a small part of the
-    image."""
+    """Smallest rectangle of rows and columns that holds every true pixel of a mask."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -1,4 +1,4 @@
-"""Recordings: what a file holds of a capture, in whatever form, made one `RadarCapture`."""
+"""Recordings: the content of a capture file in any layout, converted to a `RadarCapture`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,23 +14,22 @@ from handbench.radar.data.arrays import (
     positions,
     tones,
 )
-from handbench.radar.data.capture import RadarCapture, single
+from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 
-SWEEPS = ("mean", "frames")  # what repeated sweeps of a frame become
-# times as many pairs as were measured: more are not filled in with zeros but summed pair by pair
+SWEEPS = ("mean", "frames")  # repeated sweeps are averaged, or become frames
+# An array with more than this many times the measured pairs becomes a list of pairs.
 SPARSE = 8
 
 
 @dataclass(frozen=True)
 class Recording:
-    """samples: numbers [frame, sweep, frequency, …], the last axes being (tx, rx), (pair,) or
-    (position,); NaN throughout where a channel was not measured. places_m: tx_m and rx_m [n, 3], or
-    position_m. pairs [n, 2]: numbers, from 0, of each pair's transmitter and receiver. gains:
-    complex [channels] or [frequency, channels], by which the samples are to be divided; 0 or NaN of
-    a channel that is dead. sweeps: whether those of a frame are averaged or become frames. about:
-    further fields of the `RadarCapture`."""
+    """The numbers of a capture file. samples: [frame, sweep, frequency, …] with last axes (tx, rx),
+    (pair,) or (position,); NaN throughout for a channel that was not measured. places_m: tx_m and
+    rx_m [n, 3], or position_m. pairs [n, 2]: transmitter and receiver of each pair, from 0. gains:
+    complex [channels] or [frequency, channels], divisors of the samples; 0 or NaN for a dead
+    channel. sweeps: "mean" or "frames". about: further fields of the `RadarCapture`."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -41,18 +40,16 @@ class Recording:
     about: dict[str, Any] = field(default_factory=dict)
 
     def capture(self) -> RadarCapture:
-        """The capture. HandbenchError for what does not fit together, and where no channel was
-        measured."""
+        """Convert to a capture. Raises HandbenchError for numbers that do not fit together, and if
+        no channel was measured."""
         self._check()
-        with np.errstate(
-            invalid="ignore", over="ignore"
-        ):  # what is infinite is refused with the capture
+        with np.errstate(invalid="ignore", over="ignore"):  # RadarCapture refuses infinite samples
             samples, missing = self._divided()
             if missing.all():
                 raise HandbenchError(
                     "samples: no channel was measured; expected numbers, NaN where there are none"
                 )
-            samples = single(np.where(missing, 0, samples) if missing.any() else samples)
+            samples = as_complex64(np.where(missing, 0, samples) if missing.any() else samples)
         places_m = [positions(name, places) for name, places in self.places_m.items()]
         aperture: Aperture
         if "position_m" in self.places_m:
@@ -65,8 +62,8 @@ class Recording:
         return RadarCapture(samples, self.frequencies_hz, aperture, **self.about)
 
     def _check(self) -> None:
-        """HandbenchError for tones that are none, shapes that do not fit together, and pairs that
-        are none."""
+        """Raise HandbenchError for invalid tones, invalid pairs and shapes that do not fit
+        together."""
         tones("frequencies_hz", self.frequencies_hz)
         places = [count for places in self.places_m.values() for count in places.shape[:1]]
         channels = tuple(places) if self.pairs is None else self.pairs.shape[:1]
@@ -91,8 +88,8 @@ class Recording:
             _check_pairs(self.pairs, *places)
 
     def _divided(self) -> tuple[np.ndarray, np.ndarray]:
-        """Samples [frame, frequency, channels] without sweeps and gains; which channels [channels]
-        have none."""
+        """Samples [frame, frequency, channels] after averaging sweeps and dividing by gains, and
+        the mask [channels] of missing channels."""
         samples, missing = self.samples, np.isnan(self.samples).all(axis=(0, 1, 2))
         if self.sweeps == "frames":
             samples = samples.reshape(-1, *samples.shape[2:])
@@ -109,9 +106,9 @@ class Recording:
         return samples, missing | ~(alive if alive.ndim == missing.ndim else alive.all(axis=0))
 
 
-def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
-    """The capture of several arrays at once, of which each hears itself alone; HandbenchError where
-    their frames or tones differ, and where one is no array."""
+def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
+    """Join the captures of several arrays, each of which receives only its own echoes. Raises
+    HandbenchError if frames or tones differ, or if one is not an array."""
     from scipy.linalg import block_diag
 
     if len(captures) == 1:
@@ -127,10 +124,10 @@ def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
         raise HandbenchError(
             f"array: {found}; expected arrays alone, and the same frames and tones of all"
         )
-    heard = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
-    pairs = np.argwhere(block_diag(*heard)).T  # in the order of the arrays and of their pairs
+    measured = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
+    pairs = np.argwhere(block_diag(*measured)).T  # in the order of the arrays and of their pairs
     samples = np.concatenate(
-        [c.samples[:, :, own] for c, own in zip(captures, heard, strict=True)], axis=2
+        [c.samples[:, :, own] for c, own in zip(captures, measured, strict=True)], axis=2
     )
     places_m = (
         np.concatenate([getattr(array, name) for array in arrays]) for name in ("tx_m", "rx_m")
@@ -142,8 +139,8 @@ def joined(captures: Sequence[RadarCapture]) -> RadarCapture:
 def _of_pairs(
     samples: np.ndarray, t: np.ndarray, r: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, Aperture]:
-    """Samples [frame, f, n] of the pairs t, r [n] as those of an array, 0 where no pair was
-    measured, or of a list."""
+    """Samples [frame, f, n] of the pairs t, r [n] as an array's, 0 for pairs that were not
+    measured, or as a list's if few pairs were."""
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
         return samples, BistaticScan(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))

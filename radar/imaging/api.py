@@ -1,10 +1,11 @@
-"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or to a
+"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or within a
 tolerance.
 
-With a tolerance, images come from the tree of skeletons (`radar.imaging.tree`) and, on grids, from
-band-limited upsampling; the relative L2 error stays below it on any samples, white noise included.
-With None every tone and antenna is summed. One plan (`radar.imaging.plan`) serves the processor's
-cores (`radar.imaging.cpu`) and, as array code, other devices (`radar.imaging.gpu`).
+With a tolerance, images are computed by a tree of skeletons (`radar.imaging.tree`) and, on grids,
+by band-limited upsampling; their relative L2 error stays below the tolerance on any samples, white
+noise included. With None, every tone and antenna is summed. One plan (`radar.imaging.plan`) is
+executed by compiled code on the processor (`radar.imaging.cpu`) or by array code on other devices
+(`radar.imaging.gpu`).
 """
 
 import time
@@ -14,26 +15,33 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import wraps
 from math import prod
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from handbench.radar.data.arrays import Aperture, positions, tones
-from handbench.radar.data.capture import largest_part, near_one
+from handbench.radar.data.capture import largest_part, scaled_to_one
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.cpu.exact import check_samples
-from handbench.radar.imaging.device import chosen
+from handbench.radar.imaging.device import current_device
 from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
-from handbench.radar.imaging.plan import GridPlan, TreePlan, exact_terms, kept, node_cost, roomy
-from handbench.radar.imaging.tree import Family, clusters, crowded
+from handbench.radar.imaging.plan import (
+    GridPlan,
+    TreePlan,
+    exact_terms,
+    get_or_compute,
+    lattice_box,
+    node_cost,
+)
+from handbench.radar.imaging.tree import Family, clusters, needs_direct_sum
 from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
-TOLERANCES = (1e-6, 0.1)  # float32 ends before the one, the bounds' derivation before the other
+TOLERANCES = (1e-6, 0.1)  # below, float32 is too coarse; above, the bounds no longer hold
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
 Made = TypeVar("Made")
@@ -41,23 +49,22 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 
 @dataclass
-class Laps:
-    """imaging_s: seconds spent in imaging; terms: complex products that the plain sums of these
-    images have, one for each point, tone and channel; tones: most that one of them summed."""
+class ImagingLoad:
+    """Load of some images. imaging_s: seconds spent on them; terms: complex products of their
+    direct sums, one per point, tone and channel; tones: largest number of tones in one image."""
 
     imaging_s: float = 0.0
     terms: int = 0
     tones: int = 0
 
 
-_laps: ContextVar[Laps | None] = ContextVar("laps", default=None)
+_laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
 
 
 @contextmanager
-def watch() -> Iterator[Laps]:
-    """Yield what the images made in the block, by this thread, add up to. Nothing is kept unless
-    somebody asks."""
-    laps = Laps()
+def count_imaging() -> Iterator[ImagingLoad]:
+    """Count the images that this thread makes in the block. Without it nothing is counted."""
+    laps = ImagingLoad()
     token = _laps.set(laps)
     try:
         yield laps
@@ -66,9 +73,8 @@ def watch() -> Iterator[Laps]:
 
 
 def _scaled(function: Image) -> Image:
-    """Decorator of an imaging function: samples and tones are arrays of what they should be, and
-    samples whose sums float32 could not hold are imaged near 1; the image is scaled back, in
-    complex128 (magnitudes in float64)."""
+    """Decorate an imaging function: check samples and tones, and image samples whose sums exceed
+    float32 scaled to about 1. The image is scaled back in complex128 (magnitudes in float64)."""
 
     @wraps(function)
     def scaled(
@@ -86,7 +92,7 @@ def _scaled(function: Image) -> Image:
             raise HandbenchError(
                 f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them"
             )
-        near = near_one(samples.astype(np.complex128))
+        near = scaled_to_one(samples.astype(np.complex128))
         factor = np.float64(largest / largest_part(near))
         image: Any = function(near, frequencies_hz, aperture, *others, **named)
         return (
@@ -99,8 +105,8 @@ def _scaled(function: Image) -> Image:
 
 
 def _watched(function: Image) -> Image:
-    """Decorator of an imaging function (samples, frequencies_hz, aperture, points or grid, …). One
-    that calls another counts once."""
+    """Decorate an imaging function (samples, frequencies_hz, aperture, points or grid, …): its load
+    is counted, once even if it calls another one."""
 
     function = _scaled(function)
 
@@ -136,11 +142,10 @@ def image_points(
     apart: bool = False,
     planned: bool = False,
 ) -> np.ndarray:
-    """Images at points_m [..., 3]: complex64 [...], or [f, ...] with the tones apart.
+    """Image points_m [..., 3]: complex64 [...], or [f, ...] with one image per tone (apart).
 
     samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2
-    error, None for exact.
-    planned: True to plan, for a tolerance's sake, even where the exact sum costs less.
+    error, None for exact. planned: True to use a plan even if the exact sum costs less.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -152,15 +157,17 @@ def image_points(
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
     terms = np.inf if planned else exact_terms(len(samples) * len(points), aperture)
-    parts = [] if tolerance is None or crowded(aperture) else clusters(points, frequencies_hz)
-    if 2 * len(parts) * node_cost(aperture) > terms:  # a limb and a leaf each
+    parts = (
+        [] if tolerance is None or needs_direct_sum(aperture) else clusters(points, frequencies_hz)
+    )
+    if 2 * len(parts) * node_cost(aperture) > terms:  # a cell and a leaf each
         parts = []
     family = Family(tolerance or 0.0, apart)
     plans = [
-        points_executor(frequencies_hz, aperture, points[near], family, _device().Executor)
+        points_executor(frequencies_hz, aperture, points[near], family, _device().executor)
         for near in parts
     ]
-    if any(executor.plan.countless for executor in plans):
+    if any(executor.plan.too_many_leaves for executor in plans):
         plans, parts = [], []
     places = [executor.plan.sort(points[near]) for executor, near in zip(plans, parts, strict=True)]
     if (
@@ -188,11 +195,11 @@ def image_volume(
     apart: bool = False,
     carrier: bool = True,
 ) -> np.ndarray:
-    """Images of all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with the tones apart; one
-    plane where nz = 1.
+    """Image all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with one image per tone (apart);
+    a plane if nz = 1.
 
-    carrier=False allows a phase to be left out that all tones share: enough for magnitudes and for
-    phases between tones, and faster. Refuses a volume that does not fit the memory limit (see
+    carrier=False leaves out a phase that all tones share: faster, and enough for magnitudes and for
+    phases between tones. Raises HandbenchError for a volume beyond the memory limit (see
     `support.cost`).
     """
     check(tolerance)
@@ -223,7 +230,8 @@ def project_volume(
     grid: VoxelGrid,
     tolerance: float | None,
 ) -> Peaks:
-    """The strongest voxels along z of the volume, which a finite tolerance never holds."""
+    """Find the strongest voxels along z. With a tolerance, the volume is never stored as a
+    whole."""
     check(tolerance)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
@@ -240,28 +248,27 @@ def points_executor(
     family: Family,
     executor: Callable[[TreePlan], Made],
 ) -> Made:
-    """The work of `executor` on a plan for points_m [n, 3] and others nearby."""
-    box = roomy(points_m.min(axis=0), points_m.max(axis=0))
-    what = (chosen(), executor.__module__, *box)
+    """Get or create the executor of a plan for points_m [n, 3] and others nearby."""
+    box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
+    what = (current_device(), executor.__module__, *box)
     build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
-    return kept(what, frequencies_hz, aperture, family, build)
+    return get_or_compute(what, frequencies_hz, aperture, family, build)
 
 
 class GridImager:
-    """Images the nodes of a grid's plan, on the chosen device, and has what upsamples them
-    there."""
+    """Images of a grid's coarse nodes on the current device, and their upsampler."""
 
     def __init__(
         self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool
     ) -> None:
         device = _device()
         self.plan, self._how = plan, (frequencies_hz, aperture, apart)
-        self._executor = None if plan.tree is None else device.Executor(plan.tree)
-        self.upsampler = device.Upsampler(plan)
+        self._executor = None if plan.tree is None else device.executor(plan.tree)
+        self.upsampler = device.upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
-        """The coarse nodes and their images [k or 1, nz, ny, nx]; z_m: the grid's, or a plane's
-        depth [1]."""
+        """Image the coarse nodes: (nodes, images [k or 1, nz, ny, nx]). z_m: the grid's depths, or
+        a plane's [1]."""
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
@@ -276,7 +283,7 @@ class GridImager:
 
 
 def check(tolerance: float | None) -> None:
-    """Refuse tolerances that cannot be met."""
+    """Raise HandbenchError for a tolerance that cannot be met."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the "
@@ -284,25 +291,36 @@ def check(tolerance: float | None) -> None:
         )
 
 
-def _device() -> Any:
-    """The module with what runs on the chosen device: Executor, Upsampler, exact_images."""
-    return cpu if chosen() == "cpu" else gpu
+class _Device(NamedTuple):
+    """The classes and the function that run on one device."""
+
+    executor: Callable[[TreePlan], Any]
+    upsampler: Callable[[GridPlan], Any]
+    exact_images: Callable[..., np.ndarray]
+
+
+def _device() -> _Device:
+    """The implementation for the current device."""
+    if current_device() == "cpu":
+        return _Device(cpu.CpuExecutor, cpu.CpuUpsampler, cpu.exact_images)
+    return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Say how long exact sums of so many images, one a point and tone, are going to take where that
-    is long, or refuse them; another device's rate is not known."""
-    if chosen() == "cpu":
+    """Predict the time of exact sums of `images` (points × tones): report a long one, and refuse
+    one beyond the limit. Only for the processor; other devices' rates are unknown."""
+    if current_device() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
 
 def _grid_imager(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
 ) -> GridImager:
-    """The imager of a grid or, where it is one plane, of that and others near it."""
+    """Get or create the imager of a grid; the imager of a plane also serves planes at nearby
+    depths."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
-        box = roomy(*grid.ends_m)
+        box = lattice_box(*grid.ends_m)
         z_m = np.array([box.low_m[2], box.high_m[2]])
 
     def build() -> GridImager:
@@ -311,8 +329,8 @@ def _grid_imager(
         )
         return GridImager(plan, frequencies_hz, aperture, family.apart)
 
-    return kept(
-        (chosen(), "volume", planes, grid.x_m, grid.y_m, z_m),
+    return get_or_compute(
+        (current_device(), "volume", planes, grid.x_m, grid.y_m, z_m),
         frequencies_hz,
         aperture,
         family,

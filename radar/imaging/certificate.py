@@ -1,15 +1,15 @@
-"""Certificates: the relative error that an image has at most, from its own voxels and the exact sum
+"""Certificates: upper bounds of an image's relative error, from some of its voxels and exact sums
 in float64.
 
-A tolerance is kept for echoes that are no worse than white noise. Echoes whose image is small
-beside them (a leak, a target outside the box, data made for it) can miss it, and no bound that
-holds for any echoes is close for those at hand (Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖
-‖samples‖, with u(p) the steering of p and ũ(p) what the skeletons make of it). A certificate
-therefore looks at the image: a few of its voxels, half of them drawn evenly and half as likely as
-they are bright, against sums of every tone and antenna in float64. Weighted by how likely they
-were, their squared errors have the whole image's as their mean. Where a grid's voxels are not all
-kept, a few of them are formed anew from its nodes, as the plan has it: the upsampler's own
-arithmetic is tested, not certified.
+The tolerance holds for echoes that are no worse than white noise. Echoes with a weak image
+(leakage, a target outside the box, adversarial data) can exceed it, and a bound that holds for all
+echoes is far too loose for given ones (Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖ ‖samples‖, u(p)
+the steering vector and ũ(p) its skeleton approximation). A certificate therefore samples the image:
+it compares a few voxels with the sum over every tone and antenna in float64. Half of the voxels are
+drawn uniformly, half with a probability proportional to their power; importance weights make their
+mean squared error an unbiased estimate of the whole image's. For a projection, whose voxels are not
+stored, these voxels are recomputed from the coarse nodes; the upsampler's arithmetic is covered by
+tests, not by the certificate.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,22 +25,21 @@ from handbench.radar.imaging.cpu.exact import check_samples, exact_sums
 from handbench.radar.imaging.peaks import root_mean_square
 from handbench.radar.imaging.plan import GridPlan
 
-# voxels at least; more, up to all of them and to MOST, as far as TERMS of the exact sum (1 ms)
-# allow
+# least number of voxels; more, up to MOST, as far as TERMS of the exact sum (1 ms) allow
 PICKS = 16
 TERMS, MOST = 1e6, 512
-# Over the root of the weighted mean: |error|² is exponential where many terms of random sign add
-# up, and the mean of eight of those, half of PICKS, lies below 1/3.3² of what it stands for once in
-# a million times.
+# Factor on the root of the weighted mean: |error|² is exponentially distributed where many terms of
+# random sign add up, and the mean of eight such numbers, half of PICKS, is below 1/3.3² of its
+# expectation once in a million times.
 FACTOR = 3.3
-ROUNDED = 1 + 1e-5  # of mean squares in single precision, where all voxels are looked at
-NEGLIGIBLE = 1e-2  # of the tolerance: weights of far nodes
+ROUNDED = 1 + 1e-5  # rounding of mean squares in single precision, where all voxels are compared
+NEGLIGIBLE = 1e-2  # weights of far nodes below this share of the tolerance are left out
 
 
 @dataclass
 class Certificate:
-    """bound: relative L2 error of the worst image that was made while it was open; images: how many
-    those were."""
+    """bound: upper bound of the relative L2 error of the worst image made while the certificate is
+    open; images: number of those images."""
 
     bound: float = 0.0
     images: int = 0
@@ -48,8 +47,8 @@ class Certificate:
     def add(
         self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float
     ) -> None:
-        """Errors [f or 1, n] of one more image of mean_square [f or 1] at places of that weight
-        [n]."""
+        """Add one image: its errors [f or 1, n] at voxels of weight [n], and its mean square [f or
+        1]."""
         mean = (np.abs(error) ** 2 * weight).mean(axis=1)
         relative = np.divide(
             mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0
@@ -61,13 +60,13 @@ class Certificate:
         self.images += 1
 
 
-# The certificate that images are made under, if any.
+# The open certificate, if any.
 _opened: ContextVar[Certificate | None] = ContextVar("certificate", default=None)
 
 
 @contextmanager
 def certified() -> Iterator[Certificate]:
-    """Yield what the images made in the block, by this thread, are certified to."""
+    """Yield the certificate of all images that this thread makes in the block."""
     certificate = Certificate()
     token = _opened.set(certificate)
     try:
@@ -85,8 +84,8 @@ def imaging_error(
     count: int = 500,
     seed: int = 0,
 ) -> float:
-    """A-posteriori check: relative L2 error of a volume [nz, ny, nx] at `count` random voxels
-    against the exact sum in float64, relative to the whole volume's own size."""
+    """Estimate the relative L2 error of a volume [nz, ny, nx] a posteriori: against exact sums in
+    float64 at `count` random voxels, relative to the root mean square of the volume."""
     check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
@@ -102,17 +101,17 @@ def certify_points(
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, rows, n], where a certificate is open; points_at_m: flat index [k] →
+    """Certify images [f or 1, rows, n] if a certificate is open. points_at_m: flat index [k] →
     points [k, 3]."""
     if (certificate := _opened.get()) is None:
         return
-    samples, aperture = _heard(samples, aperture)
-    bright = Brightness(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
+    samples, aperture = _live_antennas(samples, aperture)
+    bright = ImagePower(images, *(np.ones(n, np.int64) for n in images.shape[1:]))
     count = _count(samples)
     if whole := bright.voxels <= count:
         index, weight = np.arange(bright.voxels), np.ones(bright.voxels)
     else:
-        places, weight = picked(bright, count)
+        places, weight = draw_places(bright, count)
         index = np.ravel_multi_index(places, images.shape[1:])
     exact = exact_sums(samples, frequencies_hz, aperture, points_at_m(index), len(images) > 1)
     error = images.reshape(len(images), -1)[:, index] - exact
@@ -127,11 +126,11 @@ def certify_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Certify the voxels that follow from the nodes' images [f or 1, nz, ny, nx], where a
-    certificate is open."""
+    """Certify the voxels upsampled from the nodes' images [f or 1, nz, ny, nx] if a certificate is
+    open."""
     if (certificate := _opened.get()) is None:
         return
-    samples, aperture = _heard(samples, aperture)
+    samples, aperture = _live_antennas(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     axes = zip(
         _axes(grid), _axes(nodes), strict=True
@@ -141,8 +140,8 @@ def certify_nodes(
         np.bincount(near, minlength=len(node))
         for near, node in zip(nearest, _axes(nodes), strict=True)
     )
-    bright = Brightness(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
-    (row, along), weight = picked(bright, _count(samples))
+    bright = ImagePower(images.reshape(len(images), -1, len(x)), np.outer(z, y).ravel(), x)
+    (row, along), weight = draw_places(bright, _count(samples))
     places, generator = (row // len(y), row % len(y), along), np.random.default_rng(images.size)
     voxels = np.stack([  # any of the voxels that are nearest to a node
         np.searchsorted(near, place) + (generator.random(len(place)) * voxels[place]).astype(int)
@@ -157,8 +156,8 @@ def certify_nodes(
     certificate.add(found - exact, weight, bright.mean_square(), FACTOR)
 
 
-class Brightness:
-    """Power of images [f or 1, rows, n] whose places stand for rows [rows] × counts [n] voxels,
+class ImagePower:
+    """Power of images [f or 1, rows, n] whose pixels represent rows [rows] × counts [n] voxels,
     relative to their largest part so that float32 holds it."""
 
     def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
@@ -176,7 +175,7 @@ class Brightness:
 
     @property
     def voxels(self) -> int:
-        """Voxels that the places stand for."""
+        """Number of voxels that all pixels represent."""
         return int(self.rows.sum()) * int(self.counts.sum())
 
     def mean_square(self) -> np.ndarray:
@@ -184,13 +183,13 @@ class Brightness:
         return self.of_rows @ self.rows / self.voxels * self.largest**2
 
     def along(self, row: np.ndarray) -> np.ndarray:
-        """Power of all images together in some rows [k]: [k, n]."""
+        """Power of some rows [k], summed over the images: [k, n]."""
         return (np.abs(self.images[:, row] / self.largest).astype(np.float64) ** 2).sum(axis=0)
 
 
-def picked(bright: Brightness, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """So many places of images: (row and place in it, [count] each), weight [count]. The weighted
-    mean of any quantity at them is on average its mean over all voxels."""
+def draw_places(bright: ImagePower, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Draw `count` places of images: (rows, places within them), each [count], and weights [count].
+    The weighted mean of a quantity over the places has its mean over all voxels as expectation."""
     rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
     generator = np.random.default_rng(len(rows) * len(counts))
     even, total = 1 / bright.voxels, float(power @ rows)
@@ -211,19 +210,19 @@ def _count(samples: np.ndarray) -> int:
     )
 
 
-def _heard(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
-    """Samples and aperture without antennas that no sample stems from. Where few are left, many
-    leaves of a plan keep all of them and have no error, and the more voxels are looked at."""
-    heard: np.ndarray = samples[0]
-    if not heard.all():
-        heard = np.any(samples, axis=0)
-    if heard.all() or not heard.any():
+def _live_antennas(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
+    """Samples and aperture without antennas whose samples are all zero. Where few antennas are
+    left, many leaves keep all of them and are exact, so more voxels are compared."""
+    live: np.ndarray = samples[0]
+    if not live.all():
+        live = np.any(samples, axis=0)
+    if live.all() or not live.any():
         return samples, aperture
     if not isinstance(aperture, AntennaArray):
-        return samples[:, heard], type(aperture)(
-            *(places_m[heard] for places_m in vars(aperture).values())
+        return samples[:, live], type(aperture)(
+            *(places_m[live] for places_m in vars(aperture).values())
         )
-    t, r = heard.any(axis=1), heard.any(axis=0)
+    t, r = live.any(axis=1), live.any(axis=0)
     return samples[:, t][:, :, r], AntennaArray(aperture.tx_m[t], aperture.rx_m[r])
 
 
@@ -232,7 +231,8 @@ def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray) -> np.ndarray:
-    """Images [f or 1] of the voxel [3] (z, y, x) without its carrier, from the nodes around it."""
+    """Envelope [f or 1] of the voxel [3] (z, y, x), without its carrier, from the nodes around
+    it."""
     (z, of_z), (y, of_y), (x, of_x) = (
         resampler.of(int(at), NEGLIGIBLE * plan.tolerance)
         for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)

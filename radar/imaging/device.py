@@ -1,9 +1,9 @@
-"""The device on which imaging runs: on the processor's cores (cpu), or as array code on a CUDA
-device (cuda, by CuPy) or in numpy (numpy, which tests that code where there is no such device);
-phases as array code over either (`xp`).
+"""The device of imaging: the processor's cores (cpu), or array code on a CUDA device (cuda, by
+CuPy) or in numpy (numpy, to test the array code without a CUDA device); phases and distances as
+array code over either module (`xp`).
 
-The choice holds for the whole process. It is kept in HANDBENCH_DEVICE, so that every worker thread
-sees it and every child process inherits it; the command line sets it from --device.
+The device is a setting of the whole process, in the environment variable HANDBENCH_DEVICE: worker
+threads see it and child processes inherit it. The command line sets it from --device.
 """
 
 import os
@@ -18,15 +18,14 @@ from handbench.support.errors import HandbenchError
 
 SETTING = "HANDBENCH_DEVICE"
 DEVICES = ("cpu", "cuda", "numpy")
-BLOCK_BYTES = (
-    1 << 28
-)  # of intermediate arrays at once: long enough work for a device, and little of its memory
+# size of intermediate arrays: enough work for a device, and a small part of its memory
+BLOCK_BYTES = 1 << 28
 
 Array = Any  # a numpy.ndarray or a cupy.ndarray
 
 
-def chosen() -> str:
-    """The device that imaging runs on: HANDBENCH_DEVICE, or the processor."""
+def current_device() -> str:
+    """The device of imaging: HANDBENCH_DEVICE, or the processor."""
     name = os.environ.get(SETTING, "") or "cpu"
     if name not in DEVICES:
         raise HandbenchError(f"{SETTING}: is '{name}'; expected {', '.join(DEVICES)}, or nothing")
@@ -35,23 +34,23 @@ def chosen() -> str:
 
 @contextmanager
 def use_device(name: str | None) -> Iterator[None]:
-    """Image on this device (None: on the one already chosen) until the block ends; two threads
-    cannot choose two.
+    """Image on this device (None: the current one) until the block ends. All threads share the
+    setting.
 
-    A device that cannot compute, or whose memory runs out, is a HandbenchError.
+    Raises HandbenchError for a device that cannot compute, or whose memory runs out.
     """
     before = os.environ.get(SETTING)
     try:
-        os.environ[SETTING] = name or chosen()
-        if chosen() != "cpu":
+        os.environ[SETTING] = name or current_device()
+        if current_device() != "cpu":
             _try(array_module())
         yield
     except MemoryError as error:
-        if chosen() == "cpu":
+        if current_device() == "cpu":
             raise
         raise HandbenchError(
-            f"--device {chosen()}: its memory is full ({error}); close what else uses it, or "
-            "leave the option out"
+            f"--device {current_device()}: its memory is full ({error}); close other programs that "
+            "use it, or leave the option out"
         ) from error
     finally:
         os.environ.pop(SETTING, None)
@@ -60,8 +59,9 @@ def use_device(name: str | None) -> Iterator[None]:
 
 
 def array_module(device: str | None = None) -> ModuleType:
-    """numpy or cupy, for the device given or chosen; refuses what is not there."""
-    device = device or chosen()
+    """Import numpy or cupy for a device (default: the current one). Raises HandbenchError if it is
+    not installed or finds no device."""
+    device = device or current_device()
     if device == "numpy":
         return np
     if device != "cuda":
@@ -87,8 +87,7 @@ def array_module(device: str | None = None) -> ModuleType:
 
 
 def _try(xp: ModuleType) -> None:
-    """A first sine and a first product: a missing compiler or cuBLAS shows here, not in the middle
-    of a run."""
+    """Compute a sine and a product, to detect a missing compiler or cuBLAS before a run."""
     try:
         to_host(xp.matmul(xp.cos(xp.zeros((2, 2), np.float32)), xp.ones((2, 2), np.float32)))
     except Exception as error:
@@ -100,13 +99,14 @@ def _try(xp: ModuleType) -> None:
 
 
 def to_host(array: Array) -> np.ndarray:
-    """A device's array in the processor's memory."""
+    """Copy a device's array to the processor's memory."""
     return array if isinstance(array, np.ndarray) else array.get()
 
 
 def describe(device: str | None = None) -> str:
-    """The device given or chosen, in words for a result: cpu, or cuda with the name of the card."""
-    device = device or chosen()
+    """Describe a device (default: the current one) for a result: cpu, or cuda with the card's
+    name."""
+    device = device or current_device()
     if device != "cuda":
         return device
     cuda = array_module(device).cuda
@@ -115,8 +115,8 @@ def describe(device: str | None = None) -> str:
 
 
 def cis(xp: ModuleType, turns: Array) -> Array:
-    """exp(j2π·turns): complex64 of float64 turns, or of float32 ones where a few turns are exact
-    enough; whole ones are taken out in the precision in which they come."""
+    """Compute exp(j2π·turns) as complex64. Whole turns are removed in the precision of `turns`:
+    float64, or float32 for a few turns."""
     angle = (turns - xp.rint(turns)).astype(np.float32, copy=False)
     angle *= np.float32(2 * np.pi)
     wave = xp.empty(angle.shape, np.complex64)
@@ -126,6 +126,6 @@ def cis(xp: ModuleType, turns: Array) -> Array:
 
 
 def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
-    """|p − a| in float64 of points (x, y, z) and antennas (x, y, z), each an array; they are
+    """Compute |p − a| in float64 for points (x, y, z) and antennas (x, y, z), whose arrays
     broadcast."""
     return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

@@ -1,4 +1,4 @@
-"""The strongest voxels along z of a volume, of which a projection needs no more."""
+"""The strongest voxels along z of a volume: all that a projection needs."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ def _none() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Peaks:
-    """The strongest voxel along z of each pixel: its index [ny, nx], and the magnitudes [3, ny, nx]
-    of the voxel before it, of itself and of the one behind it (NaN beyond the volume); the index
-    `rival` [ny, nx] of the next strongest voxel and its magnitude, `second` [ny, nx] (-1 where
-    there is none); error: the root mean square of the errors that voxels have by the image's
-    tolerance."""
+    """The strongest voxel along z of each pixel. index [ny, nx]; magnitude [3, ny, nx]: of the
+    voxel before it, of itself and of the one behind it (NaN beyond the volume); rival, second [ny,
+    nx]: index and magnitude of the second strongest voxel (-1: none); error: root mean square error
+    of a voxel by the image's tolerance."""
 
     index: np.ndarray
     magnitude: np.ndarray
@@ -28,7 +27,7 @@ class Peaks:
     error: float = 0.0
 
     def scaled(self, factor: np.float64) -> Peaks:
-        """Of the same volume times a factor."""
+        """The peaks of the volume times a factor."""
         second = np.where(self.second < 0, -1.0, self.second * factor)
         return replace(
             self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor)
@@ -36,7 +35,7 @@ class Peaks:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:
-        """Of a volume with so many pixels [ny, nx], to be filled in."""
+        """Uninitialised peaks for `shape` pixels [ny, nx]."""
         magnitude, index = np.empty((3, *shape), np.float32), np.empty((2, *shape), np.int64)
         return cls(index[0], magnitude, index[1], np.empty(shape, np.float32), error)
 
@@ -62,7 +61,7 @@ def strongest_voxels(volume: np.ndarray) -> Peaks:
 
 
 def root_mean_square(image: np.ndarray) -> float:
-    """Of an image's magnitudes."""
+    """Root mean square of an image's magnitudes."""
     return float(np.sqrt(np.mean(np.abs(image) ** 2, dtype=np.float64)))
 
 

@@ -1,8 +1,9 @@
-"""Plans: what imaging and simulation of a box or a grid ask for, from the geometry alone.
+"""Plans: everything that imaging and simulation compute from the geometry only, for a box or a
+grid.
 
-A plan touches no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`)
-carry it out: images of points, their adjoint, and volumes by band-limited upsampling. What has been
-planned is kept per geometry.
+A plan uses no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) apply
+it to samples: images of points, their adjoint, and volumes by band-limited upsampling. Plans are
+cached per geometry.
 """
 
 import hashlib
@@ -19,35 +20,46 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import Array, cis, distances
-from handbench.radar.imaging.skeleton import Resampler, regaining
-from handbench.radar.imaging.tree import DIRECT, Box, Family, Node, branch, crowded, split, trunk
+from handbench.radar.imaging.skeleton import Resampler, resampler_for_channels
+from handbench.radar.imaging.tree import (
+    DIRECT,
+    Box,
+    Family,
+    Node,
+    child_node,
+    needs_direct_sum,
+    root_node,
+    split,
+)
 from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
-LIMB = 3  # ... and leaves along each axis of a limb: the balance of compressing against evaluating
+LEAVES_PER_CELL_SIDE = (
+    3  # ... and leaves along each axis of a cell: the balance of compressing against evaluating
+)
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
-UPSAMPLING = 0.6  # its share of the tolerance
-KEPT = 24  # plans; the oldest goes first
-# What a node costs to plan, in terms of the exact sum: so many antennas' Gram matrices, and what a
-# small one takes. A grid's plan, which images share, may cost PLANNED in any case (some 3 s);
-# beyond that, and of points, a plan costs no more than the exact sum of the image it is for.
+UPSAMPLING = 0.6  # share of the tolerance that upsampling may use
+CACHED = 24  # plans; the oldest goes first
+# Cost of planning a node, in terms of the exact sum: GRAMS times its antennas' Gram matrices, and
+# at least SMALL_NODE. A grid's plan, which later images reuse, may always cost PLANNED (some 3 s);
+# a dearer plan, and one for points, must cost less than the exact sum of its image.
 GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
-# times what a term of a matrix product takes, one of a scan's sum over positions does (measured: 14
-# to 19)
+# cost of a term of a scan's sum over positions relative to one of a matrix product (measured: 14 to
+# 19)
 SCAN = 16
-MOST_LEAVES = 1 << 24  # of a plan: an index of more takes longer than their images, and gigabytes
+MOST_LEAVES = 1 << 24  # of a plan: an index of more takes gigabytes, and longer than the images
 
-Kept = TypeVar("Kept")
+Built = TypeVar("Built")
 
-_kept: OrderedDict[bytes, Any] = OrderedDict()
+_cache: OrderedDict[bytes, Any] = OrderedDict()
 _lock = Lock()
 
 
-class Sorted(NamedTuple):
-    """Points [3, n] by limb and leaf: order [n] of the original ones, starts [leaves + 1] of each
-    leaf's."""
+class SortedPoints(NamedTuple):
+    """Points [3, n] sorted by cell and leaf; order [n]: their indices before sorting; starts
+    [leaves + 1]: first point of each leaf."""
 
     points_m: np.ndarray
     order: np.ndarray
@@ -55,8 +67,8 @@ class Sorted(NamedTuple):
 
 
 class TreePlan:
-    """A box's root, and its division into limbs and leaves, for images and echoes of points within
-    it."""
+    """The division of a box into cells and leaves, with the tree's upper nodes, for images and
+    echoes of points in the box."""
 
     def __init__(
         self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family
@@ -66,62 +78,61 @@ class TreePlan:
         leaves = np.maximum(
             np.ceil((box.high_m - box.low_m) * (high - low) / 2 / np.pi / LEAF), 1
         ).astype(int)
-        self.limbs = np.maximum(np.round(leaves / LIMB), 1).astype(int)
-        self.leaves = np.ceil(leaves / self.limbs).astype(int)  # of each limb
-        self.leaves_per_limb = int(np.prod(self.leaves))
+        self.cells = np.maximum(np.round(leaves / LEAVES_PER_CELL_SIDE), 1).astype(int)
+        self.leaves = np.ceil(leaves / self.cells).astype(int)  # of each cell
+        self.leaves_per_cell = int(np.prod(self.leaves))
         self.passes, self.reference_m = carriers(aperture)
         self.node_cost = node_cost(aperture)
-        self.trunk = trunk(frequencies_hz, aperture)
-        self.root = branch(self.trunk, box, family, keep_antennas=True)
-        self.count = prod(self.limbs.tolist())  # of limbs
-        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.limbs, strict=True)]
-        self.countless = self.count * self.leaves_per_limb > MOST_LEAVES
+        self.root_node = root_node(frequencies_hz, aperture)
+        self.top_node = child_node(self.root_node, box, family, keep_antennas=True)
+        self.count = prod(self.cells.tolist())  # of cells
+        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.cells, strict=True)]
+        self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
-    def touched(self, where: Sorted) -> list[int]:
-        """The limbs that points lie in."""
-        begin = where.starts[:: self.leaves_per_limb]
-        return [int(limb) for limb in np.flatnonzero(np.diff(begin))]
+    def touched(self, where: SortedPoints) -> list[int]:
+        """Numbers of the cells that hold points."""
+        begin = where.starts[:: self.leaves_per_cell]
+        return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
 
-    def cost(self, where: Sorted | None = None) -> float:
-        """Cost of planning the limbs and leaves that points lie in, or all, in terms (point × tone
-        × channel) of the exact sum."""
-        nodes = self.count * (1 + self.leaves_per_limb)
+    def cost(self, where: SortedPoints | None = None) -> float:
+        """Cost of planning the cells and leaves that hold points, or all of them, in terms (point ×
+        tone × channel) of the exact sum."""
+        nodes = self.count * (1 + self.leaves_per_cell)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         return nodes * self.node_cost
 
-    def limb(self, limb: int) -> Node:
-        """A limb, planned anew: executors keep those that points touch."""
-        place = zip(self.edges_m, np.unravel_index(limb, self.limbs), strict=True)
+    def cell(self, cell: int) -> Node:
+        """Plan a cell. Executors keep the cells that hold points."""
+        place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
-        return branch(self.root, box, self.family)
+        return child_node(self.top_node, box, self.family)
 
-    def leaves_of(self, limb: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Leaves of a limb by number, planned anew."""
-        boxes = split(limb.box, self.leaves)
-        return {leaf: branch(limb, boxes[leaf], self.family) for leaf in wanted}
+    def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
+        """Plan some leaves of a cell, by number."""
+        boxes = split(cell.box, self.leaves)
+        return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
-    def sort(self, points_m: np.ndarray) -> Sorted:
-        """Points [n, 3] within the box, by limb and leaf."""
-        counts = self.limbs * self.leaves
+    def sort(self, points_m: np.ndarray) -> SortedPoints:
+        """Sort points [n, 3] of the box by cell and leaf."""
+        counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
-        cell = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
-        limb, leaf = np.divmod(cell, self.leaves)
-        key = np.ravel_multi_index(limb.T, self.limbs) * self.leaves_per_limb
+        place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
+        cell, leaf = np.divmod(place, self.leaves)
+        key = np.ravel_multi_index(cell.T, self.cells) * self.leaves_per_cell
         key += np.ravel_multi_index(leaf.T, self.leaves)
         order = np.argsort(key.astype(np.int32), kind="stable")
         starts = np.searchsorted(key[order], np.arange(int(np.prod(counts)) + 1))
-        return Sorted(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
+        return SortedPoints(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
 
 
 class GridPlan:
-    """The coarse nodes of a voxel grid and how its axes x, y, z follow from them; with `planes`, of
-    any one plane between the grid's first and last z. tree: of the nodes, None where skeletons
-    would cost more than they save (too many antennas, too few nodes).
+    """The coarse nodes of a voxel grid and the resamplers from them to its axes x, y, z; with
+    `planes`, for any single plane between the grid's first and last z. tree: the plan of the nodes'
+    images; None where skeletons cost more than they save (too many antennas, too few nodes).
 
-    Between the nodes only the envelope is interpolated: with the carrier exp(jk_c Σ R_reference)
-    and the middle of the band taken out, an image varies as slowly as the array's angles and
-    bandwidth allow.
+    Only the envelope is interpolated between the nodes: without the carrier exp(jk_c Σ R_reference)
+    and the middle of its band, an image varies as slowly as the array's angles and bandwidth allow.
     """
 
     def __init__(
@@ -144,7 +155,9 @@ class GridPlan:
         self.x, self.y, self.z = (
             Resampler(axis, ())
             if planes and axis is grid.z_m
-            else regaining(axis, along, half, UPSAMPLING * family.tolerance, places_m, waves)
+            else resampler_for_channels(
+                axis, along, half, UPSAMPLING * family.tolerance, places_m, waves
+            )
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
@@ -155,7 +168,7 @@ class GridPlan:
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
         self.tree = (
             None
-            if crowded(aperture)
+            if needs_direct_sum(aperture)
             else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         )
         terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
@@ -163,22 +176,22 @@ class GridPlan:
             self.tree = None
         elif self.tree is not None:
             require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")
-        self._sorted: Sorted | None = None
+        self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
-        """The nodes of the grid, or of the plane at z_m [1]."""
+        """The nodes of the grid, or with `planes` those of the plane at z_m [1]."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
-        """The carrier that is taken out of an image between the nodes and put back: complex64 [nz,
-        ny, nx], of numpy or of a device's arrays (`xp`)."""
+        """The carrier at a grid's voxels, which is removed before interpolation and restored after
+        it: complex64 [nz, ny, nx], in numpy or on a device (`xp`)."""
         z, y, x = (
             xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m)
         )
         return self.carrier_of(x, y, z, xp)
 
     def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
-        """`carrier_at` places x, y, z (m) that broadcast against each other."""
+        """The carrier at coordinates x, y, z (m), which broadcast."""
         turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
@@ -188,8 +201,8 @@ class GridPlan:
     def _envelopes(
         self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
     ) -> np.ndarray:
-        """Single channels without the carrier, those of both legs' outermost antennas at the band's
-        ends, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
+        """Envelopes of single channels, for the outermost antennas of both legs at the lowest and
+        highest tone, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
         path_m = sum(
             leg.passes
             * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
@@ -201,10 +214,10 @@ class GridPlan:
         turns = np.multiply.outer(path_m, turns_per_m).reshape(*points_m.shape[:2], -1)
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
-    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> Sorted:
-        """The nodes in the order of the plan's tree, which no plane's depth changes while the
-        leaves are one layer."""
-        if self.planes and tree.limbs[2] * tree.leaves[2] > 1:
+    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
+        """Sort the nodes by the tree's cells and leaves. The order is cached; it does not depend on
+        a plane's depth while the leaves form one layer."""
+        if self.planes and tree.cells[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
             self._sorted = tree.sort(nodes.points_m().reshape(-1, 3))
@@ -216,21 +229,20 @@ class GridPlan:
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
-    """Those of antennas [n, 3] that lie furthest out along x, y, z, and the one nearest their
-    middle: [7, 3]."""
+    """The outermost of antennas [n, 3] along x, y, z, and the one nearest their middle: [7, 3]."""
     middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
     return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
 
 def node_cost(aperture: Aperture) -> float:
-    """Cost of planning a limb or a leaf, in terms of an array's exact sum."""
+    """Cost of planning a cell or a leaf, in terms of an array's exact sum."""
     antennas = [float(len(leg.position_m)) for leg in aperture.legs]
     return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:
-    """Terms (point × tone × channel) of exact sums for so many images of a point at a tone, in
-    those of an array."""
+    """Terms (point × tone × channel) of the exact sum of `images` (points × tones), in units of an
+    array's."""
     return (
         float(images)
         * prod(aperture.channels)
@@ -239,8 +251,8 @@ def exact_terms(images: int, aperture: Aperture) -> float:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """The reference that `bands` takes the path of out: passes [2] and reference points [2, 3], the
-    middle of each leg's antennas."""
+    """The reference path of the carrier: passes [2] and reference points [2, 3], the middle of each
+    leg's antennas."""
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
@@ -248,8 +260,8 @@ def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
 def bands(
     frequencies_hz: np.ndarray, aperture: Aperture, box: Box
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest spatial frequency [3], [3] (rad/m) that an image has along x, y, z within
-    the box, once exp(jk_c Σ R_reference) is taken out of it."""
+    """Lowest and highest spatial frequency [3], [3] (rad/m) of an image's envelope along x, y, z
+    within the box: without exp(jk_c Σ R_reference)."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
     axes = [
@@ -275,34 +287,34 @@ def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
     return towards / np.maximum(np.linalg.norm(towards, axis=1), 1e-12)[:, None]
 
 
-def roomy(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, widened to a lattice of about its size, so that the points of
-    one frame and the next share a plan; what they do not touch is never planned."""
+def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
+    """The box from low_m to high_m, enlarged to a lattice of about its size, so that the points of
+    successive frames share a plan. Cells without points are never planned."""
     extent = high_m - low_m
-    cell = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
-    return Box(np.floor(low_m / cell) * cell, np.ceil(high_m / cell) * cell)
+    step = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
+    return Box(np.floor(low_m / step) * step, np.ceil(high_m / step) * step)
 
 
 @contextmanager
 def fresh_plans() -> Iterator[None]:
-    """Begin without a plan, as a new process does, and drop those made in the block when it
-    ends."""
-    global _kept
-    before, _kept = _kept, OrderedDict()
+    """Start with an empty cache of plans, as a new process does, and restore the old one after the
+    block."""
+    global _cache
+    before, _cache = _cache, OrderedDict()
     try:
         yield
     finally:
-        _kept = before
+        _cache = before
 
 
-def kept(
+def get_or_compute(
     what: tuple[Any, ...],
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     family: Family,
-    build: Callable[[], Kept],
-) -> Kept:
-    """The plan of this geometry with its executor, built once by `build`."""
+    build: Callable[[], Built],
+) -> Built:
+    """Get the plan of this geometry with its executor from the cache, or compute it by `build`."""
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
         if isinstance(part, np.ndarray):
@@ -311,12 +323,11 @@ def kept(
         digest.update(repr(part).encode())
     key = digest.digest()
     with _lock:
-        if key not in _kept:
-            with (
-                one_blas_thread()
-            ):  # rounding, and with it the plan, must not depend on the number of threads
-                _kept[key] = build()
-            if len(_kept) > KEPT:
-                _kept.popitem(last=False)
-        _kept.move_to_end(key)
-        return cast(Kept, _kept[key])
+        if key not in _cache:
+            # rounding, and with it the plan, must not depend on the number of threads
+            with one_blas_thread():
+                _cache[key] = build()
+            if len(_cache) > CACHED:
+                _cache.popitem(last=False)
+        _cache.move_to_end(key)
+        return cast(Built, _cache[key])

@@ -1,9 +1,9 @@
-"""Skeletons: a few members of a band-limited family carry all the others.
+"""Skeletons: few members of a band-limited family from which all others are interpolated.
 
-Antennas and tones that few of them carry (interpolative decomposition), and the samples of an axis
-that a few coarse nodes carry (band-limited upsampling): with positions in the axis' own unit and a
-spectrum within ±w, fine = W · nodes, W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ): least squares over
-functions whose spectrum crowds at ±w, where an even one (sinc) errs three times more.
+For antennas and tones this is an interpolative decomposition. For the fine samples of an axis it is
+band-limited upsampling from coarse nodes: for a spectrum within ±w, fine = W · nodes with W = K_fn
+(K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ), the least-squares solution for a spectrum that is concentrated at
+±w; a flat one (K = sinc) has three times larger errors there.
 """
 
 from collections.abc import Callable
@@ -16,29 +16,26 @@ from scipy.special import j0
 
 from handbench.support.compiled import njit
 
-TIE = 1e-6  # relative difference below which two members are as good
-CROWDING, REACH = (
-    0.6,
-    4.0,
-)  # nodes lie closer by this share at either end, and by 1/e of it so many nodes inside
+TIE = 1e-6  # relative difference below which two members count as equally good
+# nodes are closer together by this share at either end, and by 1/e of it REACH nodes inside
+CROWDING, REACH = 0.6, 4.0
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
 # intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
 WINDOW = 128
 OVERLAP = 14  # ... and nodes beyond them on either side, where they exist anyway
 
-WIDER = 1.015  # steps of a band that leaks, until the worst channel errs no more than ...
-SINGLE = 1.6  # ... this many times what any frequency of the band may
-AMPLIFICATION = 1.6  # of the nodes' own errors, root mean square over the fine samples
-PROBED = 49  # frequencies at which the misfit is looked up
+WIDER = 1.015  # factor by which a band is widened until the worst channel's error is at most ...
+SINGLE = 1.6  # ... this many times the tolerance
+AMPLIFICATION = 1.6  # of the nodes' own errors, at most; root mean square over the fine samples
+PROBED = 49  # frequencies at which the misfit is computed
 
-Waves = Callable[
-    [np.ndarray], np.ndarray
-]  # of single channels [n, lines, m] at points [n, lines, 3]
+# points [n, lines, 3] → envelopes of single channels [n, lines, m]
+Waves = Callable[[np.ndarray], np.ndarray]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pivoted Cholesky of a positive semi-definite kernel [n, n] with unit diagonal until no member
-    is further than `tolerance` from the span of those chosen.
+    """Choose members by pivoted Cholesky decomposition of a positive semi-definite kernel [n, n]
+    with unit diagonal, until none is further than `tolerance` from their span.
 
     Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
     """
@@ -50,9 +47,9 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 
 
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Π J₀(w (a − b)) [n, m] at a [n, d], b [m, d], half_band [d]: the kernel of a spectrum that
-    crowds at the band's edges. With sinc, of an even one, errors are three to four times larger
-    there for as many members."""
+    """Kernel Π J₀(w (a − b)) [n, m] for a [n, d], b [m, d] and half_band [d]: that of a spectrum
+    concentrated at the band's edges. The kernel of a flat spectrum, sinc, has three to four times
+    larger errors there for as many members."""
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
@@ -68,9 +65,8 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
         residual[j] = gram[j, j]
     for k in range(n):
         pivot = 0
-        for j in range(
-            1, n
-        ):  # symmetric arrays have ties, which rounding must not decide: the first one counts
+        # symmetric arrays have ties, which rounding must not decide: the first one counts
+        for j in range(1, n):
             if residual[j] > (1 + TIE) * residual[pivot]:
                 pivot = j
         if residual[pivot] <= least:
@@ -93,21 +89,21 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Resampler:
-    """nodes_m [n] and, per window, (fine slice, node slice, weights [fine, nodes] float32); no
-    windows: the nodes are the fine samples."""
+    """Interpolation of fine samples from nodes_m [n]; windows: (fine slice, node slice, weights
+    [fine, nodes] float32). No windows: the nodes are the fine samples."""
 
     nodes_m: np.ndarray
     windows: tuple[tuple[slice, slice, np.ndarray], ...]
 
     def apply(self, nodes: np.ndarray, out: np.ndarray) -> None:
-        """Node values [..., n] → fine values out [..., fine], float32."""
+        """Interpolate node values [..., n] to fine values, written to out [..., fine], float32."""
         if not self.windows:
             out[...] = nodes
         for fine, of, weights in self.windows:
             out[..., fine] = nodes[..., of] @ weights.T
 
     def along_first(self, nodes: np.ndarray) -> np.ndarray:
-        """Node values [n, m] → fine values [fine, m], float32."""
+        """Interpolate node values [n, m] along the first axis: [fine, m], float32."""
         if not self.windows:
             return nodes
         fine = np.empty((self.windows[-1][0].stop, nodes.shape[1]), np.float32)
@@ -116,8 +112,8 @@ class Resampler:
         return fine
 
     def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
-        """The nodes that one fine sample follows from, and their weights; those below `least` at
-        the ends are left."""
+        """The nodes of one fine sample and their weights; weights below `least` at the ends are
+        left out."""
         for here, of, weights in self.windows:
             if fine < here.stop:
                 row = weights[fine - here.start]
@@ -128,8 +124,8 @@ class Resampler:
         return slice(fine, fine + 1), np.ones(1, np.float32)
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
-        """The windows in pieces of at most `most` fine samples: (fine slice, node slice, weights or
-        None)."""
+        """Cut the windows into pieces of at most `most` fine samples: (fine slice, node slice,
+        weights or None)."""
         whole = slice(0, len(self.nodes_m))
         pieces: list[tuple[slice, slice, np.ndarray | None]] = []
         for fine, of, weights in self.windows or ((whole, whole, None),):
@@ -143,9 +139,9 @@ class Resampler:
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
-    """The fewest nodes for fine_m [n] (ascending, even or not) from which every frequency within
-    ±half_band (rad/m) is regained with a relative L2 error of at most `tolerance`; the fine samples
-    themselves where that saves nothing.
+    """Find the fewest nodes for fine_m [n] (ascending) that reproduce every frequency within
+    ±half_band (rad/m) with a relative L2 error of at most `tolerance`; the fine samples themselves
+    if that saves nothing.
 
     The search begins at the family's degrees of freedom to that error (Slepian 1983), which few
     nodes stay below."""
@@ -170,7 +166,7 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
     return Resampler(fine_m, ())
 
 
-def regaining(
+def resampler_for_channels(
     fine_m: np.ndarray,
     along: int,
     half_band: float,
@@ -178,9 +174,9 @@ def regaining(
     places_m: np.ndarray,
     waves: Waves,
 ) -> Resampler:
-    """The `resampler` along one axis of a grid that regains single channels, too, on lines at all
-    combinations of places_m [n, 3] of the other axes: chirps, which leak out of a band, so that it
-    is widened until they are."""
+    """Find a `resampler` along one axis of a grid that also reproduces single channels, on lines
+    through all combinations of places_m [n, 3] in the other axes. Their waves are chirps, which
+    leak out of the band; it is widened until they are reproduced."""
     sides = list(
         product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along))
     )
@@ -205,15 +201,15 @@ def regaining(
 
 
 def _crowded(intervals: int) -> np.ndarray:
-    """Nodes [intervals + 1] from 0 to 1, even but for the ends, where they lie closer: beyond an
-    end nothing is known, and nodes within the axis cost less than guards outside it."""
+    """Nodes [intervals + 1] from 0 to 1, evenly spaced except near the ends, where they are closer:
+    nothing is known beyond an end, and denser nodes cost less than guard nodes outside."""
     from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
     nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
     return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """(fine slice, node slice) of every window that holds fine samples; uneven ones may leave some
+    """Windows with fine samples: (fine slice, node slice). Uneven axes may leave some windows
     empty."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
     edges = np.searchsorted(fine_m, nodes_m[bounds])
@@ -230,7 +226,7 @@ def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tu
 def _misfit(
     fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float
 ) -> float:
-    """Relative L2 error over fine_m of the frequency within ±half_band that is regained worst."""
+    """Largest relative L2 error over fine_m of a frequency within ±half_band."""
     frequency = half_band * np.cos(
         np.linspace(0, np.pi / 2, PROBED)
     )  # crowded at the band's edge, where it is worst

@@ -1,7 +1,7 @@
-"""The tree of boxes behind fast imaging: each box knows the few tones and antennas that it needs of
-its parent's.
+"""The tree of boxes of fast imaging: each box keeps the few of its parent's tones and antennas that
+it needs.
 
-Seen from a small box, most tones and most antennas tell the same story. With ΔR_a(p) = R_a(p) −
+Within a small box, most tones and antennas are linear combinations of few. With ΔR_a(p) = R_a(p) −
 R_a(c) about the box's centre c and samples S in the parent's local phases, a box's samples are
 
     M[m, a, b] = Σ_f Σ_t Σ_r  L[m, f] X[a, t] Y[b, r] e^{jk_f(R_t(c) + R_r(c))} S[f, t, r],
@@ -24,26 +24,24 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticSc
 from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
-# Of the tolerance, for each skeleton that keeps more members than the second number: residuals are
-# held below it at their worst member. The errors of many members differ and average out; so few as
-# five are all alike and near their
-# bound: those of both legs in limb and leaf, and of tones, add up to √6 of it (1.2 of the tolerance
-# was measured 100 m away). Chosen so that a single live channel, whose error no other averages,
-# keeps the tolerance (measured: 0.9 of it at worst on the paper's volume, where white noise uses
-# 0.7; with 1.6 in place of 1.3: 1.16).
+# (share of the tolerance, number of members): a skeleton with more members than that keeps its
+# worst residual below that share. The errors of many members average out. With five or fewer they
+# are similar and near the bound: those of both legs in cell and leaf, and of the tones, add up to
+# √6 of it (1.2 of the tolerance was measured 100 m away). The shares hold the tolerance for a
+# single live channel too, whose error nothing averages (measured at worst on the paper's volume:
+# 0.9 of the tolerance, 0.7 for white noise; with 1.6 in place of 1.3: 1.16).
 SHARES = (1.3, 15), (1.0, 5), (0.4, 0)
-# In a box of so few wavelengths the residuals of all its points are alike, and add up where the
-# points' echoes cancel
-# each other: to twice the tolerance for 60 points within 2.5 mm, each of which met it.
+# In a box of fewer than TOGETHER wavelengths the residuals of all points are similar, and add up
+# where the points' echoes cancel: to twice the tolerance for 60 points within 2.5 mm, each of which
+# met it.
 TOGETHER, ADDED_UP = 2.0, 0.1
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
-CROWDED = 1024  # antennas of a leg above which skeletons would outgrow what they save
+CROWDED = 1024  # antennas of a leg above which skeletons cost more than they save
 
-Reduce = Callable[
-    [float], tuple[np.ndarray, np.ndarray]
-]  # a tolerance to a skeleton's members and weights
+# tolerance → members and weights of a skeleton
+Reduce = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
 class Box(NamedTuple):
@@ -54,20 +52,20 @@ class Box(NamedTuple):
 
     @property
     def centre_m(self) -> np.ndarray:
-        """[3]."""
+        """The centre [3]."""
         return (self.low_m + self.high_m) / 2
 
     @property
     def corners_m(self) -> np.ndarray:
-        """[8, 3]."""
+        """The corners [8, 3]."""
         return np.array(list(product(*zip(self.low_m, self.high_m, strict=True))))
 
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """Antennas position_m [n, 3] that a box keeps, number [n] among all, `passes` of its leg, and
-    length_m [n] = passes · |c − a|: the phase already taken out of the samples (zero above the
-    root)."""
+    """The antennas of a leg that a box keeps: position_m [n, 3], number [n] among all, the leg's
+    `passes`, and length_m [n] = passes · |c − a|, the path whose phase is removed from the samples
+    (zero in the root)."""
 
     position_m: np.ndarray
     passes: int
@@ -81,9 +79,9 @@ class LocalLeg:
 
 @dataclass(frozen=True)
 class Node:
-    """A box with the tones turns_per_m [k] = f/c and antennas it keeps, and how its samples follow
-    from its parent's: tone_weights [k, parent's k], leg_weights [n, parent's n] for each leg,
-    shifts_m [parent's n] for each leg."""
+    """A box with the tones turns_per_m [k] = f/c and the antennas (legs) that it keeps, and the map
+    from its parent's samples to its own: tone_weights [k, parent's k], and for each leg leg_weights
+    [n, parent's n] and shifts_m [parent's n]."""
 
     box: Box
     turns_per_m: np.ndarray
@@ -94,10 +92,10 @@ class Node:
 
 
 class Family(NamedTuple):
-    """The properties that a tree's boxes share: the tolerance, whether tones stay apart (one image
-    each), how much longer than geometry a path can be (delays), whether all antennas are kept, the
-    exponent of the antennas' pattern where legs have gains (simulation with spreading), and the
-    sine of the angle by which waves come beside the box, as an antenna sees it (diffraction)."""
+    """Settings that all boxes of a tree share. tolerance; apart: one image per tone; delay_m:
+    largest extra path (delays); whole: keep all antennas; pattern: exponent of the antennas'
+    pattern if legs have gains (simulation with spreading); beside: sine of the largest angle
+    between diffracted waves and the straight ray."""
 
     tolerance: float
     apart: bool
@@ -107,14 +105,14 @@ class Family(NamedTuple):
     beside: float = 0.0
 
 
-def crowded(aperture: Aperture) -> bool:
-    """True where the aperture is none for skeletons: its antennas are too many, as a raster scan's
-    tens of thousands of positions, or do not all hear each other."""
+def needs_direct_sum(aperture: Aperture) -> bool:
+    """True for an aperture that skeletons do not suit: too many antennas (a raster scan has tens of
+    thousands of positions), or a list of pairs."""
     return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
-def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
-    """The node above the root: all tones, all antennas, no phase taken out."""
+def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
+    """The root: all tones, all antennas, no phase removed."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
     legs = tuple(
         LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
@@ -127,8 +125,8 @@ def trunk(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     )
 
 
-def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
-    """The node of a box within its parent's."""
+def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
+    """Plan the node of a box inside its parent's box."""
     lengths = [
         leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs
     ]
@@ -144,7 +142,7 @@ def branch(parent: Node, box: Box, family: Family, keep_antennas: bool = False) 
 
 
 def split(box: Box, parts: np.ndarray) -> list[Box]:
-    """The box in parts [3] equal pieces along each axis."""
+    """Split a box into parts [3] equal pieces along the axes."""
     edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
     return [
         Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))
@@ -152,8 +150,8 @@ def split(box: Box, parts: np.ndarray) -> list[Box]:
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
-    """Indices of points [n, 3] that lie near enough together for one tree: halves of halves, until
-    the half-wavelengths in their box are few enough to be counted out."""
+    """Group points [n, 3] into clusters compact enough for one tree each: lists of indices. Boxes
+    are halved until they have at most SPARSE half-wavelengths cubed."""
     half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
     parts, near = [np.arange(len(points_m))], []
     while parts:
@@ -171,8 +169,8 @@ def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarra
 def _tones(
     parent: Node, box: Box, lengths: list[np.ndarray], family: Family
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tones whose paths differ by at most d = Σ_legs max|ΔR| over the box: half-band d over
-    wavenumbers."""
+    """Skeleton of the tones. Paths within the box differ by at most d = Σ_legs max|ΔR|, the
+    half-band over wavenumbers."""
     every = np.arange(len(parent.turns_per_m))
     if family.apart or len(every) <= 2:
         return every, np.zeros((0, 0), np.float32)
@@ -190,15 +188,14 @@ def _tones(
 def _antennas(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Antennas of one leg that carry e^{jk(R_a(p) − R_a(c))} of all others, for p in the box and
-    all k.
+    """Skeleton of one leg's antennas: e^{jk(R_a(p) − R_a(c))} of all others follows from theirs,
+    for p in the box and all k.
 
-    The family is sampled rather than bounded by a band: near the aperture its waves are chirps,
-    whose spectrum leaks out of any band. Real weights that fit a family fit its conjugate: the real
-    part of its Gram matrix is enough.
-    Where legs have gains, these belong to the family: in a small box few antennas tell all phases,
-    but not how 1/R and the obliquity differ from one to the next. Around an antenna, where its
-    distance has a kink that no sample may meet, all are kept.
+    The waves are sampled, not bounded by a band: near the aperture they are chirps, whose spectrum
+    leaks out of any band. Real weights that fit the waves also fit their conjugates, so the real
+    part of the Gram matrix is enough. Gains are part of the waves: in a small box few antennas
+    determine all phases, but not how 1/R and the obliquity vary from one to the next. A box around
+    an antenna keeps all of them, because the distance has a kink there.
     """
     n = len(leg.position_m)
     if keep or family.whole or n == 1:
@@ -216,7 +213,7 @@ def _antennas(
 def _reduced(
     reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The skeleton that `reduce` makes to its share of the tolerance, weights in float32."""
+    """Compute the skeleton to its share of the tolerance, with weights in float32."""
     together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
     for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
         index, weights = reduce(share * tolerance)
@@ -228,8 +225,8 @@ def _reduced(
 def _family_skeletons(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
 ) -> Reduce:
-    """Skeletons of a leg's antennas over a box; more than DIRECT are thinned half by half, each for
-    itself."""
+    """The function that computes skeletons of a leg's antennas over a box. More than DIRECT
+    antennas are reduced in halves, recursively."""
     n = len(leg.position_m)
     if n > DIRECT:
         order = np.argsort(
@@ -258,7 +255,7 @@ def _family_skeletons(
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [count, 3] of the box, crowded towards its faces, where skeletons err most, and f/c
+    """Points [count, 3] of the box, denser towards its faces, where the errors are largest, and f/c
     [count] of tones."""
     across, share = _sequence(count)
     low, high = turns_per_m.min(), turns_per_m.max()
@@ -267,8 +264,9 @@ def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, 
 
 @lru_cache(maxsize=256)
 def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places [count, 3] in the unit cube and shares [count] of a band: an additive sequence
-    (Roberts' generalised golden ratio), the same every time; not to be changed."""
+    """Points [count, 3] of the unit cube and shares [count] of a band, by an additive sequence
+    (Roberts' generalised golden ratio); deterministic. Cached: callers must not change the
+    arrays."""
     golden = 1.1673039782614187  # g⁵ = g + 1: the ratio for four dimensions
     u = (0.5 + np.arange(count)[:, None] / golden ** np.arange(1, 5)) % 1.0
     across = (1 - np.cos(np.pi * u[:, :3])) / 2
@@ -277,5 +275,5 @@ def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distances(antennas_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """[a, p] for antennas [a, 3] and points [p, 3]."""
+    """Distances [a, p] between antennas [a, 3] and points [p, 3]."""
     return np.sqrt(((antennas_m[:, None] - points_m[None]) ** 2).sum(axis=2))

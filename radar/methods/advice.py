@@ -1,5 +1,5 @@
-"""Advice for a capture that a method's settings do not suit: what its tones lack, and what its
-images cannot tell."""
+"""Advice for a capture that does not suit a method's settings: tones that it lacks, and limits of
+its depths."""
 
 from __future__ import annotations
 
@@ -15,51 +15,46 @@ from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
-CLIMB = 12.5  # times as far as the rung before it: 200 MHz to 2.5 GHz in the paper
-CLOSER, CLOSEST = (
-    3,
-    16,
-)  # times as close as a method's pair: tones that reach further, and still tell the period
-STRONGEST = 200  # pixels whose echoes tell where the target is, together
-ALIKE = 0.5  # coherence of two tones' images, from which on they show one thing
-TONES = (
-    "f1_hz",
-    "f2_hz",
-    "close_hz",
-    "f3_hz",
-    "far_hz",
-)  # settings of one tone each, the pair that is close first
+CLIMB = 12.5  # ratio of the reaches of two successive rungs: 200 MHz to 2.5 GHz in the paper
+# a pair of tones that many times closer than the method's resolves its period
+CLOSER, CLOSEST = 3, 16
+STRONGEST = 200  # pixels whose echoes locate the target
+LEAST_COHERENCE = 0.5  # coherence of two tones' images of the same target
+# settings of one tone each, the close pair first
+TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")
 
 
-def asked_hz(config: Config) -> np.ndarray | None:
-    """The tones [f] that a configuration asks for; None where it names none."""
-    told: Any = getattr(config, "ladder_hz", getattr(config, "tones_hz", None))
-    return None if told is None else np.asarray(told() if callable(told) else told)
+def requested_tones_hz(config: Config) -> np.ndarray | None:
+    """The tones [f] that a configuration requests; None if it names none."""
+    tones_hz: Any = getattr(config, "ladder_hz", getattr(config, "tones_hz", None))
+    return None if tones_hz is None else np.asarray(tones_hz() if callable(tones_hz) else tones_hz)
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """HandbenchError where the capture lacks tones that a configuration asks for; names settings
-    for those it has."""
-    if (asked := asked_hz(config)) is None:
+    """Raise HandbenchError for a capture without the tones that a configuration requests; the
+    message has settings for the tones that it has."""
+    if (asked := requested_tones_hz(config)) is None:
         return
     try:
         capture.tones(asked)
     except HandbenchError as error:
-        settings = _suiting(np.unique(capture.frequencies_hz)[::-1], type(config).model_fields)
+        settings = _matching_settings(
+            np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
+        )
         try:
             suited = type(config).model_validate({**config.model_dump(), **settings})
-            capture.tones(np.asarray(asked_hz(suited)))
+            capture.tones(np.asarray(requested_tones_hz(suited)))
         except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
             raise error from None
-        told = " ".join(
+        options = " ".join(
             f"--set {name}={_text(v)}" for name, v in settings.items() if v != getattr(config, name)
         )
-        raise HandbenchError(f"{error}, as by {told}") from None
+        raise HandbenchError(f"{error}, e.g. {options}") from None
 
 
-def _suiting(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
-    """The settings among those known by which a method takes tones that are there, the highest of
-    them first."""
+def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
+    """Settings, among the `known` names, with which a method uses the capture's tones, the highest
+    first."""
     if "count" in known:
         return {
             "start_hz": float(tones_hz[-1]),
@@ -78,15 +73,15 @@ def _suiting(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
-    """A setting as it is typed."""
+    """A setting's value as on the command line."""
     if isinstance(value, tuple):
         return f"'[{','.join(map(_text, value))}]'"
     return f"{value / 1e9:.10g}e9" if isinstance(value, float) else str(value)
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
-    """Sentences on what limits a depth map of this capture's frame."""
-    seen, asked = np.isfinite(depth.z_m), asked_hz(config)
+    """Yield sentences on the limits of a depth map of this capture's frame."""
+    seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
     steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
@@ -102,8 +97,8 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if first_m := getattr(config, "first_depth_m", None):
-        told = (
-            f"the closest tones tell depths within {period_mm / 2:.0f} mm of first_depth_m = "
+        limit = (
+            f"the closest tones determine depths within {period_mm / 2:.0f} mm of first_depth_m = "
             f"{first_m:g}"
         )
         off_mm = 1e3 * _off_m(depth, capture, asked, frame)
@@ -111,37 +106,37 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             target_m = float(np.median(depth.z_m[seen])) + 1e-3 * off_mm
             way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
             yield (
-                f"{told}, and the target lies {way}, as closer tones tell; set "
+                f"{limit}, but closer tones place the target {way}; set "
                 f"first_depth_m={target_m:.2f}"
             )
         elif flagged > seen.sum() / 2:
-            yield f"{flagged} {pixels} flagged; {told}; set that to the target's distance"
+            yield f"{flagged} {pixels} flagged; {limit}; set first_depth_m to the target's distance"
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
         yield (
-            f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may lie "
-            f"beyond; {set_box}"
+            f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may be "
+            f"outside; {set_box}"
         )
     if 0 < box_mm < cell_mm:
-        told = (
+        limit = (
             f"the tones' range resolution c/2B is {cell_mm:.0f} mm, and the depth box "
             f"{box_mm:.0f} mm deep"
         )
         yield (
-            f"{told}: brightness hardly tells a depth in it; phases do (2fsk, 3fsk, joint), or "
-            "more bandwidth"
+            f"{limit}: the strongest voxel hardly resolves depth in it; use a method that compares "
+            "phases (2fsk, 3fsk, joint), or more bandwidth"
         )
     if period_mm < box_mm:
-        told = (
+        limit = (
             f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box "
             f"of {box_mm:.0f} mm"
         )
-        yield f"{told}: echoes repeat in it; {set_box}, or more tones"
+        yield f"{limit}: echoes repeat in it; {set_box}, or more tones"
 
 
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
-    """By how much the target lies behind a map's strongest pixels, as a pair of the capture's tones
-    tells that lie closer together than any of those asked for; 0 where there is no such pair."""
+    """Distance of the target behind a map's strongest pixels, metres, from a pair of the capture's
+    tones that are closer together than those requested; 0 without such a pair."""
     from handbench.radar.imaging.api import image_points
     from handbench.radar.methods.fsk import depth_step_m
 
@@ -156,6 +151,8 @@ def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: 
     strongest = seen[np.argsort(depth.amplitude_db.ravel()[seen])[-STRONGEST:]]
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(strongest, depth.z_m.ravel()[strongest])
     a, b = image_points(samples, pair_hz, capture.aperture, points_m, None, apart=True)
-    if abs(np.vdot(a, b)) < ALIKE * np.linalg.norm(a) * np.linalg.norm(b):  # noise has no distance
+    if abs(np.vdot(a, b)) < LEAST_COHERENCE * np.linalg.norm(a) * np.linalg.norm(
+        b
+    ):  # noise has no distance
         return 0.0
     return float(depth_step_m(np.vdot(a, b), np.ones(1), pair_hz[1] - pair_hz[0])[0])

@@ -1,22 +1,22 @@
-"""Depth where the tones agree: the shift along z at which a few tones' images have one phase.
+"""Alignment of phases: the shift along z at which the images of several tones have the same phase.
 
-The aperture focuses on a smooth surface's mirror image and not on the surface, so that the
-strongest voxel lies before or behind it; the delay does not care. An image formed at z_p of a
-scatterer at z has the phase k_f (z_p − z) and one that all tones share, with k_f = 2πf/c · d(|p −
-t| + |p − r|)/dz averaged over the antennas. Where the paths of the scatterer's neighbourhood are
-those of one depth, the power of the sum over N tones, with the shift Δ,
+The aperture focuses on the mirror image of a smooth surface, not on the surface, so the strongest
+voxel is before or behind it; the delay is not affected. The image at z_p of a scatterer at z has
+the phase k_f (z_p − z), plus one common to all tones, with k_f = 2πf/c · d(|p − t| + |p − r|)/dz
+averaged over the antennas. Where the scatterer's neighbourhood has one depth, the normalised power
+of the sum over N tones, shifted by Δ,
 
     P(Δ) = |Σ_f O_f e^{jk_f Δ}|² / (N Σ_f |O_f|²),
 
 is their coherence, 1 at Δ = z − z_p: its maximum is the maximum-likelihood depth of one scatterer
-in white noise (Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). What the phases differ by
-from a line, variance s² a tone, gives the depth the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao
+in white noise (Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). If the phases deviate from
+a line with variance s² per tone, the depth has the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao
 bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over N − 1 degrees of freedom, gives the
 odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
 
-`joint` finds each pixel's depth so from any set of tones at once. A ladder uses a tone after the
-other, and each must hold what the next one's period leaves open; all pairs of all tones together
-leave less open.
+`joint` finds each pixel's depth in this way from any set of tones at once. A ladder uses one tone
+after the other, and each must resolve the next one's period; all pairs of tones together are less
+ambiguous.
 
 For comparison, two established estimators of the shift. Capon (Proc. IEEE 57 (1969) 1408), with the
 covariance R of sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans. ASSP 33
@@ -44,18 +44,18 @@ from handbench.radar.methods.fsk import Tones, first_step, masked_mean, path_ris
 from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
 
 STEPS = 16  # per range cell, of the search
-ALIGNED = 0.9  # coherence below which two depths share a pixel,
-NONE = 0.8  # and below which a pixel has none
+ALIGNED = 0.9  # coherence below which a pixel has two depths,
+NONE = 0.8  # and below which it has none
 TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
-NEAR = 0.25  # of the reach: the search about a depth that all tones found before
-LOADING, LEAST = 1e-2, 1e-30  # of R's mean diagonal; and least of what is divided by
+NEAR = 0.25  # share of the reach of a repeated search
+LOADING, LEAST = 1e-2, 1e-30  # of R's mean diagonal; least divisor
 CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
-    """shift_m, its standard deviation sigma_m, coherence P and the probability `other` that the
-    second maximum of P is the right one, each [n]."""
+    """Aligned shifts, each field [n]: shift_m, its standard deviation sigma_m, the coherence P, and
+    the probability `other` that the second maximum of P is the right one."""
 
     shift_m: np.ndarray
     sigma_m: np.ndarray
@@ -66,9 +66,9 @@ class Alignment(NamedTuple):
 def align(
     images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float | None = None
 ) -> Alignment:
-    """The shifts, within ±reach_m, that align images [f, n] of the tones [f], f ≥ 3; rise [n]: of
-    the path, per metre along z. Without a reach: a range cell c/2B, or half of what evenly spaced
-    tones repeat after."""
+    """Find the shifts within ±reach_m that align images [f, n] of the tones [f], f ≥ 3. rise [n]:
+    growth of the path per metre along z. Default reach: a range cell c/2B, at most half of the
+    period of evenly spaced tones."""
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
     cell_m = SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
     if reach_m is None:
@@ -99,12 +99,12 @@ def align(
     return Alignment(shift_m, sigma_m, first, 1 / (1 + np.exp(np.clip(odds, -MANY, MANY))))
 
 
-def agreed(
+def filter_by_agreement(
     depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
 ) -> DepthMap:
-    """An aligned depth map of that coherence [ny, nx] without what is no depth, filtered. σ is that
-    of the tones and, in quadrature, what the filter takes away: speckle, of which the tones of one
-    pixel do not tell."""
+    """Drop pixels without a depth from an aligned depth map with that coherence [ny, nx], and
+    filter it. σ² is the sum of the tones' variance and that of the speckle, which the filter
+    removes and the tones of one pixel do not show."""
     none, grid = coherence < NONE, PixelGrid(depth.x_m, depth.y_m)
     reach_px = [
         int(config.edge_m / np.diff(axis).mean() + 1e-6) if len(axis) > 1 else 0
@@ -114,7 +114,7 @@ def agreed(
     hidden = beside_nearer(np.where(none, np.nan, depth.z_m), reach_px, half_cell_m)
     dropped = (none | hidden) & config.drop_doubtful
     z_m, own_m = (
-        np.where(dropped, np.nan, told) for told in (depth.z_m, np.asarray(depth.sigma_m))
+        np.where(dropped, np.nan, values_m) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
     )
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
     speckle_m = speckle_spread_m(
@@ -126,9 +126,8 @@ def agreed(
 
 
 def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """True where another depth of the map [ny, nx] within ±reach_px (y, x) is nearer by more than
-    gap_m: at an outline the lobes of what shines behind it are stronger than the dark edge
-    itself."""
+    """True where the map [ny, nx] has a depth nearer by more than gap_m within ±reach_px (y, x): at
+    an outline, side lobes of bright surfaces behind it are stronger than the dark edge itself."""
     nearest_m = minimum_filter(
         np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
     )
@@ -136,11 +135,11 @@ def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.
 
 
 def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
-    """Depth map of a frame from any tones at once, with σ and flags; HandbenchError where the
-    capture lacks tones.
+    """Compute the depth map of a frame from any tones at once, with σ and flags. Raises
+    HandbenchError for a capture without these tones.
 
-    The shift at which all tones agree is searched wide about what the first pair found; each pixel
-    is then imaged from there, and the shift is searched again."""
+    The shift that aligns all tones is searched in a wide range around the depth of the first pair;
+    the pixels are then imaged at the depths found, and the shift is searched again."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
     step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
     z_m, amplitude = uncertainty.add(step), step.amplitude
@@ -153,7 +152,7 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         )
         found = align(step.images, tones.frequencies_hz, rise, reach_m)
         z_m, sigma_m = (
-            step.on_map(told) for told in (points_m[:, 2] + found.shift_m, found.sigma_m)
+            step.on_map(values_m) for values_m in (points_m[:, 2] + found.shift_m, found.sigma_m)
         )
         coherence, amplitude = step.on_map(found.coherence, 0.0), step.amplitude
         doubtful = doubtful | step.on_map(found.other > config.wrap_probability, False)
@@ -173,17 +172,19 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         placed(sigma_m),
         wrapped,
     )
-    depth = agreed(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
-    seen = db >= config.threshold_db  # where it is, no longer in the first plane
-    z_m, sigma_m = (np.where(seen, told, np.nan) for told in (depth.z_m, np.asarray(depth.sigma_m)))
+    depth = filter_by_agreement(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    seen = db >= config.threshold_db  # at the final depth, not in the first plane
+    z_m, sigma_m = (
+        np.where(seen, values_m, np.nan) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
+    )
     return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
 
 
 def capon(
     images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float
 ) -> np.ndarray:
-    """Shifts [n] within ±reach_m at which the spectrum of images [f, n] at even tones [f] is
-    highest; rise [n]: of the path, per metre along z."""
+    """Find the shifts [n] within ±reach_m with the highest Capon spectrum of images [f, n] at
+    evenly spaced tones [f]. rise [n]: growth of the path per metre along z."""
     half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
     bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(
         np.complex128
@@ -199,8 +200,8 @@ def capon(
 
 
 def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
-    """Shifts [n] within ±reach_m at which the tones' images [f, n], made by `image` for a shift,
-    are most coherent."""
+    """Find the shifts [n] within ±reach_m of the highest coherence. image: shift → the tones'
+    images [f, n]."""
     tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
     images = map(image, tried_m)
     factors = [
@@ -210,12 +211,12 @@ def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np
 
 
 def _form(inverse: np.ndarray, steering: np.ndarray) -> np.ndarray:
-    """aᴴ R⁻¹ a, [n]."""
+    """The quadratic form aᴴ R⁻¹ a, [n]."""
     return np.asarray(np.einsum("ni,nij,nj->n", steering.conj(), inverse, steering).real)
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:
-    """Images [f, n] as they would be at another depth."""
+    """Shift images [f, n] in depth by turning their phases."""
     return np.asarray(images * np.exp(1j * k * shift_m))
 
 
@@ -224,5 +225,5 @@ def _sum(images: np.ndarray) -> np.ndarray:
 
 
 def _residual(images: np.ndarray) -> np.ndarray:
-    """Phases [f, n] about that of the sum."""
+    """Phases [f, n] relative to the phase of the sum."""
     return np.angle(images * np.conj(_sum(images)))

@@ -1,25 +1,23 @@
-"""Uncertainty of a depth map, computed after it: σ and flags of a phase, and p_gross of any
-method's depths.
+"""Uncertainty of a depth map: σ and flags from a phase, and p_gross for the depths of any method.
 
-White noise and speckle have no preferred phase: one quadrature of what they add to O_b·conj(O_a)
-turns its phase, which moves the depth; the other, of equal size, changes its amplitude, which ought
-to be the same at neighbouring tones. The amplitudes thus show what the phases suffered. With ρ =
-(|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the error of φ,
+White noise and speckle have no preferred phase: one quadrature of their contribution to
+O_b·conj(O_a) turns its phase, which moves the depth; the other, equally strong, changes its
+amplitude, which should be the same at neighbouring tones. So amplitude differences measure the
+phase errors. With ρ = (|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the error of φ,
 
     σ_z = c / (4πΔf) · σ_φ
     σ_φ = rms(ρ·A) / A   (σ_φ ∝ 1/A: noise is as strong where the echo is weak),
 
-the mean square taken half over a window of a few resolution cells, since speckle is local, and half
-over the whole target, since a window holds few independent values. Nothing is assumed about the
-noise, and nothing is fitted.
+where the mean square is the average of that over a window of a few resolution cells (speckle is
+local) and that over the whole target (a window has few independent values). No noise level is
+assumed or fitted.
 
 p_gross is the probability, per pixel, that a depth is off by more than 5 mm from the nearest true
-surface: a logistic function of features that any method's map and its own tones tell: the images at
-the depth that was found (do the tones agree there, and on which depth?), depth steps and echoes
-beside the pixel, the method's own σ and flags, and the same over the whole scene, since few scenes
-hold most wrong depths. The weights of trust.toml are fitted by
-tests/bench/studies/trust/measure_trust.py to scenes of known surfaces; features are clipped, so
-that no scene lies far beyond those.
+surface: a logistic function of features of any method's map and its tones: the images at the depth
+found (are they coherent, and which depth do they suggest?), depth steps and echoes next to the
+pixel, the method's own σ and flags, and means over the scene, since few scenes contain most wrong
+depths. The weights of trust.toml are fitted by tests/bench/studies/trust/measure_trust.py to scenes
+of known surfaces; features are clipped to about the range of these scenes.
 """
 
 from __future__ import annotations
@@ -33,65 +31,62 @@ import numpy as np
 from scipy.ndimage import label, maximum_filter, minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.data.capture import RadarCapture, evenly, near_one
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.support.config import Config
 
-# pixels that may be but a few resolution cells: their median would hide the noise with the gain
+# below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
 FEW = 100
-# window that tells a pixel's own error from its neighbourhood's, where the filter is narrower
+# least window of the local mean from which a pixel's own error is measured
 LOCAL_PX = 5
-OTHER_SURFACE_M = (
-    0.003  # a filter that moves a pixel by more has met another surface, which no σ tells
-)
-# its square is still a number: a point known exactly, exactly between two periods, may be in either
+# a filter that moves a pixel by more has mixed two surfaces
+OTHER_SURFACE_M = 0.003
+# least σ, whose square is still a number
 TINY_M = 1e-150
-# times as high a plane's peak shows the focus: speckle and gloss make up 1.1, a hand out of it 1.24
+# a plane whose peak is higher by this factor is in focus: speckle and gloss reach 1.1, a hand 1.24
 SHARPER = 1.15
-# Times as wide, a plane is out of focus for all its peak: four fingers' is 5, a far target's own
-# 0.2 to 1.4.
+# A plane whose image is wider by this factor is out of focus in spite of its peak (four fingers: 5;
+# a far target: 0.2 to 1.4).
 WIDER = 2.0
-# share of a target without coherence from which on none of it is trusted; noise alone: 0.4 to 0.6
+# share of incoherent pixels above which the whole target is flagged (noise only: 0.4 to 0.6)
 NOISY = 0.25
-UNRELATED_RAD = 2 * np.sqrt(
-    np.pi - 3
-)  # rms of ρ between images that share nothing (Rayleigh amplitudes): its most
+# rms of ρ between unrelated images (Rayleigh amplitudes): its largest value
+UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)
 GROSS_M = 5e-3
 BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide
-TONES = 8  # of a method with more of them: evenly chosen
-TOLERANCE = 1e-3  # of the images, whose phases are looked at to a hundredth of a radian
-# share of a map's pixels in doubt from which on its depths are scattered too widely to be worth an
-# image
+TONES = 8  # tones that are imaged, evenly chosen from a method's
+TOLERANCE = 1e-3  # of the images, whose phases are needed to a hundredth of a radian
+# share of flagged pixels above which the depths are too scattered to be imaged again
 LOST = 0.5
 FARTHEST_DB = 30.0  # below the peak
 WEIGHTS = Path(__file__).with_name("trust.toml")
 FEATURES = (
-    # log10 of the method's own σ over 5 mm; of what the tones' amplitudes tell where it has none
+    # log10 of the method's own σ over 5 mm; without one, of σ from the tones' amplitudes
     "sigma",
-    "close",  # log10 of the step from the found depth that the two closest tones ask for, over 5 mm
-    "far",  # the same of the two tones furthest apart
+    "close",  # log10 of the depth step between the two closest tones over 5 mm
+    "far",  # the same for the two tones furthest apart
     "incoherence",  # log10(1 − |Σ O|² / (N Σ |O|²)) of the tones at the found depth
-    "range",  # log10 of the range of depths beside the pixel, over 5 mm
-    "behind",  # log10 of the distance behind the nearest of these over 5 mm, never below 0
+    "range",  # log10 of the range of neighbouring depths over 5 mm
+    "behind",  # log10 of the distance behind the nearest of them over 5 mm, at least 0
     "before",  # the same before the furthest
     "below",  # amplitude below the strongest neighbour's, in tens of dB
-    # amplitude of the strongest pixel that steps below 5 mm lead to, below the map's peak, in tens
+    # amplitude of the strongest pixel connected by steps below 5 mm, below the map's peak, in tens
     # of dB
     "island",
-    "flag",  # 1 where the method itself is in doubt
+    "flag",  # 1 where the method flags the pixel
     "scene_incoherence",  # mean of `incoherence` over the scene
     "scene_range",  # mean of `range` over the scene
 )
 
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """cρ / (4πΔf): Δz of `radar.methods.fsk.depth_step_m` with the amplitudes' relative difference
-    ρ in place of φ; metres."""
+    """Quadrature step cρ / (4πΔf), metres: `radar.methods.fsk.depth_step_m` with the relative
+    difference ρ of the amplitudes in place of φ."""
     b, a = np.abs(image_b).astype(np.float64), np.abs(image_a).astype(np.float64)
     with np.errstate(invalid="ignore"):  # an image of zeros has no confidence
         ratio = 2 * (b - a) / (b + a)
@@ -102,7 +97,7 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
     """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx];
     NaN off target.
 
-    The median of many pixels is taken out first: the tones may differ in gain.
+    The median of many pixels is subtracted first: the tones may differ in gain.
     """
     known = np.isfinite(quadrature_m)
     if not known.any():
@@ -118,20 +113,19 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
 def speckle_spread_m(
     points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int
 ) -> np.ndarray:
-    """1σ of the depth [ny, nx], metres, by what an averaging filter takes away from points [ny, nx,
-    3]: the speckle, of which the tones of one pixel need not tell, since all may be turned
-    alike."""
+    """Predicted 1σ of the depth [ny, nx], metres, from the deviation of points [ny, nx, 3] from
+    their local mean: the speckle, which may turn all tones of a pixel by the same phase."""
     distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
     return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude, spread_px)
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """True where a phase that tells depths within ±ambiguity is noise: three standard deviations σ
-    fill its circle.
+    """True where a phase with an unambiguous range of ±ambiguity is noise: three standard
+    deviations fill the circle.
 
-    An amplitude tells σ_φ = πσ_z/a up to that of unrelated images only, σ₀; s = σ_φ/√(1 −
-    (σ_φ/σ₀)²) undoes that, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
+    Amplitudes show σ_φ = πσ_z/a only up to that of unrelated images, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²)
+    corrects this, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
     """
     most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
     return sigma_m > most_rad / np.pi * ambiguity_m
@@ -140,8 +134,7 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
 def wrap_probability(
     step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float
 ) -> np.ndarray:
-    """Probability that a phase step, known within ±ambiguity only, belongs one period 2a further
-    on.
+    """Probability that a phase step, unambiguous within ±a, is off by one period 2a.
 
     The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a −
     |Δz|)/σ²).
@@ -152,8 +145,8 @@ def wrap_probability(
 
 
 def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
-    """Depth map of `radar.methods.fsk.fsk` with its predicted 1σ and its flags. They are computed
-    from the steps after the method, or between them where flagged pixels are dropped."""
+    """Compute the depth map of `radar.methods.fsk.fsk` with predicted 1σ and flags, from its
+    imaging steps: after the method, or step by step if flagged pixels are dropped."""
     uncertainty = Uncertainty(config)
     if isinstance(config, RefinedConfig) and config.drop_wrapped:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
@@ -165,10 +158,10 @@ def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 
 
 
 class Uncertainty:
-    """Predicted error and flags of a depth, from the FSK steps that it took, in their order.
+    """Predicted error and flags of a depth map from its FSK steps, in their order.
 
-    quadrature_m [ny, nx]: the quadrature step, filtered as the depths are; wrapped [ny, nx]: True
-    where a phase may have wrapped. Both are on the grid of the steps.
+    quadrature_m [ny, nx]: the quadrature step, with the filters of the depths; wrapped [ny, nx]:
+    True where a phase may have wrapped. Both are on the grid of the steps.
     """
 
     def __init__(self, config: FskConfig) -> None:
@@ -177,8 +170,8 @@ class Uncertainty:
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
     def add(self, step: FskStep) -> np.ndarray:
-        """Take the next step; its depths [ny, nx], NaN where flagged if the configuration drops
-        these."""
+        """Process the next step and return its depths [ny, nx], NaN at flagged pixels if the
+        configuration drops them."""
         if self.last is not None and isinstance(self.config, RefinedConfig):
             self.wrapped = self._surface(step, self.last, self.config)
         self.quadrature_m = quadrature_m(step)
@@ -191,13 +184,13 @@ class Uncertainty:
         return np.where(self.wrapped, np.nan, step.z_m)
 
     def added_to(self, depth: DepthMap) -> DepthMap:
-        """The map that the steps led to, with its predicted 1σ and its flags."""
+        """Add predicted 1σ and flags to the final map."""
         step = self.last
         assert step is not None
         whole = PixelGrid(depth.x_m, depth.y_m)
         if not isinstance(self.config, RefinedConfig):
             sigma_m = self._sigma_m(step, self.quadrature_m)
-        else:  # two estimates of one error: the larger
+        else:  # two estimates of the same error: the larger one counts
             filter_px, spread_px = self.config.fine_filter_px, self.config.spread_px
             sigma_m = self._sigma_m(step, step.filtered(self.quadrature_m, filter_px))
             points_m = step.grid.points_m(np.where(np.isfinite(sigma_m), step.z_m, np.nan))
@@ -208,14 +201,12 @@ class Uncertainty:
         return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
     def _plane(self, step: FskStep) -> np.ndarray:
-        """Flags of the coarse stage: noise, depths of another period, and all if the plane of
-        another is sharper."""
+        """Flags of the coarse stage: noise, depths behind the array, and all pixels if the plane of
+        another period is sharper."""
         noise = incoherent(
             step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor
         )
-        if np.count_nonzero(noise) > NOISY * len(
-            noise
-        ):  # what is stronger is but the noise's peaks
+        if np.count_nonzero(noise) > NOISY * len(noise):  # the rest are peaks of the noise
             noise[:] = True
         behind_the_array = step.z_m <= 0
         return (
@@ -225,12 +216,12 @@ class Uncertainty:
         )
 
     def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
-        """Flags of a rung: those before it, and points that the tones disagree on or that may be a
-        period off."""
+        """Flags of a rung: earlier flags, points where the tones disagree, and points that may be
+        off by a period."""
         if len(step.tones) > len(before.tones):
             self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
-        # The rung below, seen from the same points, tells where these are wrong themselves: where a
-        # filter crossed an edge.
+        # The rung below, imaged at the same points, shows wrong starting depths: a filter crossed
+        # an edge.
         below, half_period_m = step.below(), step.tones.period_m / 2
         steps_m = step.correction_m, step.correction_m - below.correction_m
         sigmas_m = (
@@ -249,14 +240,14 @@ class Uncertainty:
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
-    """The quadrature step [ny, nx] of a step, as its depths have their step."""
+    """The quadrature step [ny, nx] of an FSK step, in the same units as its depth step."""
     return step.on_map(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
 
 
 def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
-    """True where the plane a period before or behind the step's, where the pair's phase is the
-    same, has a higher peak and spreads no wider: a plane further away gathers the echoes of several
-    places in its wider cells."""
+    """True if the plane one period before or behind the step's, where the pair has the same phase,
+    has a higher peak without being more spread out: the wider cells of a farther plane collect
+    echoes of several places."""
     tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
     planes = [
         _focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
@@ -266,9 +257,9 @@ def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
 
 
 def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
-    """The highest amplitude of one tone on a plane, of points a resolution cell λz/2D apart, then
-    about the highest; and the area (∫P)² / ∫P² of these points' power P, m². Exact: points that
-    change from frame to frame are too few to be worth a plan."""
+    """Focus of a plane at one tone: the highest amplitude, on points a resolution cell λz/2D apart
+    and then around the highest, and the area (∫P)² / ∫P² of these points' power P, m². Exact sums,
+    since so few points are not worth a plan."""
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
     cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
@@ -288,9 +279,10 @@ def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
     return float(np.abs(tone.images(near, None)).max()), float(spread_m2)
 
 
-def with_trust(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> DepthMap:
-    """The map with p_gross [ny, nx], NaN off target, by what it was made of; another sensor's map
-    stays as it is."""
+def with_p_gross(
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
+) -> DepthMap:
+    """Add p_gross [ny, nx], NaN off target, to a map. Maps of other sensors stay unchanged."""
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
@@ -306,8 +298,8 @@ def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 @cache
 def known_weights() -> dict[str, np.ndarray]:
-    """Weights [1 + k] by method, as they were when first asked for; "any": those of all methods
-    together."""
+    """Read the weights [1 + k] of each method, once per process; "any": weights for other
+    methods."""
     found = tomllib.loads(WEIGHTS.read_text("utf-8"))
     return {
         id: np.array([values[name] for name in ("constant", *FEATURES)])
@@ -316,8 +308,8 @@ def known_weights() -> dict[str, np.ndarray]:
 
 
 def weights_of(method: str) -> np.ndarray:
-    """Weights [1 + k] of a method: its own, those of the method that it is a variant of, or those
-    of any."""
+    """Weights [1 + k] of a method: its own, else those of the method that it is a variant of, else
+    "any"."""
     return next(
         known_weights()[id]
         for id in (method, method.rpartition("-")[0], "any")
@@ -328,39 +320,45 @@ def weights_of(method: str) -> np.ndarray:
 def features(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices [n] of the pixels that have a depth before the array, and their features [n,
+    """Flat indices [n] of the pixels with a depth in front of the array, and their features [n,
     k]."""
     on = np.nan_to_num(depth.z_m) > 0
     index = np.flatnonzero(on)
     if not len(index):
         return index, np.zeros((0, len(FEATURES)))
     flag = np.zeros(len(index)) if depth.wrapped is None else depth.wrapped[on].astype(np.float64)
-    told = _of_neighbours(depth, on) | {"flag": flag}
+    columns = _of_neighbours(depth, on) | {"flag": flag}
     if flag.mean() > LOST:
-        told |= dict.fromkeys(("noise", "close", "far", "incoherence"), np.full(len(index), 2.0))
+        columns |= dict.fromkeys(("noise", "close", "far", "incoherence"), np.full(len(index), 2.0))
     else:
-        told |= _of_tones(depth, capture, config, frame, index)
-    told["sigma"] = told["noise"] if depth.sigma_m is None else _log(depth.sigma_m[on] / GROSS_M)
-    told |= {f"scene_{name}": told[name].mean() for name in ("incoherence", "range")}
-    return index, np.stack([np.broadcast_to(told[name], len(index)) for name in FEATURES], axis=1)
+        columns |= _of_tones(depth, capture, config, frame, index)
+    columns["sigma"] = (
+        columns["noise"] if depth.sigma_m is None else _log(depth.sigma_m[on] / GROSS_M)
+    )
+    columns |= {f"scene_{name}": columns[name].mean() for name in ("incoherence", "range")}
+    return index, np.stack(
+        [np.broadcast_to(columns[name], len(index)) for name in FEATURES], axis=1
+    )
 
 
 def _log(ratio: np.ndarray) -> np.ndarray:
-    """log10 within ±2; of what is no number 2."""
+    """log10, clipped to ±2; 2 for NaN."""
     return np.log10(np.clip(np.nan_to_num(ratio, nan=1e2, posinf=1e2), 1e-2, 1e2))
 
 
 def _of_tones(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Features [n] that the method's own tones, or the capture's where its configuration names
-    none, tell at the depths that it found."""
-    tones_hz = capture.frequencies_hz if (asked := asked_hz(config)) is None else asked
-    some = evenly(len(tones_hz), TONES)
+    """Features [n] from images at the depths found, at the method's tones, or the capture's if its
+    configuration names none."""
+    tones_hz = capture.frequencies_hz if (asked := requested_tones_hz(config)) is None else asked
+    some = even_subset(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
     tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
-    images = image_points(near_one(samples), f, capture.aperture, points_m, tolerance, apart=True)
+    images = image_points(
+        scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
+    )
     magnitude, apart_hz = np.abs(images).astype(np.float64), np.abs(f - f[0])
     power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
     close, far = np.argsort(apart_hz)[[min(1, len(f) - 1), -1]]
@@ -383,7 +381,7 @@ def _of_tones(
 
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
-    """Features [n] that the map tells about each pixel's surroundings."""
+    """Features [n] of each pixel's neighbourhood in the map."""
     box = bounding_box(on)
     on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
     window = [
@@ -393,9 +391,8 @@ def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
     nearest_m = minimum_filter(np.where(on, z_m, np.inf), window)[on]
     furthest_m = maximum_filter(np.where(on, z_m, -np.inf), window)[on]
     strongest_db = maximum_filter(np.where(on, db, -np.inf), window)[on]
-    joined = np.zeros(
-        [2 * n - 1 for n in on.shape], bool
-    )  # pixels, and between them whether a surface goes on
+    # pixels, and between them whether the surface is connected
+    joined = np.zeros([2 * n - 1 for n in on.shape], bool)
     joined[::2, ::2] = on
     with np.errstate(invalid="ignore"):
         joined[1::2, ::2], joined[::2, 1::2] = (

@@ -6,9 +6,9 @@ Under time e^{+jωt} an image formed at z_e of a scatterer at z has φ = arg(O_b
 path's derivative along z, 2 on the axis, is smaller off it; the paper leaves that out and
 `off_axis` puts it in.
 
-Two close tones find the depth far and wide, but roughly. Each further tone is a rung of a ladder:
-it lies further from the first two, measures more finely, and holds where the rungs before it have
-found the depth to within its ambiguity.
+Two close tones determine the depth in a wide range, but roughly. Each further tone is a rung of a
+ladder: further from the first two, more precise, and valid if the rungs before it have found the
+depth to within its ambiguity.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
-from handbench.radar.data.capture import RadarCapture, near_one
+from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
 from handbench.radar.imaging.api import image_points, image_volume
@@ -84,7 +84,8 @@ def first_step(tones: Tones, config: FskConfig) -> FskStep:
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Δz = −cφ / (4πΔf) with φ = arg(O_b conj(O_a)) and difference_hz = Δf = f_b − f_a; metres."""
+    """Depth step Δz = −cφ / (4πΔf), metres, from the phase φ = arg(O_b conj(O_a)) between two
+    images; difference_hz: Δf = f_b − f_a."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
@@ -98,7 +99,8 @@ def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Tones:
-    """samples [f, …] at frequencies_hz [f] before an aperture, and how they are to be imaged."""
+    """The samples [f, …] of some tones frequencies_hz [f], with the aperture and the settings of
+    imaging."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -109,31 +111,31 @@ class Tones:
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
         """The configured tones of a frame."""
         samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
-        return cls(near_one(samples), frequencies_hz, capture.aperture, config)
+        return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config)
 
     def __len__(self) -> int:
         return len(self.samples)
 
     @property
     def period_m(self) -> float:
-        """Depths that far apart have the same phase between the last tone and one of the first two,
-        on the axis."""
+        """Distance on the axis between depths with the same phase between the last tone and the
+        first two."""
         return SPEED_OF_LIGHT_M_S / (2 * reach_hz(self.frequencies_hz))
 
     def first(self, count: int) -> Tones:
-        """The first `count` of them."""
+        """The first `count` tones."""
         return replace(
             self, samples=self.samples[:count], frequencies_hz=self.frequencies_hz[:count]
         )
 
     def images(self, points_m: np.ndarray, tolerance: float | None) -> np.ndarray:
-        """Every tone at points [n, 3]: complex64 [f, n]."""
+        """Image points [n, 3] at every tone: complex64 [f, n]."""
         return image_points(
             self.samples, self.frequencies_hz, self.aperture, points_m, tolerance, apart=True
         )
 
     def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
-        """The step at all pixels of a plane, without the phase that all tones share."""
+        """Image all pixels of a plane, without the phase that all tones share."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
             self.samples,
@@ -157,7 +159,7 @@ class Tones:
         )
 
     def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
-        """The step at those pixels of a grid whose depth z_m [ny, nx] is finite, imaged there."""
+        """Image the pixels with a finite depth z_m [ny, nx] at that depth."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         return _step(
@@ -207,7 +209,8 @@ class FskStep:
     def steps_m(
         self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m
     ) -> np.ndarray:
-        """The last tone's steps from the first two (of two tones, from the other): [1 or 2, n]."""
+        """Depth steps [1 or 2, n] between the last tone and the first two (with two tones, the
+        other one)."""
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
         return np.array(
@@ -215,11 +218,11 @@ class FskStep:
         )
 
     def only(self, index: np.ndarray) -> FskStep:
-        """The step at some of a plane's pixels."""
+        """The step of some of a plane's pixels."""
         return replace(self, index=index, images=self.images[:, index])
 
     def cropped(self) -> FskStep:
-        """The step on the smallest part of its grid that holds the target."""
+        """The step on the smallest part of its grid that contains the target."""
         on_target = self.on_map(np.array(True), False)
         box = bounding_box(on_target)
         index, amplitude = np.flatnonzero(on_target[box]), self.amplitude[box]
@@ -236,7 +239,7 @@ class FskStep:
         )
 
     def filtered(self, values: np.ndarray, size_px: int) -> np.ndarray:
-        """The averaging filter over a map [ny, nx], weighted with power if so configured."""
+        """Apply the averaging filter to a map [ny, nx], weighted with power if so configured."""
         weighted = isinstance(self.tones.config, RefinedConfig) and self.tones.config.weighted
         return masked_mean(values, size_px, self.amplitude**2 if weighted else None)
 
@@ -261,8 +264,8 @@ def _step(
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Averaging filter over the finite neighbours in a size × size window (normalised convolution),
-    with a weight for each pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
+    """Average the finite neighbours in a size × size window (normalised convolution), with a weight
+    per pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
@@ -275,8 +278,8 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
 
 @njit(**FAST)
 def _window_means(values, weight, size_px):  # type: ignore[no-untyped-def]
-    """Σ weight · values / Σ weight over each window, [ny, nx], where weights are above 0. Each
-    window by itself: a running sum would carry the rounding of strong pixels on to weak ones."""
+    """Weighted means [ny, nx] over each window, of pixels with weights above 0. Windows are summed
+    separately: a running sum would carry the rounding of strong pixels to weak ones."""
     ny, nx = values.shape
     before, behind = size_px // 2, (size_px - 1) // 2
     along, means, total = np.zeros((2, ny, nx)), np.empty((ny, nx)), np.empty((2, nx))

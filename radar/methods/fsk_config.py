@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from handbench.radar.data.grid import Axis, GridConfig, PixelGrid
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
-SETTLING = 5  # corrections of z_e within which it settles, where it settles at all
+SETTLING = 5  # corrections after which z_e has converged, if it converges
 SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
 
 
@@ -101,8 +101,8 @@ class TwoToneConfig(FskConfig):
 
 
 class RefinedConfig(FskConfig):
-    """Parameters that the methods with further tones share; the paper does not give its filters'
-    sizes."""
+    """Parameters of the methods with further tones; the paper does not give the sizes of its
+    filters."""
 
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter before each further tone, pixels"
@@ -157,7 +157,7 @@ class LadderConfig(RefinedConfig):
 
 
 class JointConfig(AgreementConfig, FskConfig):
-    """Any set of tones, all at once: the first pair finds the plane, all together each pixel's
+    """Any set of tones at once: the first pair finds the plane, all together find each pixel's
     depth."""
 
     off_axis: bool = Field(
@@ -199,8 +199,8 @@ class JointConfig(AgreementConfig, FskConfig):
 
 
 class PriorConfig(AgreementConfig, FskConfig):
-    """Two tones far apart about a first depth of each pixel, and a third that witnesses a wrong
-    one."""
+    """Two tones far apart around a first depth of each pixel, and a third that reveals wrong first
+    depths."""
 
     threshold_db: float = Field(
         default=-16.0, lt=0, description="pixels weaker than this are off target"
@@ -241,7 +241,7 @@ class PriorConfig(AgreementConfig, FskConfig):
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
-    """ValueError for a ladder that even the strongest pixel cannot climb.
+    """Raise ValueError for a ladder that fails even at the strongest pixel.
 
     σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤
     π/(SIGMAS·σ_φ).
@@ -269,8 +269,8 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
 
 
 def reach_hz(tones_hz: Iterable[float]) -> float:
-    """Distance of the last tone from the first two (of two tones, from the other), hertz: the
-    larger distance, which makes the step from them unambiguous within ±c/(4·reach)."""
+    """Larger distance of the last tone from the first two (with two tones, the other one), hertz;
+    its step is unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
 

@@ -1,10 +1,10 @@
-"""Two tones far apart, about a first depth of each pixel that another sensor found.
+"""Depth from two tones far apart, around a first depth of each pixel from another sensor.
 
-A pair Δf apart tells a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one. Multimodal
-2-FSK takes that from an optical sensor (arXiv 2511.01405) and saves the coarse tones' images. Here
-a third, close tone is kept as a witness: its phase is unambiguous within ±c/(4 · 200 MHz), too
-rough for a depth, yet its mean over a few resolution cells tells a prior that is a period off, and
-its median one that is wrong as a whole.
+A pair with spacing Δf measures a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one.
+Multimodal 2-FSK takes the first depth from an optical sensor (arXiv 2511.01405) and saves the
+coarse tones' images. Here a third, close tone checks it: its phase is unambiguous within ±c/(4 ·
+200 MHz), too rough for a depth, but its mean over a few resolution cells reveals a prior that is
+off by a period, and its median one that is wrong as a whole.
 """
 
 from __future__ import annotations
@@ -18,24 +18,20 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
-from handbench.radar.methods.alignment import agreed
+from handbench.radar.methods.alignment import filter_by_agreement
 from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
 from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.support.errors import HandbenchError
 
-MOST_OFF = (
-    2 / 3
-    # of half a period: so far off a prior may be on the whole, and its pixels still have room for
-    # theirs
-)
-WITNESS_PX = 15  # window of the close pair's mean: some ten resolution cells
+# largest median error of a prior, in half periods; the rest is for its pixels' own errors
+MOST_OFF = 2 / 3
+WITNESS_PX = 15  # window of the close pair's mean: about ten resolution cells
 
 
 def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -> DepthMap:
-    """Depth map of a frame, with σ and flags. HandbenchError for a prior on other pixels, without
-    depths, or so far from the echoes' own depth, on the whole, that its pixels would be taken for
-    those of another period."""
+    """Compute the depth map of a frame, with σ and flags. Raises HandbenchError for a prior on
+    other pixels, without depths, or with a median error of most of half a period."""
     tones, whole = Tones.of(capture, config, frame), config.grid()
     grid, first_m = _first_depths(tones, config, capture, frame)
     step = tones.surface(grid, first_m)
@@ -54,14 +50,16 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
         sigma_m=placed(sigma_m),
         wrapped=placed(_another_period(step, half_period_m, config), False) > 0,
     )
-    return agreed(depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config)
+    return filter_by_agreement(
+        depth, np.ones(whole.shape), SPEED_OF_LIGHT_M_S / (4 * half_period_m), config
+    )
 
 
 def other_sensor(
     capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0
 ) -> DepthMap:
-    """Depth map of another sensor, without amplitudes; HandbenchError where the capture has none,
-    or it saw nothing."""
+    """Depth map of another sensor, without amplitudes. Raises HandbenchError if the capture has no
+    such sensor, or it has no depth at these pixels."""
     if name not in capture.sensors:
         known = ", ".join(capture.sensors) or "the radar's alone"
         raise HandbenchError(
@@ -80,8 +78,8 @@ def other_sensor(
 def _first_depths(
     tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int
 ) -> tuple[PixelGrid, np.ndarray]:
-    """The part of the grid where the prior tells a depth, and these [ny, nx]: a file's, sensor's or
-    the echoes' own."""
+    """First depths [ny, nx], from a file, a sensor or the echoes, with the part of the grid that
+    has them."""
     whole = config.grid()
     if not config.prior:
         step = first_step(tones, config).cropped()
@@ -106,8 +104,7 @@ def _first_depths(
 
 
 def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) -> np.ndarray:
-    """True [ny, nx] where the close pair, or the neighbours, say that the depth is one of another
-    period."""
+    """True [ny, nx] where the close pair or the neighbours indicate a depth of another period."""
     close, power = step.below(), step.amplitude**2
     apart_m = step.on_map(close.correction_m - step.correction_m)
     whole_m = np.median(close.correction_m)
@@ -118,7 +115,9 @@ def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) ->
             f"close tones tell (median); expected {1e3 * MOST_OFF * half_period_m:.0f} mm or "
             "less: check its frame"
         )
-    mean_m, q_m = (masked_mean(told, WITNESS_PX, power) for told in (apart_m, quadrature_m(close)))
+    mean_m, q_m = (
+        masked_mean(values_m, WITNESS_PX, power) for values_m in (apart_m, quadrature_m(close))
+    )
     with np.errstate(invalid="ignore"):
         wrapped = wrap_probability(
             mean_m, spread_m(q_m, step.amplitude, config.spread_px), half_period_m

@@ -1,5 +1,5 @@
-"""The paper's four methods and what improves on them: presets of the same functions, whose code is
-imported when they run, so that a method is known by name and configuration at once."""
+"""The paper's four methods and improved variants: presets of a few functions. Their code is
+imported when a method runs, so that listing the methods is fast."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ OURS = f"docs/methods.md, after {PAPER}"
 ALONG_Z = "radar/methods/alignment.py, after Capon 1969 and Mallart & Fink 1994"
 OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
-# Every improvement: the second refinement settles what the first one, out of focus, leaves.
+# All improvements. The second refinement corrects the errors of the first one, which is out of
+# focus.
 PLUS: dict[str, Any] = {
     "off_axis": True,
     "weighted": True,
@@ -69,8 +70,8 @@ def _preset(
     source: str = OURS,
     **defaults: bool | float | str,
 ) -> None:
-    """Register make(capture, config, frame, id) with these defaults instead of the configuration's
-    own; a variant's id begins with that of the method that it varies."""
+    """Register make(capture, config, frame, id) with other defaults than the configuration's. The
+    id of a variant begins with the id of its base method."""
     if defaults:
         known = config.model_fields  # whose limits hold on
         fields: dict[str, Any] = {

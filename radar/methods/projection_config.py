@@ -1,4 +1,4 @@
-"""Parameters of the projections of volumes; the defaults are the paper's."""
+"""Parameters of maximum intensity projections; the defaults are the paper's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
 
-FEWEST = 3  # tones that can be aligned and still tell how well they are
+FEWEST = 3  # tones that can be aligned with an estimate of their error
 
 
 class _VolumeConfig(GridConfig):

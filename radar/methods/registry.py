@@ -36,7 +36,7 @@ MOVED = (
     "groundtruth",
     "bench",
     "reports",
-)  # packages of their own until version 0.2
+)  # separate packages until version 0.2
 PAPER = (
     "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based "
     "Imaging of Human Hand Poses"
@@ -55,9 +55,9 @@ class Reconstruction:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: run(capture, config, frame) → Reconstruction, with a declared configuration; a
-    variant of the method `base` takes what a sensor asks of that. distribution: the plug-in that it
-    comes from (None: built in)."""
+    """A method: run(capture, config, frame) → Reconstruction, with its configuration class. base:
+    the method that this one is a variant of, whose sensor-specific settings apply to it.
+    distribution: the plug-in that it comes from (None: built in)."""
 
     id: str
     config: type[Config]
@@ -73,7 +73,7 @@ class Method:
 
 
 METHODS: dict[str, Method] = {}
-BROKEN: dict[str, str] = {}  # plug-ins that are not there, and why
+BROKEN: dict[str, str] = {}  # plug-ins that could not be loaded, and why
 _begun: set[str] = set()
 
 Run = Callable[[RadarCapture, Any, int], Reconstruction]
@@ -109,8 +109,8 @@ def register(
 
 
 def method(id: str) -> Method:
-    """The method with this id; an unknown id names the nearest, and the plug-ins that it may be
-    missing with."""
+    """Look up a method by its id. The error for an unknown id names the nearest one, and plug-ins
+    that could not be loaded."""
     _load()
     if id not in METHODS:
         missing = f"; plug-ins that could not be loaded: {', '.join(BROKEN)}" if BROKEN else ""
@@ -125,17 +125,16 @@ def methods() -> list[Method]:
 
 
 def method_key(id: str) -> tuple[str, ...]:
-    """`source_key` of the method with this id; of none, "", and of one that only its depth maps are
-    of: nothing."""
+    """`source_key` of the method with this id; empty for "" and for ids that are not registered."""
     _load()
     return source_key(METHODS[id]) if id in METHODS else ()
 
 
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
-    """Identity of a method's code, as first asked for: for the key of what it makes. Of a plug-in
-    all Python files of its package, its version and those of the distributions that it requires; of
-    a method here all that its module runs."""
+    """Identity of a method's code, for the keys of its results; computed once per process. For a
+    plug-in: all Python files of its package, its version and those of its requirements. For a
+    built-in method: all code that its module runs."""
     try:
         file = Path(inspect.getsourcefile(method.run) or "")
     except TypeError:  # no Python function
@@ -162,8 +161,8 @@ def source_key(method: Method) -> tuple[str, ...]:
 
 
 def _load() -> None:
-    """Import the built-in methods and the plug-ins, once. A plug-in that fails is said in one line
-    and left out whole, so that it harms nobody who does not ask for it."""
+    """Import the built-in methods and the plug-ins, once. A plug-in that fails is reported in one
+    line and left out completely; other methods still work."""
     if GROUP in _begun:  # also by a plug-in that asks for a method while it is imported
         return
     _begun.add(GROUP)
@@ -179,10 +178,7 @@ def _load() -> None:
             point.load()
             if not any(_top(m.run.__module__) == _top(point.module) for m in METHODS.values()):
                 raise HandbenchError(f"{point.module} registers no method")
-        except (
-            Exception,
-            SystemExit,
-        ) as error:  # whatever a stranger's module does when it is imported
+        except (Exception, SystemExit) as error:  # an import of foreign code may do anything
             if distribution == OWN:
                 raise
             METHODS.clear()
@@ -199,8 +195,8 @@ def _load() -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Why a plug-in could not be loaded. The packages that were installed beside handbench until
-    0.2 are inside it."""
+    """Reason why a plug-in could not be loaded. Packages that were separate until 0.2 are now part
+    of handbench."""
     if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
         return (
             f"imports {error.name}, which is handbench.{error.name} since version 1.0; change "

@@ -1,10 +1,9 @@
-"""Effects left out of a coarse simulation: the scene simulated with its effects at the few tones
-that depths are told between, its surfaces sampled coarsely, and the depth maps that come of it with
-and without some of the effects.
+"""Ablation of effects: a coarse simulation of the scene, with few tones and coarse surfaces, and
+its depth maps with and without some of the effects.
 
-The effects themselves are applied, each together with all others that are on, so that what one does
-by way of another (obliquity and skin to echoes over two places) is in it, and an effect needs
-nothing of its own for it.
+The effects are applied as in a full simulation, each together with all others that are on. So
+indirect changes are included (obliquity and skin change echoes over two places), and an effect
+needs no code for its ablation.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,38 +29,34 @@ from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.scene import COARSE, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 
-TOLERANCE = 1e-3  # of samples and images: the surfaces are coarser by far
-LOST_MM = 10.0  # a pixel lost or gained counts as much as one that moves so far
-COARSER = 2.0  # edges of facets and mirrors over those of a simulation
-PIXELS = 8000  # of the box around the target, about
+TOLERANCE = 1e-3  # of samples and images, well below the error of the coarse surfaces
+LOST_MM = 10.0  # a lost or gained pixel counts as much as one that moves by this distance
+COARSER = 2.0  # edges of facets and mirrors relative to a full simulation
+PIXELS = 8000  # approximate number in the box around the target
 MARGIN_M = 5e-3  # of that box
 STEP_M, FILTER_M = (
     (1e-3, 2e-3),
     5e-3,
 )  # least and largest of the pixels, and of 3-FSK's averaging filters
-METHODS = (
-    "2fsk",
-    FINE := "3fsk",
-    "narrowband",
-)  # whose maps are made; FINE alone where no close tones are measured
+# methods whose maps are compared; only FINE if no close tones are measured
+METHODS = ("2fsk", FINE := "3fsk", "narrowband")
 VOXEL_M = 1e-3  # along z
-DEEPEST_M = 0.12  # of the box that narrowband looks through, as the paper's 0.08
+DEEPEST_M = 0.12  # largest depth of narrowband's box (paper: 0.08)
 BOUNCING = "multipath"
-REFLECTING = frozenset({"skin", "dielectric"})  # what echoes over two places take from the surface
+REFLECTING = frozenset({"skin", "dielectric"})  # effects that change echoes over two places
 
 
 @dataclass(frozen=True)
 class Change:
-    """The change of a depth map where effects are left out: depth_mm, the mean |Δz| of the pixels
-    that are on target with and without them; pixels, those lost and gained as a share of those on
-    target with all effects."""
+    """Change of a depth map if effects are left out. depth_mm: mean |Δz| of the pixels on target in
+    both maps; pixels: lost and gained pixels as a share of those on target with all effects."""
 
     depth_mm: float
     pixels: float
 
     @classmethod
     def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> "Change":
-        """Of depths [ny, nx], NaN off target."""
+        """Compare depths [ny, nx], NaN off target, with and without some effects."""
         there, still = np.isfinite(whole_m), np.isfinite(without_m)
         moved_m = np.abs(whole_m - without_m)[there & still]
         count = max(int(there.sum()), 1)
@@ -72,13 +67,13 @@ class Change:
 
 
 def worst_mm(changes: Mapping[str, Change]) -> float:
-    """The largest change of a method's map, lost and gained pixels included."""
+    """Largest change among the methods' maps, lost and gained pixels included."""
     return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
 
 
 class Ablation:
-    """A scene simulated coarsely with `effects`, in their order: `change(without)` tells what
-    leaving some out does. contained: effects that another one does, where that is on."""
+    """A coarse simulation of a scene with `effects`, in their order; `change(without)` compares it
+    with one that leaves some out. contained: effect → the effect that includes it."""
 
     def __init__(
         self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]
@@ -104,8 +99,8 @@ class Ablation:
         return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
 
     def level_db(self, without: Iterable[str]) -> float:
-        """Power of the echoes' change where these effects are left out, against that of all of
-        them."""
+        """Power of the echoes' change if these effects are left out, relative to the echoes with
+        all effects."""
         change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
         return (
             float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30)))
@@ -119,8 +114,9 @@ class Ablation:
         return self._made[without]
 
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
-        """Samples complex64 [f, t, r] without some effects. Echoes over two places are taken over
-        from the whole, unless what they reflect with is left out."""
+        """Simulate samples complex64 [f, t, r] without some effects. Echoes over two places are
+        reused from the full simulation, unless an effect of the surface's reflection is left
+        out."""
         names = {effect.id for effect in self.effects} - without
         names = {name for name in names if self._contained.get(name) not in names}
         echoes, applied = bare_echoes(self.scene, 1, TOLERANCE), tuple[str, ...]()
@@ -163,8 +159,8 @@ class Ablation:
 
 
 def _coarse(scene: EchoScene) -> EchoScene:
-    """The scene at the tones of a coarse and a fine depth step below the highest, ascending,
-    coarsely sampled; with the rays that the simulation will cast, too."""
+    """The coarse scene: the highest tone and tones a coarse and a fine depth step below it,
+    ascending; coarse surfaces; the same ray caster as the full simulation."""
     high_hz, low_hz = scene.pair_hz
     tones_hz = np.array(
         [low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz]
@@ -172,13 +168,14 @@ def _coarse(scene: EchoScene) -> EchoScene:
     measured = np.abs(scene.frequencies_hz - tones_hz[:, None]).argmin(axis=1)
     coarse = replace(scene, frequencies_hz=tones_hz, time_s=scene.time_s[measured], coarser=COARSER)
     if scene.target is not None:
-        coarse.kept(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
+        coarse.cached(("rays", id(scene.target)), lambda: rays_of(scene, scene.body))
     return coarse
 
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
-    """Axes of a box around the target's facets and balls, and the filters' size. A room may
-    outshine the target: the box is then as wide as the methods' images."""
+    """Axes of a box around the target's facets and balls, and the size of the filters in pixels.
+    With a room, which may be brighter than the target, the box is as wide as the methods'
+    images."""
     points_m = bare_echoes(scene).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m

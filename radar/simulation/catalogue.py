@@ -1,11 +1,18 @@
-"""The effects of simulated echoes: the cause of each in a scene, and the function that applies it;
+"""The effects of simulated echoes, each with its cause in a scene and the function that applies it,
 in the order of known_effects.toml, in which they are applied."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from handbench.radar.simulation.effects import dielectric, further, motion, sensor, target_surface
-from handbench.radar.simulation.effects.coarse import QuickEstimate, echo_s
+from handbench.radar.simulation.effects import (
+    clutter,
+    dielectric,
+    motion,
+    multipath,
+    sensor,
+    target_surface,
+)
+from handbench.radar.simulation.effects.quick_estimate import QuickEstimate, echo_s
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
@@ -14,10 +21,10 @@ OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect. id: its name in scene files and in known_effects.toml; needs: its cause, as a
-    phrase for people; cause: whether a scene has that; apply: the echoes with the effect; cost_s:
-    seconds that it takes on one core (what takes none is always on); estimate: its size, without a
-    ray or a random number (None: not known so quickly)."""
+    """One effect. id: name in scene files and in known_effects.toml; needs: description of its
+    cause; cause: whether a scene has the cause; apply: adds the effect to the echoes; cost_s:
+    estimated CPU seconds (effects that cost nothing are always on); estimate: quick estimate of its
+    size (None: unknown)."""
 
     id: str
     needs: str
@@ -101,9 +108,9 @@ EFFECTS: tuple[Effect, ...] = (
         "multipath",
         OPAQUE,
         _opaque,
-        further.multipath,
-        further.multipath_cost_s,
-        further.estimate_multipath,
+        multipath.multipath,
+        multipath.multipath_cost_s,
+        multipath.estimate_multipath,
     ),
     Effect(
         "motion",
@@ -123,9 +130,9 @@ EFFECTS: tuple[Effect, ...] = (
         "clutter",
         "[stand] with reflectivity_db",
         lambda scene: bool(scene.room),
-        further.clutter,
-        further.clutter_cost_s,
-        further.estimate_clutter,
+        clutter.clutter,
+        clutter.clutter_cost_s,
+        clutter.estimate_clutter,
     ),
     Effect("channels", "[sensor.channels] with an error", _imperfect_channels, sensor.channels),
     Effect(
@@ -153,5 +160,5 @@ EFFECTS: tuple[Effect, ...] = (
         sensor.dead,
     ),
 )
-# The one is done by the other, where that is on.
+# An effect is included in the other one, if that is on.
 CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}

@@ -25,7 +25,7 @@ class Noise(Config):
     @property
     def between_tones_rad(self) -> float:
         """Standard deviation of the phase between two tones at the strongest pixel: 1/√SNR, since
-        half of the noise's power turns the phase of each tone."""
+        half of the noise power affects the phase of each tone."""
         return self.phase_noise_rad if self.snr_db is None else 10 ** (-self.snr_db / 20)
 
 
@@ -47,22 +47,22 @@ class Oscillator(Config):
 Direction = tuple[float, float, float]
 
 
-def somewhere(direction: Direction) -> Direction:
-    """Refuse a direction without a length."""
+def require_direction(direction: Direction) -> Direction:
+    """Raise ValueError for a direction without a length."""
     if not 1e-6 < sum(part**2 for part in direction) < 1e6:
         raise ValueError("expected a direction as [0, 0, 1]")
     return direction
 
 
 class Motion(Config):
-    """Motion of the target as a whole along `direction` (radar frame): a sine of tremor (peak
-    amplitude_m, frequency_hz, its phase at random) and a steady velocity_m_s. The first tone of
-    each frame meets it in its place."""
+    """Rigid motion of the target along `direction` (radar frame): a sine of tremor (peak
+    amplitude_m, frequency_hz, random phase) plus a constant velocity_m_s. At the first tone of each
+    frame the displacement is zero."""
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
     velocity_m_s: float = Field(default=0.0, ge=-100, le=100)
-    direction: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 0.0, 1.0)
+    direction: Annotated[Direction, AfterValidator(require_direction)] = (0.0, 0.0, 1.0)
 
 
 class Roughness(Config):
@@ -74,7 +74,7 @@ class Roughness(Config):
     correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
     layer_depth_m: float = Field(default=0.0, ge=0, le=1e-3)
     layer_pitch_m: float = Field(default=2e-4, ge=1e-5, le=1)
-    layers_along: Annotated[Direction, AfterValidator(somewhere)] = (0.0, 1.0, 0.0)
+    layers_along: Annotated[Direction, AfterValidator(require_direction)] = (0.0, 1.0, 0.0)
 
     @property
     def sigma_m(self) -> float:
@@ -125,7 +125,7 @@ class Channels(Config):
 
 
 class Dead(Config):
-    """Antennas that give nothing: their numbers."""
+    """Numbers of the antennas whose samples are zero."""
 
     tx: tuple[int, ...] = ()
     rx: tuple[int, ...] = ()

@@ -17,25 +17,25 @@ from scipy.spatial import cKDTree
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions
 from handbench.radar.imaging.api import points_executor
-from handbench.radar.imaging.cpu.ascent import FULL_SIGHT, Sight, Source
-from handbench.radar.imaging.cpu.executor import Executor
+from handbench.radar.imaging.cpu.adjoint import FULL_SIGHT, PackedScatterers, Sight
+from handbench.radar.imaging.cpu.executor import CpuExecutor
 from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 CHUNK = 2048  # scatterers per matrix product
-# wavelengths from the array within which 1/R changes by a fifth and more from one antenna to the
-# next
+# distance from the array, in wavelengths, within which 1/R changes by a fifth or more between
+# antennas
 NEAR = 5.0
 
 
 @dataclass(frozen=True)
 class Scatterers:
-    """position_m [p, 3]; weight [p] (surface area in m² for physical optics, any amplitude for
-    points); normal [p, 3] unit vectors, or None for points that scatter evenly; delay_m [p] extra
-    one-way optical path, or None; seen: which antennas see each point, (bool [t, p], bool [r, p]),
-    or None for all; sight: how much of each point antennas see, or None for all of it."""
+    """Points that scatter: position_m [p, 3]; weight [p] (surface area in m² for physical optics,
+    any amplitude for points); normal [p, 3] unit vectors (None: even scattering); delay_m [p]:
+    extra one-way optical path (None: 0); seen: which antennas see each point, (bool [t, p], bool
+    [r, p]) (None: all); sight: share of each antenna's field at each point (None: full)."""
 
     position_m: np.ndarray
     weight: np.ndarray
@@ -45,7 +45,7 @@ class Scatterers:
     sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> Scatterers:
-        """Some of them, by mask or index [n]."""
+        """Some of the scatterers, by mask or index [n]."""
         seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
         normal, delay_m = (
             None if values is None else values[chosen] for values in (self.normal, self.delay_m)
@@ -65,14 +65,13 @@ def simulate(
     pattern: float = 0.0,
     sight_tolerance: float = 0.0,
 ) -> np.ndarray:
-    """Noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact adjoint of
-    backprojection. pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from the z axis;
-    a factor of g.
+    """Simulate noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact
+    adjoint of backprojection. pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from
+    the z axis; a factor of g.
 
     tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone
-    of every scatterer.
-    sight_tolerance: the same of what is in partial sight, if that is larger: few antennas then
-    stand for all there too.
+    of every scatterer. sight_tolerance: the same for scatterers in partial sight, if larger;
+    skeletons are then used for them too.
     """
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
@@ -88,12 +87,11 @@ def simulate(
     sight = scatterers.sight
     kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for whole in range(
-        3
-    ):  # a gain with a kink is not smooth enough to be carried by few antennas, nor what diffracts
-        alike = np.flatnonzero(kind == whole)
-        for near in clusters(position[alike], frequencies_hz) if len(alike) else []:
-            chosen = alike[near]
+    # skeletons need smooth gains: those with a kink and those of diffraction keep all antennas
+    for whole in range(3):
+        of_kind = np.flatnonzero(kind == whole)
+        for near in clusters(position[of_kind], frequencies_hz) if len(of_kind) else []:
+            chosen = of_kind[near]
             family = family._replace(whole=whole > 0)
             if sight is not None and whole == 2:
                 family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
@@ -101,7 +99,7 @@ def simulate(
                     family = family._replace(
                         tolerance=sight_tolerance, whole=False, beside=sight.beside
                     )
-            executor = points_executor(frequencies_hz, array, position[chosen], family, Executor)
+            executor = points_executor(frequencies_hz, array, position[chosen], family, CpuExecutor)
             where = executor.plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
             samples += executor.echoes(
@@ -111,8 +109,8 @@ def simulate(
 
 
 def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """The scatterers that some transmitter and some receiver see, and the mask [p] of those that
-    some antenna does not."""
+    """The scatterers that at least one transmitter and one receiver see, and the mask [p] of those
+    that not all antennas see."""
     if scatterers.seen is None:
         return scatterers, np.zeros(len(scatterers.position_m), bool)
     tx, rx = scatterers.seen
@@ -122,8 +120,8 @@ def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
 
 
 def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
-    """Refuse places that no phase can be told of and, where echoes fade as 1/R, those without
-    an R."""
+    """Raise HandbenchError for invalid positions and, with spreading, for scatterers on an antenna
+    (R = 0)."""
     places_m = positions("scatterers.position_m", scatterers.position_m)
     if not spreading:
         return
@@ -141,9 +139,9 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
 
 def _source(
     part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
-) -> Source:
-    """Scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2 with
-    sight."""
+) -> PackedScatterers:
+    """Pack scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2
+    with sight."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = (
@@ -154,7 +152,7 @@ def _source(
     seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
     weight = np.asarray(part.weight, np.complex64)
     sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
-    return Source(
+    return PackedScatterers(
         points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight
     )
 
@@ -162,9 +160,9 @@ def _source(
 def _bent(
     scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
 ) -> np.ndarray:
-    """Mask [p] of the points whose gain has a bend within the corners of the array's box: those
-    close to it, facets that some antenna sees at grazing incidence or from behind, and points far
-    off the axis of some antenna's pattern."""
+    """Mask [p] of the points whose gain is not smooth over the array's box: points near the array,
+    facets at grazing incidence or turned away for some corner, and points far off the axis of the
+    pattern."""
     antennas = np.concatenate([array.tx_m, array.rx_m])
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
@@ -232,8 +230,8 @@ def _simulate_exactly(
 def _gain(
     points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float
 ) -> np.ndarray:
-    """g [a, p]: 1/R, times the square root of the obliquity n·û where the scatterers have normals,
-    and cosᵠθ."""
+    """Gains [a, p]: 1/R, times the square root of the obliquity n·û for scatterers with normals,
+    times cosᵠθ."""
     gains = np.empty((len(antennas_m), len(points_m)), np.float32)
     for gain, antenna in zip(gains, antennas_m, strict=True):
         towards = antenna - points_m

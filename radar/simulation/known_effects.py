@@ -1,5 +1,5 @@
-"""The effects of simulated echoes by name, as known_effects.toml declares them, and the row that
-says which of them a capture shows: what is read without their code."""
+"""The names of the effects of simulated echoes, from known_effects.toml, and the table row that
+records whether a capture has one. This module does not import their code."""
 
 import tomllib
 from pathlib import Path
@@ -14,10 +14,10 @@ IDS = tuple(DECLARED)  # in the order in which they are applied
 
 
 class Choice(Config):
-    """One effect's row: whether it is on and why; its estimate (None: not asked for, or the scene
-    has no cause): depth_mm, of 3-FSK's map, worst_mm, of that of the method that it changes most,
-    pixels_percent, lost and gained, and level_db; cost_s, what it was expected to take; seconds,
-    what it took (None: off or not simulated)."""
+    """One effect's row: whether it is on, and why. Its estimated size (None: not requested, or no
+    cause in the scene): depth_mm for 3-FSK, worst_mm for the method that it changes most,
+    pixels_percent lost and gained, level_db. cost_s: estimated seconds; seconds: measured (None:
+    off or not simulated)."""
 
     effect: str
     on: bool
@@ -31,7 +31,7 @@ class Choice(Config):
 
 
 def check_names(names: tuple[str, ...]) -> None:
-    """Refuse names that no effect has, and repeated ones."""
+    """Raise HandbenchError for unknown names of effects and for repeated ones."""
     for name in names:
         if name not in IDS:
             raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, list(IDS))}")

@@ -1,4 +1,4 @@
-"""The scene of the echoes: bodies with their materials before an array, and the causes of
+"""The scene of a simulation: bodies with their materials in front of an array, and the causes of
 effects."""
 
 from collections.abc import Hashable
@@ -13,9 +13,8 @@ from handbench.radar.simulation.causes import Causes
 from handbench.support.config import Config
 
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
-COARSE = (
-    0.08  # of the depth step, as 200 MHz of 2.5 GHz: the step that finds where the fine one looks
-)
+# coarse step between tones relative to depth_step_hz, as 200 MHz to 2.5 GHz
+COARSE = 0.08
 MOST_FOAM = 1.5
 USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
@@ -23,8 +22,8 @@ USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; pr
 class Material(Config):
     """A body's material. metal: a perfect mirror; skin: see `radar.simulation.effects`, with
     palm_thickness_m of the palm's horny layer and `wet` when moistened; foam and plastic: a
-    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). reflectivity_db: of
-    what stands around: its echo against metal's, instead of all this."""
+    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). Bodies of the room
+    may have a reflectivity_db relative to metal instead (`Body`)."""
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)
@@ -77,17 +76,15 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
-    """A scene as the radar meets it. frequencies_hz [f] ascending, time_s [f]: when each tone of a
-    frame is measured.
+    """A scene as the radar measures it. frequencies_hz [f] ascending; time_s [f]: time of each tone
+    within a frame.
 
-    target: what is measured (it may be None where there are balls alone); room: what stands around
-    it and stays when it is taken away; depth_step_hz: the step between tones by which an effect's
-    phase is told in millimetres;
-    polarisation_deg: the antennas' electric field, from x towards y (balls and echoes over two
-    places mind it);
-    coarser: by how much surfaces are sampled more coarsely; mirrors_coarser: the mirrors of bounces
-    beyond that;
-    nodes_apart: by how much farther apart the antennas are for which bounces are traced.
+    target: the measured body (None for a scene with balls only); room: the bodies around it, which
+    stay when it is removed; depth_step_hz: the tone spacing that converts an effect's phase to
+    millimetres; polarisation_deg: direction of the antennas' electric field, from x towards y (used
+    for balls and echoes over two places); coarser: factor on the sampling of surfaces;
+    mirrors_coarser: additional factor for the mirrors of bounces; nodes_apart: factor on the
+    distance of the antennas for which bounces are traced.
     """
 
     array: AntennaArray
@@ -103,11 +100,11 @@ class EchoScene:
     coarser: float = 1.0
     mirrors_coarser: float = 1.0
     nodes_apart: float = 1.0
-    _kept: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def body(self) -> Body:
-        """The target; only asked where there is one."""
+        """The target. Raises ValueError for a scene without one."""
         if self.target is None:
             raise ValueError("the scene has no target but balls")
         return self.target
@@ -125,9 +122,8 @@ class EchoScene:
 
     @property
     def pair_hz(self) -> tuple[float, float]:
-        """The tones between which depths are told: the highest, and of the others the one nearest
-        to a depth step below it; a lone tone has a partner that is not measured, a depth step below
-        it."""
+        """The pair of tones that determines depth: the highest, and the one nearest to
+        depth_step_hz below it (for a single tone, exactly that far below, not measured)."""
         low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
         wanted_hz = high_hz - self.depth_step_hz
         below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
@@ -137,8 +133,8 @@ class EchoScene:
 
     @property
     def coarse_hz(self) -> float | None:
-        """The measured tone nearest to COARSE of a depth step below the highest, which 2-FSK tells
-        depths by; None where it is half as far again."""
+        """The measured tone nearest to COARSE · depth_step_hz below the highest, the second tone of
+        2-FSK; None if it is off by more than half of that."""
         usual_hz, below_hz = (
             COARSE * self.depth_step_hz,
             self.frequencies_hz.max() - self.frequencies_hz,
@@ -152,8 +148,8 @@ class EchoScene:
 
     @property
     def strictness(self) -> float:
-        """The weight of a phase in 2-FSK, if its tones are measured, over that between the pair of
-        tones."""
+        """Depth per phase in 2-FSK, if its tones are measured, relative to that of `pair_hz`; at
+        least 1."""
         high_hz, low_hz = self.pair_hz
         return (
             1.0
@@ -179,8 +175,8 @@ class EchoScene:
         """True if there is a target whose surface hides and mirrors."""
         return self.target is not None and not self.target.transparent
 
-    def kept(self, key: Hashable, make: Any) -> Any:
-        """make(), computed once per scene: estimates share what they look at."""
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+    def cached(self, key: Hashable, make: Any) -> Any:
+        """Get a value that all estimates of the scene share, or compute it by make()."""
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]

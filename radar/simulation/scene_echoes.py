@@ -1,5 +1,5 @@
-"""The echoes of a scene in the making, which effects change one after another, from the array to
-recorded samples."""
+"""The state of a simulation, from the array to recorded samples, which effects change one after
+another."""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
@@ -19,16 +19,16 @@ from handbench.radar.simulation.physics.spheres import ball_echoes
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.errors import HandbenchError
 
-SIGHT_TOLERANCE = 1e-3  # of echoes that diffract: a fifth of what interpolating their sight leaves
-TARGET = "echoes"  # the target's own echoes, among the effects that times are counted for
+SIGHT_TOLERANCE = 1e-3  # of diffracted echoes: a fifth of the error of interpolating their sight
+TARGET = "echoes"  # row of the target's own echoes in the table of effects and times
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """A body's facets that scatter. oblique: by physical optics, else evenly; reflection: complex
-    amplitude [f] per layer; layer [p] of each facet; seen: which antennas see it, (bool [t, p],
-    bool [r, p]), None: all; sight: how much of it each sees, None: all of it; delay_m [p]: extra
-    one-way path."""
+class ScatteringSurface:
+    """The scattering facets of a body. oblique: physical optics' obliquity, else even scattering;
+    reflection: complex amplitude per layer; layer [p]: of each facet; seen: which antennas see each
+    facet, (bool [t, p], bool [r, p]), None: all; sight: share of the antennas' fields, None: full;
+    delay_m [p]: extra one-way path."""
 
     body: Body
     facets: Facets
@@ -39,8 +39,8 @@ class Surface:
     sight: Sight | None = None
     delay_m: np.ndarray | None = None
 
-    def where(self, chosen: np.ndarray) -> "Surface":
-        """Only the facets that the mask [p] chooses."""
+    def where(self, chosen: np.ndarray) -> "ScatteringSurface":
+        """The facets that the mask [p] selects."""
         return replace(
             self,
             facets=self.facets.where(chosen),
@@ -53,21 +53,21 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Echoes:
-    """The echoes of a scene in the making, of which each effect returns changed ones.
+    """The state of a simulation. Each effect takes it and returns a changed one.
 
-    Effects come in the order of the catalogue: first those that change the array or the antennas'
-    pattern (the exponent of cos θ), then those that change the target's surface or add an extra
-    echo of it, samples [f, t, r] by effect; the first that reads `samples` has them computed, and
-    the rest record others.
+    Effects are applied in the order of the catalogue. The first ones change the array or the
+    antennas' pattern (exponent of cos θ), the next ones change the target's surface or add an extra
+    echo (`extra`: samples [f, t, r] by effect). The first effect that reads `samples` triggers
+    their computation; later ones record changed samples.
 
     ball_delay_m [n]: extra one-way path of each ball's echo; levels: by effect, measured with the
-    target and kept for the room without it (with_target False); timed: the context in which each
-    effect's own part is computed.
+    target and reused for the room without it (with_target False); timed: context manager that times
+    the work of one effect.
     """
 
     scene: EchoScene
     array: AntennaArray
-    surface: Surface | None
+    surface: ScatteringSurface | None
     ball_delay_m: np.ndarray
     frames: int = 1
     tolerance: float | None = 1e-5
@@ -79,36 +79,35 @@ class Echoes:
     timed: Callable[[str], AbstractContextManager[Any]] = nullcontext
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
-        """Seed of one effect alone, so that no other's draws depend on whether it is on."""
+        """Seed of one effect; draws do not depend on which other effects are on."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
-        """The same for each frame; the empty room has its own."""
+        """Seed of one effect for each frame; the empty room has different ones."""
         return [
             self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)
         ]
 
     def level(self, name: str, measure: Callable[[], float]) -> float:
-        """A level that is measured with the target; the room without it has the same."""
+        """A level measured with the target; the room without it uses the same value."""
         return measure() if self.with_target else self.levels[name]
 
     def record(self, samples: np.ndarray, **levels: float) -> "Echoes":
-        """The echoes with other samples [frame, f, t, r], and levels that were measured for
-        them."""
+        """Replace the samples [frame, f, t, r] and add levels."""
         return replace(self, recorded=samples, levels={**self.levels, **levels})
 
     def add(self, effect: str, echo: Callable[[], np.ndarray]) -> "Echoes":
-        """The echoes with an extra one of the target."""
+        """Add an extra echo of the target."""
         return replace(self, extra={**self.extra, effect: echo})
 
     @property
     def points_m(self) -> np.ndarray:
-        """The target's facets and balls: [n, 3]."""
+        """Points [n, 3] of the target's facets and balls."""
         facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
     def echo(self, array: AntennaArray) -> np.ndarray:
-        """The target's samples complex64 [f, t, r] at antennas that are where `array` says, without
+        """Simulate the target's samples complex64 [f, t, r] for the antennas of `array`, without
         extra echoes."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         with self.timed(TARGET):
@@ -120,8 +119,9 @@ class Echoes:
                 )
         return samples
 
-    def _surface_echo(self, surface: Surface, array: AntennaArray) -> np.ndarray:
-        """Samples complex64 [f, t, r] of a surface: each layer's echoes times its reflection."""
+    def _surface_echo(self, surface: ScatteringSurface, array: AntennaArray) -> np.ndarray:
+        """Simulate samples complex64 [f, t, r] of a surface: each layer's echoes times its
+        reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
         every = Scatterers(
@@ -159,8 +159,8 @@ class Echoes:
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """Samples complex64 [frame, f, t, r]; the target's echoes, the same in every frame, until
-        an effect differs."""
+        """Samples complex64 [frame, f, t, r]: the recorded ones, or else the target's echoes, equal
+        in all frames."""
         if self.recorded is not None:
             return self.recorded
         return np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
@@ -172,10 +172,10 @@ def bare_echoes(
     tolerance: float | None = 1e-5,
     levels: Mapping[str, float] | None = None,
 ) -> Echoes:
-    """The echoes of a scene before any effect. levels: as those with the target have them; these
-    are then of the room without it."""
+    """The state before any effect. levels: those of the simulation with the target, to simulate the
+    room without it."""
     body = scene.target if levels is None else None
-    surface = None if body is None else Surface(body, facing(scene, body))
+    surface = None if body is None else ScatteringSurface(body, front_facets(scene, body))
     still = np.zeros(len(scene.balls))
     return Echoes(
         scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {}
@@ -183,12 +183,12 @@ def bare_echoes(
 
 
 def generator(seed: tuple[int, ...]) -> np.random.Generator:
-    """Random numbers from such a seed as `Echoes.seed` gives."""
+    """Random number generator for a seed of `Echoes.seed`."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
 def require_facets(facets: Facets) -> Facets:
-    """The facets, if there are any."""
+    """Return the facets. Raises HandbenchError if there are none."""
     if len(facets) == 0:
         raise HandbenchError(
             "target: no facet faces the array; check the mesh's orientation (normals point "
@@ -197,13 +197,13 @@ def require_facets(facets: Facets) -> Facets:
     return facets
 
 
-def facing(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
-    """The body's facets, with edges of `longest` wavelengths at most, whose face turns its front to
-    some antenna. Made once."""
-    return scene.kept(("facing", id(body), longest), lambda: _facing(scene, body, longest))
+def front_facets(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
+    """The body's facets that face some antenna, with edges of at most `longest` wavelengths;
+    cached."""
+    return scene.cached(("facing", id(body), longest), lambda: _front_facets(scene, body, longest))
 
 
-def _facing(scene: EchoScene, body: Body, longest: float) -> Facets:
+def _front_facets(scene: EchoScene, body: Body, longest: float) -> Facets:
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])

@@ -1,9 +1,8 @@
-"""The effects that a scene is simulated with, and why: those that are listed, or those that "auto"
-leaves on.
+"""Selection of the effects that a scene is simulated with: a list, or "auto".
 
-"auto" leaves out an effect that takes time where a quick estimate shows that it, together with all
-others that are left out, changes no method's map by more than the tolerance. An effect of which no
-estimate is sure is on.
+"auto" leaves out an effect that takes time if, by a quick estimate, it changes no method's map by
+more than the tolerance, together with all others that are left out. Effects without an estimate are
+on.
 """
 
 from dataclasses import dataclass, field
@@ -13,21 +12,20 @@ import numpy as np
 
 from handbench.radar.simulation.ablation import FINE, Ablation, Change
 from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
-from handbench.radar.simulation.effects.coarse import echo_s
+from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice, check_names
 from handbench.radar.simulation.scene import EchoScene
 from handbench.support.errors import HandbenchError
 
-LITTLE = 0.02  # of the simulation's seconds: an effect that takes less is on
-SAFETY = 2.0  # the estimates of what is left out may together reach the tolerance over this
+LITTLE = 0.02  # an effect that takes a smaller share of the simulation's time is on
+SAFETY = 2.0  # the estimates of all effects left out may add up to the tolerance over this
 Wanted = tuple[str, ...] | Literal["auto"]
 
 
 @dataclass
 class Selection:
-    """left_out: the effects that are not needed, and why; reasons: of those that are on; changes:
-    by method, and levels_db, of those that were left out of a coarse simulation; costs_s: the
-    seconds expected."""
+    """left_out: effects that are off, and why; reasons: why the others are on; changes (by method)
+    and levels_db: from the ablation of each effect; costs_s: estimated CPU seconds."""
 
     left_out: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -39,8 +37,8 @@ class Selection:
 def choose(
     scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """The row of every effect in the order of the catalogue. explain: give estimates for a list
-    too."""
+    """Choose the effects of a scene: one row per effect, in the order of the catalogue. explain:
+    add the ablation's estimates."""
     missing = {effect.id: effect.missing(scene) for effect in EFFECTS}
     if wanted != "auto":
         check_names(wanted)
@@ -61,13 +59,13 @@ def choose(
 
 
 def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:
-    """The effects (of those that the scene has a cause for) that together change no method's map by
-    more than the tolerance."""
+    """Leave out those of the scene's possible effects that together change no method's map by more
+    than the tolerance."""
     there, own_s = (
         {effect.id for effect in effects},
         {effect.id: effect.cost_s(scene) for effect in effects},
     )
-    # What another effect does takes no time of its own.
+    # An effect that is included in another one costs nothing extra.
     costs = {
         name: 0.0 if CONTAINED.get(name) in there else seconds for name, seconds in own_s.items()
     }
@@ -80,7 +78,7 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
         elif (estimate := effect.estimate(scene)) is None:
             found.reasons[effect.id] = "its size is not known without simulating it"
         else:
-            told = (
+            reason = (
                 f"about {estimate.worst_mm:.2g} mm, to a factor of {estimate.factor:g}: "
                 f"{estimate.why}"
             )
@@ -89,24 +87,24 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
                 <= tolerance_mm
             ):
                 spent_mm += SAFETY * estimate.worst_mm
-                found.left_out[effect.id] = told
+                found.left_out[effect.id] = reason
             else:
                 alone = estimate.factor * estimate.worst_mm <= tolerance_mm
-                found.reasons[effect.id] = told + (
-                    "; too much beside what is left out" if alone else ""
+                found.reasons[effect.id] = reason + (
+                    "; too much together with what is left out" if alone else ""
                 )
     return found
 
 
 def _container(name: str, on: set[str]) -> str | None:
-    """The effect among those that are on which does what `name` does, too."""
+    """The effect among those that are on that includes `name`, or None."""
     container = CONTAINED.get(name)
     return container if container is None or container in on else _container(container, on)
 
 
 def _explain(found: Selection, scene: EchoScene, effects: list[Effect]) -> None:
-    """Add what leaving out each effect does, beside all others; of a contained one, together with
-    what contains it."""
+    """Add the ablation of each effect; an included effect is left out together with those that
+    include it."""
     ablation, there = Ablation(scene, effects, CONTAINED), {effect.id for effect in effects}
     found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
     for name in there:

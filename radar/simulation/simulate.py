@@ -1,4 +1,4 @@
-"""Scene → echoes, through the effects that are on."""
+"""Simulation of a scene's echoes with the effects that are on."""
 
 import time
 from collections.abc import Iterator
@@ -16,8 +16,7 @@ from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
 
 @dataclass
 class Stopwatch:
-    """Seconds per name; the time of what is timed inside something else counts for the inner
-    alone."""
+    """Seconds per name; the time of nested blocks counts only for the inner one."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     _inner: list[float] = field(default_factory=list)
@@ -38,15 +37,15 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class SimulatedCapture:
-    """A scene's capture, the rows of its effects with the seconds that each took, and the same room
-    without the target (one frame; None: not asked for)."""
+    """A simulated capture, the rows of its effects with their seconds, and the empty room without
+    the target (one frame; None: not simulated)."""
 
     capture: RadarCapture
     rows: tuple[Choice, ...]
     empty: RadarCapture | None = None
 
     def subtracted(self) -> "SimulatedCapture":
-        """The capture with the empty room's samples taken from each frame."""
+        """The capture with the empty room's samples subtracted from each frame."""
         if self.empty is None:
             raise ValueError("the empty room was not simulated")
         samples = self.capture.samples - self.empty.samples
@@ -60,8 +59,8 @@ def simulate_scene(
     tolerance: float | None = 1e-5,
     empty: bool = False,
 ) -> SimulatedCapture:
-    """The capture of a scene with the chosen effects. Frames differ in what is random from frame to
-    frame alone; the empty room has the same sensor, and noise of its own."""
+    """Simulate the capture of a scene with the chosen effects. Frames differ only by random
+    effects; the empty room has the same sensor and independent noise."""
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
     echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
     seconds = {name: watch.seconds.get(name, 0.0) for name in on}
@@ -79,11 +78,11 @@ def _capture(echoes: Echoes) -> RadarCapture:
 
 
 def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
-    """The echoes with the effects that are on; the watch counts the seconds of each."""
+    """Apply the effects that are on, and record the seconds of each in the watch."""
     echoes = replace(echoes, timed=watch.timed)
     for effect in EFFECTS:
         if effect.id in on:
             with watch.timed(effect.id):
                 echoes = effect.apply(echoes)
-    np.asarray(echoes.samples)  # computes them where no effect has asked
+    np.asarray(echoes.samples)  # computes them if no effect has
     return echoes

@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from handbench.calibration.array.estimate import estimate_array
-from handbench.calibration.array.prior import without
-from handbench.calibration.registration.register import Motion
+from handbench.calibration.array.prior import live_part
+from handbench.calibration.registration.register import RigMotion
 from handbench.calibration.registration.rigid_fit import Pairs, fit
 from handbench.calibration.spheres.description import Element, Target
 from handbench.calibration.spheres.radar_detection import EchoSearch
@@ -54,7 +54,7 @@ def test_dead_antennas_leave_and_the_balls_take_over_what_all_have_in_common(tar
     state, echoes = small_state(target, centres_m)
     turned = replace(state, tx=replace(state.tx, log_gain=state.tx.log_gain + 0.2 + 2j))
     live_tx, live_rx = (np.arange(count) != 1 for count in state.counts[:2])
-    left = without(turned, live_tx, live_rx)
+    left = live_part(turned, live_tx, live_rx)
     assert abs(left.tx.log_gain.mean()) < 1e-12 and abs(left.rx.log_gain.mean()) < 1e-12
     expected = recorded(turned, echoes)[live_tx][:, live_rx]
     np.testing.assert_allclose(recorded(left, echoes), expected, atol=1e-5 * np.abs(expected).max())
@@ -89,7 +89,7 @@ def test_a_shift_may_reach_as_far_as_its_ellipsoids_longest_axis():
     """A shift of 5 mm along x, with σ of 1, 2 and 3 mm along x, y and z."""
     reach = np.sqrt(chi2.ppf(0.95, 3))
     covariance = np.diag([1e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-6])
-    low_m, high_m = Motion(np.array([5e-3, 0, 0, 0, 0, 0]), covariance, "a", "b").interval_m
+    low_m, high_m = RigMotion(np.array([5e-3, 0, 0, 0, 0, 0]), covariance, "a", "b").interval_m
     assert (low_m, high_m) == (
         pytest.approx(5e-3 - 1e-3 * reach),
         pytest.approx(5e-3 + 3e-3 * reach),

@@ -11,7 +11,7 @@ from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import methods
 
 C = 299_792_458.0
@@ -46,7 +46,7 @@ def failure(capsys, command) -> str:
 
 
 @pytest.mark.parametrize(
-    "id", [m.id for m in methods() if asked_hz(m.configure({}, "defaults")) is not None]
+    "id", [m.id for m in methods() if requested_tones_hz(m.configure({}, "defaults")) is not None]
 )
 def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
     folder = foreign(tmp_path / "foreign", np.linspace(76e9, 81e9, 26)[::-1])
@@ -60,7 +60,7 @@ def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
         *SMALL,
     ]
     error = failure(capsys, command)
-    advice = shlex.split(re.search(r"as by (--set .*)$", error)[1])
+    advice = shlex.split(re.search(r"e\.g\. (--set .*)$", error)[1])
     assert main([*command, *advice]) == 0, advice
     with np.load(tmp_path / "depth.npz") as depth:
         assert np.isfinite(depth["z_m"]).any()
@@ -78,9 +78,7 @@ def test_only_what_differs_is_named(tmp_path, capsys):
         *SMALL,
     ]
     error = failure(capsys, command)
-    assert "fall on the same measured tone of 26" in error and error.endswith(
-        "as by --set count=26"
-    )
+    assert "fall on the same measured tone of 26" in error and error.endswith("e.g. --set count=26")
 
 
 @pytest.mark.parametrize(
@@ -136,7 +134,7 @@ def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
         main(["reconstruct", str(folder), "--method", "2fsk", "-o", str(tmp_path / "d.npz")]) == 0
     )
     assert (
-        "pixels are flagged; the closest tones tell depths within 375 mm of first_depth_m = 0.45"
+        "pixels are flagged; the closest tones determine depths within 375 mm of first_depth_m = 0.45"
         in capsys.readouterr().err
     )
 
@@ -144,16 +142,8 @@ def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("tones_hz", "first_m", "told"),
     [
-        (
-            [82e9, 81.9e9, 81e9],
-            0.45,
-            "150 mm before these depths, as closer tones tell; set first_depth_m=0.30",
-        ),
-        (
-            [82e9, 81.9e9, 81e9],
-            0.16,
-            "150 mm behind these depths, as closer tones tell; set first_depth_m=0.30",
-        ),
+        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths; set first_depth_m=0.30"),
+        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; set first_depth_m=0.30"),
         ([82e9, 81.9e9, 81e9], 0.3, None),
         ([82e9, 81e9], 0.45, None),  # nothing tells
     ],

@@ -16,14 +16,14 @@ from handbench.radar.imaging.tree import DIRECT, Family
 from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD, incoherent
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.causes import Converter
-from handbench.radar.simulation.effects.coarse import CENTRE_M, count_mirroring
-from handbench.radar.simulation.effects.further import multipath
+from handbench.radar.simulation.effects.multipath import multipath
+from handbench.radar.simulation.effects.quick_estimate import CENTRE_M, count_mirroring
 from handbench.radar.simulation.effects.sensor import full_scale
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics import facets
 from handbench.radar.simulation.physics.reflection import skin_permittivity
 from handbench.radar.simulation.scene import Body, EchoScene, Material
-from handbench.radar.simulation.scene_echoes import bare_echoes, facing
+from handbench.radar.simulation.scene_echoes import bare_echoes, front_facets
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 from tests.radar.direct_sums import direct_sum
@@ -162,7 +162,7 @@ def test_a_facet_counts_when_only_one_side_of_the_aperture_sees_it(away):
     across = np.cross(along, towards)
     for side in (1, -1):
         body = plate(place_m, 1e-3 * side * across, 1e-3 * along, 1)
-        assert len(facing(EchoScene(qar50(), TONES_HZ, np.zeros(3), target=body), body)) > 0
+        assert len(front_facets(EchoScene(qar50(), TONES_HZ, np.zeros(3), target=body), body)) > 0
 
 
 def test_a_mesh_that_would_become_too_many_facets_is_refused(monkeypatch):

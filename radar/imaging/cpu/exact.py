@@ -14,7 +14,7 @@ from handbench.radar.data.arrays import (
     SPEED_OF_LIGHT_M_S,
     AntennaArray,
     Aperture,
-    as_of_an_array,
+    array_legs,
     tones,
 )
 from handbench.radar.data.capture import largest_part
@@ -24,11 +24,9 @@ from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
-TONES, WAVES = (
-    32,
-    1 << 21,
-)  # most of one piece of work in float64: tones, and complex numbers of steering
-# spacings that differ by less, relative to a tone, are equal: 1e-9 rad over 15 m and 32 tones
+# largest piece of work in float64: tones, and complex numbers of steering
+TONES, WAVES = 32, 1 << 21
+# spacings that differ by less, relative to a tone, count as equal: 1e-9 rad over 15 m and 32 tones
 SAME = 1e-15
 
 
@@ -39,8 +37,8 @@ def exact_images(
     points_m: np.ndarray,
     apart: bool,
 ) -> np.ndarray:
-    """Images complex64 at points_m [n, 3]: [f, n] of every tone (apart), or [1, n] of their
-    coherent sum.
+    """Image points_m [n, 3] by the exact sum: complex64 [f, n], one image per tone (apart), or [1,
+    n], their coherent sum.
 
     samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f]. Every tone
     is summed.
@@ -70,27 +68,26 @@ def exact_sums(
     points_m: np.ndarray,
     apart: bool = False,
 ) -> np.ndarray:
-    """As `exact_images`, for few points_m and in float64: complex128 [f or 1, n], right to 1e-11 of
-    Σ|samples| within a metre. Samples that are no finite numbers, or not of the aperture, are the
-    caller's to refuse.
+    """Image a few points_m in float64: complex128 [f or 1, n], accurate to 1e-11 of Σ|samples|
+    within a metre. The caller checks the samples (`check_samples`).
 
-    From one tone to the next, steering is multiplied by that of their difference, which evenly
-    spaced tones share.
+    The steering of each tone is the one before times that of their difference, which evenly spaced
+    tones share.
     """
     tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
     lengths = [
         leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2)
         for leg in aperture.legs
     ]
-    lengths = as_of_an_array(aperture, lengths)
+    lengths = array_legs(aperture, lengths)
     images = np.empty((len(samples), len(points)), np.complex128)
     count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
 
     def work(start: int) -> None:
         some = slice(start, start + count)
         a, b = (_waves(tones_hz[some], length) for length in lengths)
-        heard = samples[some].reshape(*a.shape[:2], -1).astype(np.complex128) @ b
-        images[some] = np.einsum("ftn,ftn->fn", a, heard)
+        received = samples[some].reshape(*a.shape[:2], -1).astype(np.complex128) @ b
+        images[some] = np.einsum("ftn,ftn->fn", a, received)
 
     for_each(work, range(0, len(samples), count))
     return images if apart else images.sum(axis=0, keepdims=True)
@@ -114,7 +111,7 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
     """Length of every channel's path over a point [3], metres: [t, r] or [n]."""
-    to, back = as_of_an_array(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
+    to, back = array_legs(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
     return (to[:, None] + back).reshape(aperture.channels)
 
 
@@ -178,8 +175,8 @@ def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # 
 
 
 def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
-    """Refuse tones that are none, and samples that are no finite numbers or do not fit the tones
-    and the aperture; the largest magnitude of the samples' parts."""
+    """Raise HandbenchError for invalid tones and for samples that are not finite or do not fit the
+    tones and the aperture; else return the largest magnitude of a real or imaginary part."""
     tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:

@@ -1,6 +1,6 @@
-"""Execution on the processor: limbs on all cores, leaves by compiled code; volumes by matrix
-products along x, y and z that make every voxel of the coarse nodes, so that a projection along z
-never holds the volume."""
+"""Execution on the processor: cells in parallel on all cores, leaves by compiled code; volumes by
+matrix products along x, y and z that upsample the coarse nodes. A projection along z never stores
+the volume."""
 
 from collections.abc import Callable
 from itertools import product
@@ -9,46 +9,46 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.cpu.ascent import Source, ascend, scatter
-from handbench.radar.imaging.cpu.descent import (
+from handbench.radar.imaging.cpu.adjoint import PackedScatterers, scatter, to_parent
+from handbench.radar.imaging.cpu.exact import exact_images as exact_images
+from handbench.radar.imaging.cpu.forward import (
     Leaves,
     complex_samples,
-    descend,
     gather,
     pack,
     planes,
+    to_child,
     turn,
 )
-from handbench.radar.imaging.cpu.exact import exact_images as exact_images
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
-from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
-from handbench.radar.imaging.tree import Box, Family, Node, branch, trunk
+from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
+from handbench.radar.imaging.tree import Box, Family, Node, child_node, root_node
 from handbench.support.parallel import for_each, one_blas_thread
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
 
 
-class Executor:
-    """Images and echoes of points by a plan, whose limbs and leaves stay once points have touched
-    them."""
+class CpuExecutor:
+    """Images and echoes of points by a plan. Cells and leaves are planned when points first fall
+    into them, and then kept."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
-        self._limbs: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
+        self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
-    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
-        at sorted points."""
+    def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
+        tone) or [1, n] (their sum)."""
         plan, order = self.plan, where.order
         with one_blas_thread():
-            root = _down(planes(samples), plan.trunk, plan.root)
+            root = _down(planes(samples), plan.root_node, plan.top_node)
         images = np.empty((len(samples) if plan.family.apart else 1, len(order)), np.complex64)
 
-        def work(limb: int) -> None:
-            node, leaves, starts = self._limb(limb, where)
-            below = _down(root, plan.root, node)
+        def work(cell: int) -> None:
+            node, leaves, starts = self._cell(cell, where)
+            below = _down(root, plan.top_node, node)
             images[:, starts[0] : starts[-1]] = gather(
                 below,
                 node.turns_per_m,
@@ -65,39 +65,39 @@ class Executor:
         unsorted[:, order] = images
         return unsorted
 
-    def echoes(self, source: Source, where: Sorted) -> np.ndarray:
-        """Samples complex64 [f, t, r or 1] of scatterers, the adjoint of `image` with the tones
+    def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
+        """Compute samples complex64 [f, t, r or 1] of scatterers: the adjoint of `image` with tones
         summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 
-        def work(limb: int) -> None:
-            node, leaves, starts = self._limb(limb, where)
+        def work(cell: int) -> None:
+            node, leaves, starts = self._cell(cell, where)
             shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
             samples = scatter(
                 source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape
             )
-            parts[limb] = _up(samples, plan.root, node)
+            parts[cell] = _up(samples, plan.top_node, node)
 
         for_each(work, touched)
         with one_blas_thread():  # parts are added in order: no result depends on the threads
             samples = _up(
-                sum((parts[limb] for limb in touched), np.zeros((), np.float32)),
-                plan.trunk,
-                plan.root,
+                sum((parts[cell] for cell in touched), np.zeros((), np.float32)),
+                plan.root_node,
+                plan.top_node,
             )
         return complex_samples(samples)
 
-    def _limb(self, limb: int, where: Sorted) -> tuple[Node, Leaves, np.ndarray]:
-        """A limb, its leaves and where each one's points start."""
-        count = self.plan.leaves_per_limb
-        starts = where.starts[limb * count : (limb + 1) * count + 1]
+    def _cell(self, cell: int, where: SortedPoints) -> tuple[Node, Leaves, np.ndarray]:
+        """A cell, its leaves and where each one's points start."""
+        count = self.plan.leaves_per_cell
+        starts = where.starts[cell * count : (cell + 1) * count + 1]
         touched = set(np.flatnonzero(np.diff(starts)).tolist())
-        node, planned, leaves = self._limbs.get(limb) or (self.plan.limb(limb), {}, None)
+        node, planned, leaves = self._cells.get(cell) or (self.plan.cell(cell), {}, None)
         if leaves is None or not touched <= planned.keys():
             planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
             leaves = pack(planned, count)
-            self._limbs[limb] = (
+            self._cells[cell] = (
                 node,
                 planned,
                 leaves,
@@ -106,12 +106,12 @@ class Executor:
 
 
 class ToneSkeleton:
-    """The tones frequencies_hz [k] that the box between low_m and high_m [3] needs, to a relative
-    `tolerance`: as many as carry all f of them there (128 → 11 for 20 mm at 1e-6), for exact images
-    of a few points of it.
+    """The few tones frequencies_hz [k] that represent all f tones within the box from low_m to
+    high_m [3] to a relative `tolerance` (128 → 11 for 20 mm at 1e-6), for exact images of a few
+    points in it.
 
-    This is the root of `radar.imaging.tree` with the phase about the box's centre put back, so that
-    the few tones are samples like any others.
+    This is a node of `radar.imaging.tree` with the phase about the box's centre restored, so that
+    its samples are ordinary samples at fewer tones.
     """
 
     def __init__(
@@ -122,19 +122,20 @@ class ToneSkeleton:
         high_m: np.ndarray,
         tolerance: float,
     ) -> None:
-        self._all = trunk(frequencies_hz, aperture)
-        self._few = branch(
+        self._all = root_node(frequencies_hz, aperture)
+        self._few = child_node(
             self._all, Box(low_m, high_m), Family(tolerance, apart=False), keep_antennas=True
         )
         self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
 
     def compress(self, samples: np.ndarray) -> np.ndarray:
-        """Samples [f, t, r] of all tones → [k, t, r] that image the box alike."""
+        """Convert samples [f, t, r] of all tones to samples [k, t, r] with the same image in the
+        box."""
         return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
 
     def expand(self, samples: np.ndarray) -> np.ndarray:
-        """Echoes [k, t, r] of scatterers in the box at the few tones → [f, t, r] at all tones: the
-        adjoint."""
+        """Convert echoes [k, t, r] of scatterers in the box at the few tones to [f, t, r] at all
+        tones: the adjoint."""
         return complex_samples(_up(self._centred(planes(samples), 1.0), self._all, self._few))
 
     def _centred(self, samples: np.ndarray, sign: float) -> np.ndarray:
@@ -146,8 +147,8 @@ class ToneSkeleton:
         )
 
 
-class Upsampler:
-    """Volumes by a plan, from its nodes and their images [k or 1, nz, ny, nx]."""
+class CpuUpsampler:
+    """Upsampler of a plan's coarse nodes, images [k or 1, nz, ny, nx], to volumes."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan = plan
@@ -169,7 +170,7 @@ class Upsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """The peaks of the volume, which is never held."""
+        """Find the volume's peaks without storing the volume."""
         peaks = Peaks.empty(
             self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
         )
@@ -193,8 +194,8 @@ class Upsampler:
         images: np.ndarray,
         keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
     ) -> None:
-        """Envelopes of all voxels from the nodes' images, handed to keep(image, rows, re, im) in
-        pieces [nz, rows, nx]."""
+        """Compute the envelopes of all voxels from the nodes' images, and pass them to keep(image,
+        rows, re, im) in pieces [nz, rows, nx]."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
         at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)
@@ -230,12 +231,12 @@ class Upsampler:
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return descend(
+    return to_child(
         samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
     )
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return ascend(
+    return to_parent(
         samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
     )

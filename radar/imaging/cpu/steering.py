@@ -1,6 +1,5 @@
-"""Steering phases: the one place where exp(±j 2π f R / c) is formed (but for the reference that
-checks it); and the gains of legs as skeletons meet them: which are smooth from antenna to antenna,
-and samples of those that are.
+"""Steering phases: the only place that computes exp(±j 2π f R / c), apart from the tests'
+reference; and sampled gains of legs for skeletons.
 
 Convention: time e^{+jωt}; an echo over the path R carries exp(−j2πfR/c), and backprojection
 multiplies by the conjugate. Phases are counted in turns (f R / c) and reduced in float64 before the
@@ -14,9 +13,9 @@ from numpy.polynomial import chebyshev, polynomial
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.support.compiled import FAST, njit
 
-# Gains that bend too sharply across the array to be carried by few antennas:
-GRAZING = 0.05  # √(n·û) where the cosine falls below this,
-FADED = 0.35  # a pattern that falls below this (half the tolerance was measured at 0.3 m).
+# Gains are not smooth enough across the array for skeletons, if
+GRAZING = 0.05  # a facet's cosine n·û falls below this,
+FADED = 0.35  # or the pattern below this (half the tolerance was measured at 0.3 m).
 
 
 def _minimax(
@@ -39,7 +38,7 @@ Q0, Q1, Q2, Q3, Q4, Q5, Q6 = _minimax(np.cos, 6, 0, 1 / 2)
 
 @njit(inline="always")
 def cis_turns(turns):  # type: ignore[no-untyped-def]
-    """(cos 2πt, sin 2πt) in float32 of a phase in turns given in float64."""
+    """Compute (cos 2πt, sin 2πt) in float32 for a phase t in turns, float64."""
     half = np.rint(2.0 * turns)
     odd = half - 2.0 * np.rint(0.5 * half)  # 0 or ±1
     return _half_turn(np.float32(turns - 0.5 * half), np.float32(1.0 - 2.0 * odd * odd))
@@ -47,8 +46,8 @@ def cis_turns(turns):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def cis_small(turns):  # type: ignore[no-untyped-def]
-    """The same of a float32 phase of a few turns, where float32 is exact enough (5e-7): series over
-    a whole turn, which need no sign."""
+    """Compute (cos 2πt, sin 2πt) for a float32 phase of a few turns, accurate to 5e-7: series over
+    a whole turn, without a sign."""
     t = turns - np.rint(turns)
     u = t * t
     cosine = Q0 + u * (Q1 + u * (Q2 + u * (Q3 + u * (Q4 + u * (Q5 + u * Q6)))))
@@ -100,15 +99,15 @@ def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
-    """exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz are
+    """Compute exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz
     broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
 @njit(**FAST)
 def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
-    """exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) of points [p, 3]
-    with f/c [p] each, for antennas [a, 3] about the centre c [3]."""
+    """Compute exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) for points
+    [p, 3] with f/c [p], antennas [a, 3] and the centre c [3]."""
     n_points, n_antennas = len(points_m), len(antennas_m)
     out = np.empty((2 * n_points, n_antennas), np.float32)
     at_centre = np.empty(n_antennas)
@@ -139,7 +138,7 @@ def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ig
 
 @njit(**FAST)
 def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes):  # type: ignore[no-untyped-def]
-    """planes [2, ny, nx] = image [ny, nx] without its carrier."""
+    """Write planes [2, ny, nx]: image [ny, nx] without its carrier."""
     for j in range(len(y_m)):
         for i in range(len(x_m)):
             cosine, sine = cis_turns(
@@ -152,7 +151,7 @@ def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 @njit(**FAST)
 def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
-    """(re + j·im) · carrier: complex64 [nz, ny, nx]."""
+    """Multiply (re + j·im) by the carrier: complex64 [nz, ny, nx]."""
     nx = len(x_m)
     volume = np.empty(re.shape, np.complex64)
     cosine, sine = np.empty(nx, np.float32), np.empty(nx, np.float32)
@@ -173,21 +172,22 @@ def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 
 def least_cosine(pattern: float) -> float:
-    """Smallest cosine from the z axis at which the pattern cosᵠθ of an antenna is still smooth."""
+    """Smallest cosine from the z axis at which an antenna's pattern cosᵠθ counts as smooth."""
     return max(GRAZING, FADED ** (1 / pattern)) if pattern != 0 else -1.0
 
 
 def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
-    """Smooth gains [p, a] at points [p, 3], of unit mean square over the antennas [a, 3]: 1/R and
-    the pattern, for half of the points and more; for the others times the √(n·û) of a facet, whose
-    normals stand evenly over all that every antenna sees."""
+    """Sample smooth gains [p, a] at points [p, 3], normalised to unit mean square over the antennas
+    [a, 3]: 1/R and the pattern, and for up to half of the points the obliquity √(n·û) of a facet,
+    with normals spread over the directions that every antenna sees."""
     return _probe_gains(
         points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern)
     )
 
 
 def _normals(count: int) -> np.ndarray:
-    """Unit vectors [count, 3] evenly over the sphere: an additive sequence, the same every time."""
+    """Unit vectors [count, 3] spread evenly over the sphere by an additive sequence;
+    deterministic."""
     plastic = 1.324717957244746  # g³ = g + 1: the ratio for two dimensions
     u = (0.5 + np.arange(count)[:, None] / plastic ** np.arange(1, 3)) % 1.0
     z, azimuth = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1]

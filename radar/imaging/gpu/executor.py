@@ -1,13 +1,13 @@
-"""Execution on a device as array code: the tree's boxes of a level all at once, and volumes from
-their nodes.
+"""Execution on a device as array code: all boxes of a tree level at once, and volumes from coarse
+nodes.
 
-Points are cut into pieces, each of one leaf, and pieces of like size are padded to batches. A batch
-is one product per tone, as in `radar.imaging.cpu.descent`: ΔR in float64 against a reference point,
-what is left of it in float32. Nodes' images pass through the processor's memory: there are thirty
-times fewer of them than voxels.
+Points are cut into pieces within one leaf, and pieces of similar size are padded to batches. A
+batch is one product per tone, as in `radar.imaging.cpu.forward`: ΔR in float64 against a reference
+point, the remainder in float32. The nodes' images pass through the processor's memory: they are
+thirty times fewer than the voxels.
 
-An exact image is one complex product per tone and block. A planar scan is an array there, whose
-second leg is one antenna that the wave meets zero times.
+An exact image is one complex product per tone and block; a planar scan is treated as an array whose
+second leg is one antenna that is passed zero times.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, as_of_an_array
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
 from handbench.radar.imaging.gpu.levels import Level, level
 from handbench.radar.imaging.peaks import Peaks, root_mean_square
-from handbench.radar.imaging.plan import GridPlan, Sorted, TreePlan
+from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.skeleton import Resampler
 from handbench.radar.imaging.tree import Node
 from handbench.support.parallel import for_each
@@ -32,13 +32,13 @@ WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
 PATH_BYTES = 40  # per point and antenna: differences in double
 # per point and antenna of an exact image: distances in double, their turns, phases and products
 POINT_BYTES = 48
-VOXEL_BYTES = 64  # of a piece of a volume: both planes, and what their magnitude or carrier takes
+VOXEL_BYTES = 64  # per voxel of a piece: both planes, and their magnitude or carrier
 
 
 class Batch(NamedTuple):
-    """n pieces of up to p points: sample [n] (its leaf's row among the samples), leaf [n] (its row
-    in the level), points_m [3, n, p], and target [n, p], where each point's image goes; padding
-    goes one column past the last."""
+    """n pieces of up to p points: sample [n] (row of the piece's leaf among the samples), leaf [n]
+    (its row in the level), points_m [3, n, p], target [n, p] (column of each point's image; padding
+    goes to one extra column)."""
 
     sample: Array
     leaf: Array
@@ -47,56 +47,58 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Placed:
-    """Points on the device, by leaf: how many, the levels of the tree that they need, which leaves,
-    and the batches."""
+class DevicePoints:
+    """Points on the device, grouped by leaf: their count, the tree levels that they need, the rows
+    of their leaves, and the batches."""
 
     count: int
-    limbs: Level
+    cells: Level
     leaves: Level
     rows: Array
     batches: list[Batch]
 
 
-class Executor:
-    """As `radar.imaging.cpu.executor.Executor`, on the chosen device, where the limbs that points
-    have touched stay."""
+class GpuExecutor:
+    """The counterpart of `radar.imaging.cpu.executor.CpuExecutor` on the current device, which
+    keeps planned cells in its memory."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._xp = array_module()
-        self._top = level(self._xp, [plan.root], [plan.trunk], [0])
+        self._top = level(self._xp, [plan.top_node], [plan.root_node], [0])
         self._planned: dict[int, tuple[Node, list[Node]]] = {}
         self._levels: tuple[Level, Level] | None = None
-        self._last: tuple[Sorted | None, Placed | None] = None, None
+        self._last: tuple[SortedPoints | None, DevicePoints | None] = None, None
         self._lock = Lock()
 
-    def place(self, where: Sorted) -> Placed:
-        """Sorted points on the device; those of the call before stay there."""
+    def place(self, where: SortedPoints) -> DevicePoints:
+        """Copy sorted points to the device; those of the last call stay there."""
         last, placed = self._last
         if placed is None or last is not where:
-            per_limb = self.plan.leaves_per_limb
-            touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all limbs
-            limbs, leaves, limb_rows = self._require(np.unique(touched // per_limb))
-            rows = limb_rows[touched // per_limb] * per_limb + touched % per_limb
+            per_cell = self.plan.leaves_per_cell
+            touched = np.flatnonzero(np.diff(where.starts))  # leaves, counted over all cells
+            cells, leaves, cell_rows = self._require(np.unique(touched // per_cell))
+            rows = cell_rows[touched // per_cell] * per_cell + touched % per_cell
             antennas = sum(length.shape[1] for length in leaves.length_m)
             point_bytes = antennas * (WAVE_BYTES * leaves.turns_per_m.shape[1] + PATH_BYTES)
             batches = _batches(where, touched, rows, point_bytes)
             on_device = [Batch(*map(self._xp.asarray, batch)) for batch in batches]
-            placed = Placed(len(where.order), limbs, leaves, self._xp.asarray(rows), on_device)
+            placed = DevicePoints(
+                len(where.order), cells, leaves, self._xp.asarray(rows), on_device
+            )
             self._last = where, placed
         return placed
 
-    def image(self, samples: np.ndarray, where: Sorted) -> np.ndarray:
-        """Images complex64 [f, n] (tones apart) or [1, n] (summed) of samples [f, t, r] or [f, n]
-        at sorted points."""
+    def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
+        tone) or [1, n] (their sum)."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
         whole = xp.asarray(
             samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
         )
         root = self._top.descend(whole, xp.arange(1))
-        limbs = placed.limbs.descend(root, xp.arange(placed.limbs.centre_m.shape[1]))
-        leaves = placed.leaves.descend(limbs, placed.rows)
+        cells = placed.cells.descend(root, xp.arange(placed.cells.centre_m.shape[1]))
+        leaves = placed.leaves.descend(cells, placed.rows)
         images = xp.empty((len(samples) if apart else 1, placed.count + 1), np.complex64)
         for batch in placed.batches:
             tones = self._evaluate(placed.leaves, leaves, batch)
@@ -104,8 +106,8 @@ class Executor:
         return to_host(images[:, :-1])
 
     def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
-        """Images [n, k, p] of every tone at a batch's points, from the leaves' samples [leaves, k,
-        a, b]."""
+        """Image a batch's points: [n, k, p] for every tone, from the leaves' samples [leaves, k, a,
+        b]."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
         waves: list[Array] = []
@@ -124,37 +126,37 @@ class Executor:
                 cis(xp, turns.astype(np.float32)[..., None] * path_m.astype(np.float32)[:, None])
             )
             common_m = common_m + shared_m
-        heard = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
-        heard *= waves[1]
-        return heard.sum(axis=2) * cis(xp, turns * common_m[:, None])
+        received = xp.matmul(samples[batch.sample].swapaxes(2, 3), waves[0])
+        received *= waves[1]
+        return received.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
-    def _require(self, limbs: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """The levels of limbs and leaves with these limbs planned, and each limb's row there
-        [limbs] (−1: none)."""
+    def _require(self, cells: np.ndarray) -> tuple[Level, Level, np.ndarray]:
+        """Plan these cells if they are not planned yet: the levels of cells and leaves, and each
+        cell's row there [cells] (−1: not planned)."""
         with self._lock:
-            new = [int(limb) for limb in limbs if int(limb) not in self._planned]
+            new = [int(cell) for cell in cells if int(cell) not in self._planned]
             if new or self._levels is None:
-                for_each(self._plan_limb, new)
-                nodes = [self._planned[limb] for limb in sorted(self._planned)]
-                above = [limb for limb, _ in nodes]
+                for_each(self._plan_cell, new)
+                nodes = [self._planned[cell] for cell in sorted(self._planned)]
+                above = [cell for cell, _ in nodes]
                 below = [leaf for _, leaves in nodes for leaf in leaves]
                 parent = [row for row, (_, leaves) in enumerate(nodes) for _ in leaves]
                 self._levels = (
-                    level(self._xp, above, [self.plan.root], [0] * len(above)),
+                    level(self._xp, above, [self.plan.top_node], [0] * len(above)),
                     level(self._xp, below, above, parent),
                 )
             rows = np.full(self.plan.count, -1)
             rows[sorted(self._planned)] = np.arange(len(self._planned))
             return *self._levels, rows
 
-    def _plan_limb(self, limb: int) -> None:
-        node = self.plan.limb(limb)
-        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_limb))
-        self._planned[limb] = node, list(leaves.values())
+    def _plan_cell(self, cell: int) -> None:
+        node = self.plan.cell(cell)
+        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_cell))
+        self._planned[cell] = node, list(leaves.values())
 
 
-class Upsampler:
-    """As `radar.imaging.cpu.executor.Upsampler`, on the chosen device."""
+class GpuUpsampler:
+    """The counterpart of `radar.imaging.cpu.executor.CpuUpsampler` on the current device."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan, self._xp = plan, array_module()
@@ -180,7 +182,7 @@ class Upsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """The peaks of the volume, which is never held."""
+        """Find the volume's peaks without storing the volume."""
         xp, peaks = (
             self._xp,
             Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)),
@@ -212,12 +214,12 @@ class Upsampler:
             yield rows, voxels.reshape(2, voxels.shape[1], *block.shape[2:])
 
     def _windows(self, resampler: Resampler) -> list[tuple[slice, Array]]:
-        """(node slice, weights [fine, nodes]) of every window, on the device."""
+        """Copy every window to the device: (node slice, weights [fine, nodes])."""
         return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
 
     def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
-        """Node values [..., n, m] → fine values [..., fine, m]; without windows the nodes are the
-        fine samples."""
+        """Interpolate node values [..., n, m] to fine values [..., fine, m]; without windows, nodes
+        and fine samples are the same."""
         if not windows:
             return nodes
         return self._xp.concatenate(
@@ -226,9 +228,9 @@ class Upsampler:
 
 
 def _batches(
-    where: Sorted, touched: np.ndarray, rows: np.ndarray, point_bytes: int
+    where: SortedPoints, touched: np.ndarray, rows: np.ndarray, point_bytes: int
 ) -> Iterator[Batch]:
-    """The points of the touched leaves, whose rows in the level are `rows`, still in numpy: even
+    """Cut the points of leaves (`touched`; rows in the level: `rows`) into batches, in numpy: even
     pieces, the largest first, so that little is padded. Padding repeats a piece's last point."""
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
@@ -253,7 +255,8 @@ def exact_images(
     points_m: np.ndarray,
     apart: bool,
 ) -> np.ndarray:
-    """As `radar.imaging.cpu.exact.exact_images`: complex64 [f or 1, n] at points_m [n, 3]."""
+    """Image points_m [n, 3] by the exact sum, as `radar.imaging.cpu.exact.exact_images` does:
+    complex64 [f or 1, n]."""
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
     matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first
@@ -267,13 +270,13 @@ def exact_images(
             leg.passes * distances(xp, points, xp.asarray(leg.position_m.T)[:, :, None])
             for leg in aperture.legs
         ]
-        paths_a, paths_b = as_of_an_array(aperture, lengths)
+        paths_a, paths_b = array_legs(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
-            heard = xp.matmul(
+            received = xp.matmul(
                 matrices[f], cis(xp, turns * paths_a)
             )  # a scan's sum over positions is a product
-            heard *= cis(xp, turns * paths_b)
-            part[f if apart else 0] += heard.sum(axis=0)
+            received *= cis(xp, turns * paths_b)
+            part[f if apart else 0] += received.sum(axis=0)
         images[:, here] = to_host(part)
     return images

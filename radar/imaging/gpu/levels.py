@@ -1,8 +1,8 @@
-"""A level of the tree on a device: its boxes' weights and phases, padded to common sizes, so that
-the samples of all boxes descend by a few batched products.
+"""A level of the tree on a device: the weights and phases of its boxes, padded to common sizes, so
+that a few batched products compute the samples of all boxes.
 
-Padding is zero: a tone or an antenna that a box does not have gets samples of zero, which add
-nothing to any image.
+Padding is zero: samples of tones and antennas that a box does not have are zero and add nothing to
+an image.
 """
 
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ class Level:
 
 
 def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int]) -> Level:
-    """Nodes of the tree, with `parent` [n] their parents' places in `above`, on a device."""
+    """Copy nodes of the tree to a device; parent [n]: index of each one's parent in `above`."""
     shifts = [_padded([node.shifts_m[leg] for node in nodes]) for leg in (0, 1)]
     turns_above = _padded([above[i].turns_per_m for i in parent])[:, :, None]
     tones = [_weights(node.tone_weights, len(node.turns_per_m)) for node in nodes]
@@ -91,13 +91,12 @@ def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int
 
 
 def _weights(weights: np.ndarray, count: int) -> np.ndarray:
-    """Empty weights leave their axis as it is."""
+    """The weights, or a unit matrix for empty ones, which leave their axis unchanged."""
     return weights if weights.size else np.eye(count)
 
 
 def _padded(arrays: list[np.ndarray]) -> np.ndarray:
-    """Arrays of one dimension count, stacked: float64 [n, ...] with zeros up to the largest size
-    along each axis."""
+    """Stack arrays with zeros up to the largest size along each axis: float64 [n, ...]."""
     stacked = np.zeros((len(arrays), *np.max([array.shape for array in arrays], axis=0)))
     for row, array in zip(stacked, arrays, strict=True):
         row[tuple(map(slice, array.shape))] = array

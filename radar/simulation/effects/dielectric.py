@@ -1,9 +1,9 @@
-"""Dielectrics: they reflect little, let the wave in, and delay what comes from inside.
+"""Dielectric targets: weak reflection, transmission, and delay of echoes from inside.
 
-Foam (n − 1 ≪ 1): rays pass straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets
-that face the array reflect with Γ = (1 − n)/(1 + n) and those that turn away with −Γ, seen from
-inside; foam casts no shadow. Plastic: only its surface, since what enters is bent far away from the
-straight path; `lost` says where its far wall echoes, too.
+Foam (n − 1 ≪ 1): rays are straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets
+that face the array reflect with Γ = (1 − n)/(1 + n), facets that face away with −Γ, from inside;
+foam casts no shadow. Plastic: only its front surface is simulated, since refraction is strong
+inside; `unsimulated_echo` warns of a strong echo from its far wall.
 """
 
 from __future__ import annotations
@@ -13,23 +13,22 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.effects.coarse import CENTRE_M
-from handbench.radar.simulation.physics.facets import Facets, face_vectors, joined, volume_m3
+from handbench.radar.simulation.effects.quick_estimate import CENTRE_M
+from handbench.radar.simulation.physics.facets import Facets, face_vectors, join_facets, volume_m3
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, Surface, facing
+from handbench.radar.simulation.scene_echoes import Echoes, ScatteringSurface, front_facets
 from handbench.support.rays import Rays
 
 MOST_CROSSINGS = 16  # surfaces that a ray may cross on its way to a facet
-FAINT_DB = (
-    -20.0
-)  # echo of the far wall over the front's that may be left out: 3-FSK then moves by 0.2 mm
-BEYOND_M = 1e-5  # a ray goes on this far behind the surface that it has crossed
+# largest echo of the far wall relative to the front's that may be left out: 3-FSK changes by 0.2 mm
+FAINT_DB = -20.0
+BEYOND_M = 1e-5  # a ray continues this far behind a surface that it has crossed
 
 
 def has_dielectric(scene: EchoScene) -> bool:
-    """True where the target or what is around its balls is a dielectric."""
+    """True if the target is a dielectric, or its balls are in foam."""
     return _of_dielectric(scene) or any(map(has_foam, scene.balls))
 
 
@@ -53,8 +52,8 @@ def dielectric(echoes: Echoes) -> Echoes:
 
 
 def far_wall_db(body: Body, frequency_hz: float) -> float:
-    """The echo of a plastic body's far wall over that of its front, dB: both flat, met squarely and
-    as far apart as its mean chord 4V/A (Cauchy), (1 − Γ²) e^{−2αl}."""
+    """Echo of a plastic body's far wall relative to its front's, dB: (1 − Γ²) e^{−2αl} for flat
+    walls at normal incidence, apart by the mean chord l = 4V/A (Cauchy)."""
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces), axis=1).sum()
     chord_m = 4 * volume_m3(body) / area_m2
     wave = (
@@ -68,19 +67,16 @@ def far_wall_db(body: Body, frequency_hz: float) -> float:
     return float(20 * np.log10(entered) - 40 / np.log(10) * abs(wave.imag) * chord_m)
 
 
-def lost(scene: EchoScene) -> str:
-    """The part of the scene's echoes that is not simulated, as a sentence for people; "" if none
-    that counts."""
+def unsimulated_echo(scene: EchoScene) -> str:
+    """A warning of echoes that are not simulated; "" if there are none that matter."""
     if scene.target is None or scene.target.material.kind != "plastic":
         return ""
     level_db = far_wall_db(scene.target, float(scene.frequencies_hz.mean()))
     if level_db < FAINT_DB:
         return ""
     return (
-        f"plastic lets waves through: its far wall echoes about {level_db:.0f} dB against its "
-        "front, and that is not "
-        "simulated; painted with metal (kind = 'metal'), or with a loss_tangent of 0.1, it would "
-        "not matter"
+        f"plastic is transparent: the echo of its far wall, about {level_db:.0f} dB relative to "
+        "its front's, is not simulated; use kind = 'metal' or a loss_tangent of 0.1 to exclude it"
     )
 
 
@@ -88,14 +84,16 @@ def _of_dielectric(scene: EchoScene) -> bool:
     return scene.target is not None and scene.target.material.kind in ("foam", "plastic")
 
 
-def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surface:
-    """All of the body's facets, in two layers: facing the array, with `front` [f], and turned
-    away."""
+def _transparent(
+    scene: EchoScene, surface: ScatteringSurface, front: np.ndarray
+) -> ScatteringSurface:
+    """The surface of a transparent body in two layers: facets that face the array, with reflection
+    `front` [f], and facets that face away."""
     body = surface.body
-    parts = facing(scene, body), turned_away(scene, body)
+    parts = front_facets(scene, body), back_facets(scene, body)
     index = np.sqrt(body.material.real_permittivity)
-    facets = joined(parts)
-    return Surface(
+    facets = join_facets(parts)
+    return ScatteringSurface(
         body,
         facets,
         surface.oblique,
@@ -106,16 +104,16 @@ def _transparent(scene: EchoScene, surface: Surface, front: np.ndarray) -> Surfa
     )
 
 
-def turned_away(scene: EchoScene, body: Body) -> Facets:
-    """The facets that the array would see from inside the body, their normals turned inwards."""
-    inside_out = scene.kept(
+def back_facets(scene: EchoScene, body: Body) -> Facets:
+    """The facets that face away from the array, with normals pointing inwards."""
+    inside_out = scene.cached(
         ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
     )
-    return facing(scene, inside_out)
+    return front_facets(scene, inside_out)
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """Length [n] inside a closed body of the straight rays from an origin [3] outside it to points
+    """Lengths [n] within a closed body of the straight rays from an origin [3] outside it to points
     [n, 3]."""
     towards = points_m - origin_m
     distance_m = np.linalg.norm(towards, axis=1)

@@ -1,10 +1,10 @@
 """Hand tremor and other motion of the target while one tone after another is measured.
 
 A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes
-are computed at few displacements; between them each channel is turned by the path to the target's
-middle, and what is left, the small difference between the target's parts, is interpolated linearly.
-Extra echoes (bounces, foam) are computed once and turned alone: they are weak, and what is left of
-them is less.
+are computed at few displacements. In between, the phase of each channel follows the path to the
+target's middle, and the small remaining difference between the target's parts is interpolated
+linearly. Extra echoes (bounces, foam) are weak: they are computed once, and only their phase
+changes.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.coarse import CLOSED, QuickEstimate
+from handbench.radar.simulation.effects.quick_estimate import CLOSED, QuickEstimate
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, generator
 from handbench.support.errors import HandbenchError
 
-MOST_NODES = 30  # displacements, each a simulation of its own
+MOST_NODES = 30  # displacements, at most; each needs a simulation
 # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
 RESIDUAL_RAD = 0.06
 
 
 def motion(echoes: Echoes) -> Echoes:
-    """The target moves between tones."""
+    """Move the target between tones."""
     if not echoes.with_target:
         return echoes
     causes, time_s = echoes.scene.causes.motion, echoes.scene.time_s
@@ -36,7 +36,7 @@ def motion(echoes: Echoes) -> Echoes:
 
 
 def estimate_motion(scene: EchoScene) -> QuickEstimate:
-    """(f/Δf)·Δδ between the highest tone and that other one for which it is largest."""
+    """Estimate (f/Δf)·Δδ between the highest tone and the other one for which it is largest."""
     top = int(scene.frequencies_hz.argmax())
     below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
     below_hz[top] = np.inf
@@ -46,22 +46,22 @@ def estimate_motion(scene: EchoScene) -> QuickEstimate:
 
 
 def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
-    """Mean |δ(t + T) − δ(t)| for each T of `apart_s`; of a sine over its phase, 2a|sin πfT| ·
-    2/π."""
+    """Mean |δ(t + T) − δ(t)| for each T of `apart_s`; for a sine, averaged over its phase: 2a|sin
+    πfT| · 2/π."""
     sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
     return sine_m + abs(motion.velocity_m_s) * apart_s
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
-    """Displacement [f] at each tone's time, counted from where the target is when the frame
-    begins."""
+    """Displacement [f] at each tone's time, relative to the target's position at the start of the
+    frame."""
     sine = np.sin(2 * np.pi * motion.frequency_hz * time_s + phase_rad) - np.sin(phase_rad)
     return motion.amplitude_m * sine + motion.velocity_m_s * time_s
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
-    """Bounds of the displacement, whatever the tremor's phase: frames do not depend on which others
-    there are."""
+    """Bounds of the displacement for any phase of the tremor, so that frames do not depend on each
+    other."""
     drift_m = motion.velocity_m_s * time_s
     return float(drift_m.min() - 2 * motion.amplitude_m), float(
         drift_m.max() + 2 * motion.amplitude_m
@@ -86,7 +86,7 @@ def echoes_of_moving(
         )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
     slope = _slope(echoes, along, middle_m)
-    # Turned by −slope·δ, the echoes of all displacements look alike.
+    # After a phase of −slope·δ, the echoes of all displacements are similar.
     extra = echoes.extra_echoes()
     turned = (phasor(-node * slope, frequencies_hz[:, None, None], -1) for node in nodes_m)
     arrays = (_moved(echoes.array, node * along) for node in nodes_m)
@@ -106,8 +106,8 @@ def echoes_of_moving(
 
 
 def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
-    """The target's middle [3], and how far its parts' direction cosines to `along` differ from the
-    middle's."""
+    """The target's middle [3], and the largest difference between the direction cosines to `along`
+    of its parts and of the middle."""
     points_m = echoes.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
@@ -122,5 +122,5 @@ def _slope(echoes: Echoes, along: np.ndarray, middle_m: np.ndarray) -> np.ndarra
 
 
 def _moved(array: AntennaArray, offset_m: np.ndarray) -> AntennaArray:
-    """The array as the target sees it when the target has moved by offset_m [3]."""
+    """The array relative to a target that has moved by offset_m [3]."""
     return AntennaArray(array.tx_m - offset_m, array.rx_m - offset_m)

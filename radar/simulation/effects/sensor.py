@@ -20,7 +20,7 @@ PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked fo
 
 
 def positions(echoes: Echoes) -> Echoes:
-    """Each antenna is off by a normal error per axis; the capture keeps the nominal positions."""
+    """Move each antenna by a normal error per axis; the capture keeps the nominal positions."""
     sigma_m, legs_m = (
         echoes.scene.causes.positions.sigma_m,
         [leg.position_m for leg in echoes.array.legs],
@@ -33,12 +33,12 @@ def positions(echoes: Echoes) -> Echoes:
 
 
 def pattern(echoes: Echoes) -> Echoes:
-    """Every antenna radiates and receives with the amplitude cosᵠθ, θ from the z axis."""
+    """Give every antenna the amplitude pattern cosᵠθ, θ from the z axis."""
     return replace(echoes, pattern=echoes.scene.causes.pattern.exponent)
 
 
 def coupling(echoes: Echoes) -> Echoes:
-    """Every channel also receives a direct wave, falling with the distance between its antennas."""
+    """Add a direct wave from transmitter to receiver, weaker with the distance between them."""
     samples, amplitude = echoes.samples, echoes.scene.causes.coupling.amplitude
     level = echoes.level(
         "coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size))
@@ -57,7 +57,7 @@ def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def channels(echoes: Echoes) -> Echoes:
-    """Every antenna's signal is multiplied by its own gain, phase and delay."""
+    """Multiply every antenna's signal by its gain, phase and delay."""
     scene = echoes.scene
     legs = enumerate(scene.array.channels)
     drawn = [generator(echoes.seed("channels", i)).standard_normal((3, n)) for i, n in legs]
@@ -79,12 +79,12 @@ def _channel_factor(
 
 
 def dead(echoes: Echoes) -> Echoes:
-    """The channels of dead antennas are zero."""
-    return echoes.record(silenced(echoes.samples, echoes.scene.causes.dead))
+    """Set the channels of dead antennas to zero."""
+    return echoes.record(silence_dead_antennas(echoes.samples, echoes.scene.causes.dead))
 
 
-def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:
-    """Samples [..., t, r] with the dead antennas' channels zero."""
+def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
+    """Set the dead antennas' channels of samples [..., t, r] to zero."""
     alive = np.ones(samples.shape[-2:], np.float32)
     for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
@@ -98,17 +98,16 @@ def silenced(samples: np.ndarray, dead: Dead) -> np.ndarray:
 
 
 def oscillator(echoes: Echoes) -> Echoes:
-    """Every tone of every transmitter is turned by a phase of its own: noise of the oscillator that
-    all share.
+    """Add a random phase to every tone of every transmitter: phase noise of the common oscillator.
 
-    Its phase at the receiver is that of the echo's delay τ ago: what is left of a noise of density
-    L(f) is 4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the
+    The receiver mixes with the same oscillator, a delay τ later: noise of density L(f) is reduced
+    to 4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the
     receiver's bandwidth B,
 
         σ² = ∫₀^B 2·L·4 sin²(πfτ) df = 8 L₀ f₀² [ πτ·Si(2πτB) − sin²(πτB)/B ].
 
-    Transmitters work one after another: the phase is another one for each tone and transmitter, and
-    the same for all receivers, so that an image of T transmitters averages it to σ/√T.
+    Transmitters send one after another: phases differ between tones and transmitters and are the
+    same for all receivers, so an image averages them over T transmitters to σ/√T.
     """
     delay_s = 2 * float(np.linalg.norm(echoes.scene.middle_m)) / SPEED_OF_LIGHT_M_S
     sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)
@@ -120,14 +119,14 @@ def oscillator(echoes: Echoes) -> Echoes:
 
 
 def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
-    """Standard deviation of the phase that is left after the echo's delay."""
+    """Standard deviation of the phase after range correlation."""
     a, bandwidth_hz = np.pi * delay_s, oscillator.bandwidth_hz
     integral = a * sici(2 * a * bandwidth_hz)[0] - np.sin(a * bandwidth_hz) ** 2 / bandwidth_hz
     return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
 
 
 def noise(echoes: Echoes) -> Echoes:
-    """White circular Gaussian noise in every channel, tone and frame."""
+    """Add white circular Gaussian noise to every channel, tone and frame."""
     tones_hz, sigma_rad = echoes.scene.frequencies_hz, echoes.scene.causes.noise.between_tones_rad
     strongest = echoes.level("noise", lambda: _strongest(echoes))
     frames = zip(echoes.samples, echoes.frame_seeds("noise"), strict=True)
@@ -138,7 +137,7 @@ def noise(echoes: Echoes) -> Echoes:
 
 
 def _strongest(echoes: Echoes) -> float:
-    """The strongest pixel of the first frame's highest tone on the target's surface."""
+    """Amplitude of the strongest pixel on the target's surface, first frame, highest tone."""
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
     top = int(echoes.scene.frequencies_hz.argmax())
     return strongest_amplitude(
@@ -163,16 +162,16 @@ def thermal_noise(
     strongest: float,
     seed: tuple[int, ...],
 ) -> np.ndarray:
-    """Samples [f, t, r] with white circular Gaussian noise of the same level in every channel and
-    tone.
+    """Add white circular Gaussian noise of the same level in every channel and tone to samples [f,
+    t, r].
 
     phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An
     image sums N = t·r channels, so that its noise is √N σ; of it one quadrature turns the phase,
     σ_φ = √N σ / (√2 A) per tone, and √N σ / A between two tones of equal amplitude A: σ =
     phase_noise_rad · A / √N.
 
-    Each tone draws from (seed, its frequency): its noise does not depend on which other tones there
-    are.
+    The random numbers of each tone depend on the seed and its frequency only, not on the other
+    tones.
     """
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
     noisy = np.empty_like(samples)
@@ -188,11 +187,11 @@ def thermal_noise(
 
 
 def converter(echoes: Echoes) -> Echoes:
-    """Both quadratures are rounded to the converter's steps and clipped at its full scale."""
+    """Round both quadratures to the converter's steps and clip them at its full scale."""
     causes = echoes.scene.causes.converter
     scale = echoes.level("converter", lambda: full_scale(echoes.samples, causes))
     return echoes.record(
-        np.stack([quantised(frame, causes, scale) for frame in echoes.samples]), converter=scale
+        np.stack([quantise(frame, causes, scale) for frame in echoes.samples]), converter=scale
     )
 
 
@@ -202,8 +201,8 @@ def full_scale(samples: np.ndarray, converter: Converter) -> float:
     return float(largest * 10 ** (converter.headroom_db / 20))
 
 
-def quantised(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
-    """Samples rounded to the middles of 2^bits steps over ±scale (mid-rise): complex64."""
+def quantise(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
+    """Round samples to the middles of 2^bits steps over ±scale (mid-rise): complex64."""
     if scale == 0 or converter.bits is None:
         return samples
     step = 2 * scale / 2**converter.bits

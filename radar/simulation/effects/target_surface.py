@@ -1,9 +1,9 @@
 """The target's surface: obliquity, shadows, skin, roughness.
 
-Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. What
-facets resolve of a wave displaces them along their normals; the rest, of variance σ², weakens their
-echo by exp(−2k²σ²), which is what heights spread by σ leave of a mirrored wave (Ament 1953). What
-the latter scatter into other directions is left out, and so is the relief's effect on bounces.
+Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. The
+part of a wave that facets resolve displaces them along their normals; the rest, of variance σ²,
+weakens their echo by exp(−2k²σ²), the coherent loss of a rough mirror (Ament 1953). Diffuse
+scattering of this part is left out, and so is the effect on bounces.
 """
 
 from __future__ import annotations
@@ -14,33 +14,31 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.coarse import (
+from handbench.radar.simulation.effects.quick_estimate import (
     CENTRE_M,
     QuickEstimate,
-    beside_outlines,
     coarse_surface,
-    seen_from_centre,
+    near_outlines,
     visible_from,
+    visible_from_centre,
 )
-from handbench.radar.simulation.physics.diffracted import NODES_M, samples_of, sight_of
-from handbench.radar.simulation.physics.diffraction import kept_edges, outline
+from handbench.radar.simulation.physics.diffraction import cached_edges, outline
 from handbench.radar.simulation.physics.facets import Facets, convex, face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
 from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
+from handbench.radar.simulation.physics.sight import NODES_M, samples_of, sight_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, facing, generator, require_facets
+from handbench.radar.simulation.scene_echoes import Echoes, front_facets, generator, require_facets
 
-FACETS_PER_S = 6e4  # coarse ones, each seen from all antennas
-OUTLINES, LOOKED_AT = (
-    500,
-    2000,
-)  # points of an outline and facets, at most, at which an estimate looks
+FACETS_PER_S = 6e4  # coarse facets per CPU second, each tested from all antennas
+# points of an outline and facets that an estimate uses, at most
+OUTLINES, LOOKED_AT = 500, 2000
 WAVES = 64  # of random relief
-SPREAD = 0.096  # variance of an even triangle's points along an axis, over its area: 1/(6√3)
+SPREAD = 0.096  # variance of an equilateral triangle's points along an axis over its area: 1/(6√3)
 
 
 def obliquity(echoes: Echoes) -> Echoes:
-    """Facets scatter towards every antenna by their angle to it, without this evenly."""
+    """Let facets scatter by their angle to each antenna instead of evenly."""
     return (
         echoes
         if echoes.surface is None
@@ -49,7 +47,7 @@ def obliquity(echoes: Echoes) -> Echoes:
 
 
 def shadow_centre(echoes: Echoes) -> Echoes:
-    """Facets that the aperture's centre does not see echo nothing."""
+    """Drop the facets that are hidden from the aperture's centre."""
     if echoes.surface is None:
         return echoes
     facets, body = echoes.surface.facets, echoes.surface.body
@@ -62,16 +60,18 @@ def shadow_centre(echoes: Echoes) -> Echoes:
 
 
 def shadows_cost_s(scene: EchoScene) -> float:
-    """Seconds that shadows of each antenna take."""
+    """Estimated CPU seconds of the shadows of each antenna."""
     return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
 
 def shadow_antennas(echoes: Echoes) -> Echoes:
-    """Each antenna sees what nothing hides from it alone."""
+    """Compute shadows for each antenna separately."""
     if echoes.surface is None:
         return echoes
     body, array = echoes.surface.body, echoes.array
-    facets = facing(echoes.scene, body)  # anew: what the centre does not see may be seen by others
+    facets = front_facets(
+        echoes.scene, body
+    )  # all facets again: others may see what the centre does not
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     seen = facets_in_sight(rays_of(echoes.scene, body), body, facets, antennas_m)
     tx, rx = np.split(seen, [len(array.tx_m)])
@@ -80,9 +80,9 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
-    """The share of the surface that not all of the array sees, as the aperture's centre sees or
-    would see it."""
-    facets, visible = coarse_surface(scene, scene.body), seen_from_centre(scene)
+    """Estimate the effect by the share of the surface that is visible from only a part of the
+    array."""
+    facets, visible = coarse_surface(scene, scene.body), visible_from_centre(scene)
     (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
     disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
     cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(
@@ -90,20 +90,18 @@ def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
     )
     faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
     ratio = float(faced_m2[disputed].sum() / max(faced_m2[visible].sum(), 1e-12))
-    why = (
-        f"buffers of depths hide {100 * ratio:.2g} % of the surface in sight from some of the array"
-    )
+    why = f"depth buffers hide {100 * ratio:.2g} % of the visible surface from a part of the array"
     return QuickEstimate.of_level(scene, ratio, why)
 
 
 def shadow_diffraction(echoes: Echoes) -> Echoes:
-    """Waves bend around the outline of what hides, and creep around what is round of it, each
-    polarisation by itself. Left out: waves that bend twice or turn their polarisation, and angles
-    beyond some 40°; where a path bounces, its shadows stay sharp."""
+    """Add diffraction around outlines and creeping waves around round edges, for each polarisation.
+    Left out: double diffraction, change of polarisation, and angles beyond some 40°; shadows of
+    bounces stay sharp."""
     if echoes.surface is None:
         return echoes
     scene, body = echoes.scene, echoes.surface.body
-    facets = facing(scene, body)
+    facets = front_facets(scene, body)
     sight, some = sight_of(
         scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M
     )
@@ -113,15 +111,15 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
-    """The share of the surface that lies behind or beside an outline, as the corners of the array
-    see it. What stands around the target lies behind its outline, and hollow places are too small
-    to be told."""
+    """Estimate the effect by the share of the surface that is behind or next to an outline, seen
+    from the corners of the array; None (unknown) with a room, which is behind the target's outline,
+    and for small hollow places."""
     if scene.room:
         return None
     body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
     facets, edges = (
         every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)),
-        kept_edges(scene, body),
+        cached_edges(scene, body),
     )
     ratio = 0.0
     for leg in scene.array.legs:
@@ -129,7 +127,7 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
         for view_m in views_m:
             middle_m = outline(body, edges, view_m).beside_m
             outline_m = middle_m[:: 1 + len(middle_m) // OUTLINES]
-            near = beside_outlines(
+            near = near_outlines(
                 facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m
             )
             faced_m2 = facets.area_m2 * np.maximum(
@@ -139,13 +137,13 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
     if ratio == 0 and not convex(body):
         return None
     return QuickEstimate.of_level(
-        scene, ratio, f"{50 * ratio:.2g} % of the surface lies beside or behind outlines"
+        scene, ratio, f"{50 * ratio:.2g} % of the surface is next to or behind outlines"
     )
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Masks [p] of the facets that are seen from some and from all of the ends and middles of the
-    antennas' lines."""
+    """Masks [p] of the facets that are visible from some and from all of the ends and middles of
+    the antennas' lines."""
     views = [
         n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])
     ]
@@ -154,8 +152,8 @@ def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def skin(echoes: Echoes) -> Echoes:
-    """A half-space of skin under a horny layer, thin everywhere but on the palm: two surfaces,
-    whose echo is less than metal's and turns with frequency.
+    """Apply the reflection of skin, a half-space under a horny layer that is thick only on the
+    palm: weaker than metal's, with a phase that depends on frequency.
 
     At normal incidence. An image forms where transmitter, receiver and surface are specular; at 0.3
     m the angle of incidence is then 18° at most, between opposite corners of the array. Up to
@@ -174,7 +172,7 @@ def skin(echoes: Echoes) -> Echoes:
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Echo amplitudes over metal's [layers, f]: thin skin, then the palm's."""
+    """Echo amplitudes relative to metal's [layers, f]: thin skin, then the palm."""
     layers_m = skin_layers_m(body.material)
     return np.stack(
         [skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m]
@@ -182,23 +180,24 @@ def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:
-    """Layer of each facet [p] of these faces: 0 thin skin, 1 the palm's."""
+    """Layer of each facet [p] on these faces: 0 thin skin, 1 the palm."""
     return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
 
 
 def roughness(echoes: Echoes) -> Echoes:
-    """Relief displaces facets and weakens what they mirror."""
+    """Displace facets by the relief, and weaken them by its finer part."""
     if echoes.surface is None:
         return echoes
     waves = waves_of(echoes.scene.causes.roughness, generator(echoes.seed("roughness")))
-    facets = roughened(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
+    facets = displace_facets(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
     return replace(echoes, surface=replace(echoes.surface, facets=facets))
 
 
 def waves_of(
     rough: Roughness, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wave vectors [n, 3] in rad/m, amplitudes [n] in m and phases [n] of the relief."""
+    """Draw the waves of the relief: wave vectors [n, 3] in rad/m, amplitudes [n] in m and phases
+    [n]."""
     vectors = random.normal(0, np.sqrt(2) / rough.correlation_m, (WAVES, 3))
     along = np.array(rough.layers_along) / np.linalg.norm(rough.layers_along)
     vectors = np.concatenate([vectors, 2 * np.pi / rough.layer_pitch_m * along[None]])
@@ -209,15 +208,15 @@ def waves_of(
     return vectors[there], amplitude_m[there], random.uniform(0, 2 * np.pi, WAVES + 1)[there]
 
 
-def roughened(
+def displace_facets(
     facets: Facets,
     vectors: np.ndarray,
     amplitude_m: np.ndarray,
     phase_rad: np.ndarray,
     wavenumber: float,
 ) -> Facets:
-    """The facets displaced along their normals, their areas times what finer relief leaves of their
-    echo."""
+    """Displace facets along their normals by the relief; their areas are reduced by the coherent
+    loss of its finer part."""
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2

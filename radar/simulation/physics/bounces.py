@@ -1,5 +1,5 @@
-"""Kernels of echoes over several places: ray tubes that a surface mirrors onto another one, which
-radiates by physical optics, as does every further one onto which they are mirrored.
+"""Kernels of echoes with several bounces: ray tubes that one part of the surface reflects onto
+another, which radiates by physical optics.
 
 A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and lands at
 q on a footprint of the area A_q in the surface. Its energy keeps, so that the field on the
@@ -35,21 +35,21 @@ from handbench.radar.simulation.physics.vectors import (
 from handbench.support.compiled import FAST, njit
 
 LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
-# footprint over patch, at most: what is wider leaves a caustic or grazes, and D silences it
+# largest footprint relative to its patch: wider tubes leave a caustic or graze, and D suppresses
+# them
 WIDEST = 100.0
-FAINT = (
-    0.02  # of a footprint's phases left over, for the receiver that sees most of it: counts nothing
-)
-BEYOND = 8.0  # faces' widths over which normals go on as they change on a face
-STEEPEST = 1.4  # rise of the path along the surface (at most 2) beyond which a tube counts nothing
+# a tube whose D is smaller at all receivers is left out
+FAINT = 0.02
+BEYOND = 8.0  # widths of a face over which its normals are extrapolated
+STEEPEST = 1.4  # growth of the path along the surface (at most 2) above which a tube is left out
 
 
 class Tubes(NamedTuple):
-    """n tubes of b + 1 bounces: transmitter and patch (mirror) [n]; faces [n, b] onto which it is
-    mirrored one after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at
-    q; length_m [n] from p to q; root_m2 [n] √(A_p A_q), 0 for what is no tube; edge_m [n, 3, 3]:
-    from q to the footprint's corners; longer_m [n, 3]: by how much their rays are longer than the
-    middle's; caustics [n]: how many lie between p and q, 0 to 2 of each leg."""
+    """n tubes of b + 1 bounces. transmitter, patch (the first mirror) [n]; faces [n, b] hit one
+    after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at q; length_m
+    [n] from p to q; root_m2 [n]: √(A_p A_q), 0 for an invalid tube; edge_m [n, 3, 3]: from q to the
+    footprint's corners; longer_m [n, 3]: extra length of the corners' rays; caustics [n]: number
+    between p and q, 0 to 2 on each leg."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -64,8 +64,8 @@ class Tubes(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """m mirrors: corners_m and unit normals at them [m, 3, 3]; middle_m [m, 3] and the unit normal
-    there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
+    """m mirrors: corners_m and the unit normals there, normals [m, 3, 3]; middle_m [m, 3] and the
+    unit normal there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
 
     corners_m: np.ndarray
     normals: np.ndarray
@@ -76,9 +76,9 @@ class Patches(NamedTuple):
 
 @njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
-    """Fill in the first of ways [n, 6]: ahead_m before its middle, and the direction in which it
-    mirrors an antenna [3], for every chosen patch [n] that turns its front to both; which those
-    are, bool [n]."""
+    """Reflect rays from an antenna [3] at the chosen patches [n] that face both antenna and
+    reflected ray: returns their mask [n], and writes origins (ahead_m in front of their middles)
+    and directions to the first rows of ways [n, 6]."""
     front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
@@ -96,11 +96,10 @@ def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untype
 @njit(**FAST)
 def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
     """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as
-    patches). What lands on a back, or with a corner's ray that misses the surface's plane, gets
-    root_m2 = 0, and so does what lands so far from the direction in which it would be mirrored
-    towards the transmitter that the neighbours' echoes cancel its own. The share of waves that
-    creep around the mirror's edge, as `radar.simulation.physics.creeping` has them down to the
-    argument `lit` < 0, is taken out at a wavenumber above 0."""
+    patches). root_m2 is 0 for tubes that land on a back face, whose corner rays miss the surface's
+    plane, or that are so far from specular that their neighbours cancel them. With a wavenumber
+    above 0, the share of creeping waves (`radar.simulation.physics.creeping`, down to the argument
+    `lit` < 0) is removed from the mirror's."""
     corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     bounces = tubes.faces.shape[1]
     for n in range(len(tubes.faces)):
@@ -131,19 +130,19 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             normal = _interpolated(end, surface.corners_m[face], surface.normals[face], flat, 0.0)
             if dot(ray, normal) >= 0:
                 normal, _ = direction(flat)
-            alike = 0.0
+            agreement = 0.0
             for i in range(3):
                 before, way = vec(corners[i]), vec(rays[i])
                 falling = dot(way, normal)
                 missed |= falling >= 0
                 step = dot(minus(end, before), normal) / falling if falling < 0 else 0.0
                 edge, off = minus(ahead(before, step, way), end), minus(before, point)
-                alike += dot(ahead(off, -dot(off, ray), ray), edge)
+                agreement += dot(ahead(off, -dot(off, ray), ray), edge)
                 late[i] += step - reach
                 corners[i, 0], corners[i, 1], corners[i, 2] = ahead(end, 1.0, edge)
                 tubes.edge_m[n, i, 0], tubes.edge_m[n, i, 1], tubes.edge_m[n, i, 2] = edge
             was_m2, twice_m2 = twice_m2, _twice_m2(tubes.edge_m[n], normal)
-            crossed += 1 if (twice_m2 > 0) == (was_m2 > 0) else (2 if alike < 0 else 0)
+            crossed += 1 if (twice_m2 > 0) == (was_m2 > 0) else (2 if agreement < 0 else 0)
             tubes.length_m[n] += reach
             point = end
             for axis in range(3):
@@ -163,7 +162,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
 
 @njit(inline="always")
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """1 less the weight with which waves that creep have the ray that a convex patch mirrors."""
+    """One minus the weight of creeping waves in the ray that a convex patch reflects."""
     flat, normal, middle = (
         vec(patches.flat_m2[patch]),
         vec(patches.normal[patch]),
@@ -189,8 +188,8 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
 
 @njit(inline="always")
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
-    """Mirror the rays of a footprint's corners, by normals that go on beyond the face as they
-    change on it; whether all of them meet the front."""
+    """Reflect the rays of a footprint's corners, with normals extrapolated beyond the face; True if
+    all of them meet its front."""
     front = True
     for i in range(3):
         flat = vec(surface.flat_m2[face])
@@ -345,7 +344,7 @@ def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth,
 
 @njit(**FAST)
 def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
-    """Add a tube's waves at a tone."""
+    """Add a tube's waves at one tone."""
     real, imag = weight.real, weight.imag
     for r in range(len(re)):
         cosine, sine = cis_small(turns * path[r])

@@ -1,8 +1,8 @@
-"""Echoes of ray tubes, bundle by bundle.
+"""Echoes of ray tubes, computed per bundle.
 
-What starts in one small cell of the target and lands in another tells few tones and few antennas
-all there is to know: the rest of both is interpolated, as in `radar.imaging.tree`. Rays are only
-traced for those antennas. Bundles are added up at the tones that tell all of the target's.
+Tubes that start in one small cell of the target and land in another form a bundle. Its echo at few
+tones and few antennas determines all others, by interpolation as in `radar.imaging.tree`. Rays are
+traced for these antennas only, and bundles are summed at the few tones that represent the target.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import NamedTuple
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.ascent import ascend
-from handbench.radar.imaging.cpu.descent import complex_samples
+from handbench.radar.imaging.cpu.adjoint import to_parent
+from handbench.radar.imaging.cpu.forward import complex_samples
 from handbench.radar.imaging.cpu.steering import steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 from handbench.radar.simulation.physics.bounces import radiate
 from handbench.radar.simulation.physics.line_of_sight import nodes
 from handbench.radar.simulation.physics.polarisation import tube_factors
-from handbench.radar.simulation.physics.ray_tubes import Traced
+from handbench.radar.simulation.physics.ray_tubes import RayTrace
 from handbench.radar.simulation.physics.vectors import minus, norm, vec
 from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each
 
-TOLERANCE = 3e-3  # of the bounces' echoes: for the tones that stand for the others
-# Between the antennas that stand for the others: a cell's waves oscillate over 25 mm, 0.3 m away.
-# Those whose rays are traced have tubes of their own, whose borders jump; the others share tubes.
+TOLERANCE = 3e-3  # of the bounces' echoes, by the choice of tones
+# Distances between the few transmitters and receivers: a cell's waves vary over 25 mm, 0.3 m away.
+# Each transmitter has its own tubes, whose borders jump; receivers share tubes.
 NODES_M = 0.015, 0.0138
 CELL_M = 0.03  # edges of the cells
 PROBES = 300  # points of a cell to which the weights of antennas are fitted
@@ -38,14 +38,14 @@ EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
 def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the transmitters for which rays are traced, and of the receivers that stand for
-    all; apart: so many times as far from each other as usual."""
+    """Indices of the transmitters for which rays are traced, and of the receivers that represent
+    all; apart: factor on their distances."""
     return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
-    """n points in c cells: cell [n], the number of each one's; centre_m [c, 3]; some points_m of
-    each."""
+    """n points in c cells: cell [n], each point's cell; centre_m [c, 3]; points_m: some points of
+    each cell."""
 
     cell: np.ndarray
     centre_m: np.ndarray
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
 
     @classmethod
     def of(cls, points_m: np.ndarray) -> Cells:
-        """The cells, CELL_M wide, in which points [n, 3] lie."""
+        """Assign points [n, 3] to cells of width CELL_M."""
         corner = np.floor(points_m / CELL_M).astype(int)
         corner -= corner.min(axis=0, initial=0)
         key = np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0, initial=0) + 1))
@@ -64,9 +64,9 @@ class Cells(NamedTuple):
         return cls(index, centre_m, [points_m[one[:: 1 + len(one) // PROBES]] for one in members])
 
 
-class Ends(NamedTuple):
-    """One leg of the paths: distance_m [c, a] of each cell's centre to each antenna, weights
-    [nodes, a] by which the nodes stand for all antennas in each cell."""
+class LegWeights(NamedTuple):
+    """Interpolation of one leg: distance_m [c, a] from each cell's centre to each antenna; weights
+    [nodes, a] per cell, from the node antennas to all."""
 
     distance_m: np.ndarray
     weights: list[np.ndarray]
@@ -74,8 +74,8 @@ class Ends(NamedTuple):
     @classmethod
     def of(
         cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float
-    ) -> Ends:
-        """Those of antennas [a, 3] with nodes at the indices `at`."""
+    ) -> LegWeights:
+        """The weights for antennas [a, 3] with nodes at the indices `at`."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
         places = zip(cells.points_m, cells.centre_m, strict=True)
         weights = [
@@ -85,16 +85,16 @@ class Ends(NamedTuple):
         return cls(distance_m, weights)
 
 
-class FewTones(NamedTuple):
-    """Tones that stand for others: their indices [k] and the weights [k, f], none where they are
-    all."""
+class ToneSubset(NamedTuple):
+    """A few tones that represent all: their indices [k] and weights [k, f] (empty if all are
+    kept)."""
 
     chosen: np.ndarray
     weights: np.ndarray
 
     @classmethod
-    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> FewTones:
-        """Those of paths that differ by up to ±reach_m."""
+    def of(cls, turns_per_m: np.ndarray, reach_m: float) -> ToneSubset:
+        """The tones for paths that differ by up to ±reach_m."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
         wavenumber = 2 * np.pi * turns_per_m[:, None]
@@ -104,7 +104,7 @@ class FewTones(NamedTuple):
         return cls(chosen, np.ascontiguousarray(weights, np.float32))
 
     def at(self, chosen: np.ndarray) -> np.ndarray:
-        """The weights of some of the others [k, n]."""
+        """The weights [k, n] of some of all tones."""
         return (
             self.weights
             if self.weights.size == 0
@@ -122,7 +122,7 @@ class Bundles:
 
     def __init__(
         self,
-        traced: Traced,
+        traced: RayTrace,
         layer: np.ndarray,
         at: tuple[np.ndarray, np.ndarray],
         dipole: np.ndarray,
@@ -179,7 +179,7 @@ class Bundles:
             products = (products[:, None] * level).reshape(-1, len(frequencies_hz))
         turns_per_m, legs = frequencies_hz / SPEED_OF_LIGHT_M_S, (array.tx_m, array.rx_m)
         tx, rx = (
-            Ends.of(cells, leg, at, turns_per_m.max(), ridge)
+            LegWeights.of(cells, leg, at, turns_per_m.max(), ridge)
             for cells, leg, at, ridge in zip(self._cells, legs, self._at, RIDGES, strict=True)
         )
         first, last = self._places.T
@@ -187,17 +187,19 @@ class Bundles:
         middle_m = before_m.mean(axis=0), after_m.mean(axis=0)
         before_m, after_m = before_m - middle_m[0], after_m - middle_m[1]
         reach_m = np.abs(before_m).max(axis=1) + np.abs(after_m).max(axis=1) + self._reach_m
-        whole = FewTones.of(turns_per_m, float(reach_m.max()))
-        tones = {reach: FewTones.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
+        whole = ToneSubset.of(turns_per_m, float(reach_m.max()))
+        tones = {reach: ToneSubset.of(turns_per_m, reach) for reach in np.unique(self._reach_m)}
         parts = np.zeros((SUMS, len(whole.chosen), 2, *array.channels), np.float32)
-        alike = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
+        groups = [list(group) for _, group in groupby(range(len(self)), lambda n: last[n])]
         some_per_m, unmoved_m = (
             turns_per_m[whole.chosen],
             [np.zeros(len(at)) for at in (array.tx_m, self._at[1])],
         )
 
         def work(i: int) -> None:
-            for group in alike[i::SUMS]:  # that land in one cell share the step to all receivers
+            for group in groups[
+                i::SUMS
+            ]:  # bundles that land in one cell share the step to all receivers
                 landed = np.zeros(
                     (len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32
                 )
@@ -205,17 +207,17 @@ class Bundles:
                     own = tones[self._reach_m[n]]
                     few = self._few(n, turns_per_m, own.chosen, array, products, pattern, ratios)
                     mixed, weights = own.at(whole.chosen), tx.weights[first[n]]
-                    landed += ascend(
+                    landed += to_parent(
                         few, some_per_m, before_m[n], unmoved_m[1], mixed, weights, EVERY
                     )
                 weights = rx.weights[last[group[0]]]
-                parts[i] += ascend(
+                parts[i] += to_parent(
                     landed, some_per_m, unmoved_m[0], after_m[group[0]], EVERY, EVERY, weights
                 )
 
         for_each(work, range(SUMS))
         # Summed in order: no result depends on the threads.
-        samples = ascend(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
+        samples = to_parent(parts.sum(axis=0), turns_per_m, *middle_m, whole.weights, EVERY, EVERY)
         return -complex_samples(samples)
 
     def _few(
@@ -252,7 +254,7 @@ class Bundles:
 
 
 def _sorting(key: np.ndarray) -> np.ndarray:
-    """Indices [n] in the order of small keys [n], equal ones as they come."""
+    """Indices [n] that sort small keys [n], stable."""
     return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
 
 
@@ -284,8 +286,8 @@ def _weights(
     turns_per_m: float,
     ridge: float,
 ) -> np.ndarray:
-    """Weights [nodes, a] by which the antennas `at` stand for all in the waves of points [n, 3]
-    about a centre."""
+    """Weights [nodes, a] that interpolate the waves of points [n, 3] about a centre from the
+    antennas `at` to all."""
     if len(at) == len(antennas_m):
         return EVERY
     waves = steered_differences(

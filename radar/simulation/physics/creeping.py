@@ -1,4 +1,4 @@
-"""Waves that creep around the round edges of a body, beside those of a knife edge.
+"""Creeping waves around the round edges of a body, in addition to the diffraction of a knife edge.
 
 Behind an edge with a radius of curvature a along the ray, the field over that without the body is a
 knife edge's and
@@ -40,9 +40,9 @@ SHARP = np.cos(
 
 
 class Roundness(NamedTuple):
-    """A body's normals [n, 3] and derivatives [n, 3, 3] of normals at its vertices, and what its
-    surface does to the field of antennas' dipoles [3] at a wavenumber: coefficients [2, m, terms]
-    of p*, of fields along an edge first."""
+    """Curvature of a body: normals [n, 3] and their derivatives [n, 3, 3] at its vertices; and the
+    coefficients [2, m, terms] of p* at a wavenumber, for fields along an edge first, with the
+    antennas' dipole [3]."""
 
     normals: np.ndarray
     bends_per_m: np.ndarray
@@ -61,9 +61,8 @@ class Roundness(NamedTuple):
         bend_per_m = np.einsum("ei,evij,ej->e", towards, self.bends_per_m[ends], towards) / 2
         size = np.cbrt(self.wavenumber / 2 / np.maximum(bend_per_m, 1e-9)).clip(*RADII[[0, -1]])
         size[sharp | (bend_per_m <= 0) | (2 * RADII[0] ** 3 * bend_per_m > self.wavenumber)] = 0
-        edge = np.cross(
-            across, towards
-        )  # counter-clockwise around what hides, as the antenna sees it
+        # counter-clockwise around the body, as seen from the antenna
+        edge = np.cross(across, towards)
         field = unit(self.dipole - (towards @ self.dipole)[:, None] * towards)
         share = (field * edge).sum(axis=1)[:, None] ** 2
         place = np.interp(size, RADII, np.arange(len(RADII)))
@@ -83,8 +82,9 @@ class Roundness(NamedTuple):
 
 
 def roundness_of(scene: EchoScene, body: Body) -> Roundness:
-    """Found once per scene, at its middle frequency; skin's is that of thin skin."""
-    return scene.kept(("roundness", id(body)), lambda: _roundness(scene, body))
+    """The body's roundness at the scene's middle frequency, cached per scene; a body of skin has
+    thin skin."""
+    return scene.cached(("roundness", id(body)), lambda: _roundness(scene, body))
 
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:

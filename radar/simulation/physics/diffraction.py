@@ -1,5 +1,5 @@
-"""Diffraction at the outlines of a body: how much of an antenna's field reaches a point behind or
-beside it.
+"""Diffraction at the outlines of a body: the share of an antenna's field at points behind or next
+to it.
 
 Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
 screen's outline (Maggi, Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small
@@ -12,9 +12,9 @@ where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses t
 of ∫dφ by 2π: D is smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow:
 Fresnel's knife edge.
 
-An edge counts where the antenna sees it, and for what lies no farther than what the antenna sees
-right beside it: of two screens, one behind the other, only the outline of both together hides what
-is behind both.
+An edge contributes if the antenna sees it, and only to points no farther than the surface that the
+antenna sees right next to it: of two screens, one behind the other, only the common outline hides
+points behind both.
 """
 
 from __future__ import annotations
@@ -32,18 +32,17 @@ from handbench.support.rays import Rays
 
 FARTHEST = 20.0  # kδ beyond which an edge is left out
 WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles
-BESIDE_M = 2e-4  # from an edge to the ray that tells what is behind it
-THICK_M = 2e-3  # what lies less than this behind what is seen beside an edge still counts as that
+BESIDE_M = 2e-4  # distance from an edge to the ray that finds the surface behind it
+THICK_M = 2e-3  # points up to this far behind the surface next to an edge count as that surface
 T0, T1, T2, T3, T4 = map(
     np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
 )  # arctan(x)/2πx in x²
 
 
 class Edges(NamedTuple):
-    """Inner edges of a body: ends [e, 2] of vertices, in the order in which the first of both faces
-    [e, 2] has them; outwards [e, 3]: the mean of both faces' normals; sharp [e]: those whose faces
-    are so far from parallel that the mesh tells no radius; planes [m, 4]: every face's n·x > d in
-    front of it."""
+    """Inner edges of a body: ends [e, 2] (vertices, in the order of the first face); faces [e, 2];
+    outwards [e, 3]: mean of both faces' normals; sharp [e]: edges with a large angle between their
+    faces, which are knife edges; planes [m, 4]: (n, d) of every face, n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
@@ -53,11 +52,10 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Edges start_m [n, 3] + along_m [n, 3] between a face that an antenna sees from the front and
-    one that it sees from behind, counter-clockwise around what hides, as the antenna sees it;
-    beside_m [n, 3]: points right beside them, not hidden by their own faces; within_m [n]: how far
-    from the antenna what they count for may lie; creeping [n, 17]: what round edges add, as
-    `Roundness.of_edges` has it."""
+    """Outline of a body: edges start_m [n, 3] + along_m [n, 3] between a face turned towards the
+    antenna and one turned away, counter-clockwise as seen from the antenna; beside_m [n, 3]: points
+    just outside the edges; within_m [n]: largest distance from the antenna of points that an edge
+    affects; creeping [n, 17]: parameters of creeping waves, see `Roundness.of_edges`."""
 
     start_m: np.ndarray
     along_m: np.ndarray
@@ -66,7 +64,8 @@ class Outline(NamedTuple):
     creeping: np.ndarray
 
     def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
-        """Some of the edges, by mask [n], and how far away what all [n] count for may lie."""
+        """Some of the edges, by mask [n]; within_m: limits [n] of the distance to which edges
+        contribute."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
         return Outline(
             self.start_m[chosen],
@@ -77,7 +76,7 @@ class Outline(NamedTuple):
         )
 
 
-class Cells(NamedTuple):
+class PointCells(NamedTuple):
     """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts
     [cells + 1] of cells; centre_m [cells, 3], radius_m [cells]."""
 
@@ -89,7 +88,7 @@ class Cells(NamedTuple):
 
 
 def edges_of(body: Body) -> Edges:
-    """The edges of a body whose mesh is closed."""
+    """Find the inner edges of a body with a closed mesh."""
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
     low, high = np.sort(directed[order], axis=1).T
@@ -105,16 +104,16 @@ def edges_of(body: Body) -> Edges:
     return Edges(directed[one], faces, unit(outwards), sharp, planes)
 
 
-def kept_edges(scene: EchoScene, body: Body) -> Edges:
-    """A body's edges, found once per scene."""
-    return scene.kept(("edges", id(body)), lambda: edges_of(body))
+def cached_edges(scene: EchoScene, body: Body) -> Edges:
+    """A body's edges, cached per scene."""
+    return scene.cached(("edges", id(body)), lambda: edges_of(body))
 
 
 def outline(
     body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None
 ) -> Outline:
-    """The whole outline of a body towards an antenna, with what the body itself hides of it; a
-    knife's edge unless its roundness is given."""
+    """The whole outline of a body towards an antenna, hidden parts included; knife edges unless the
+    body's roundness is given."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -132,8 +131,8 @@ def outline(
     )
 
 
-def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """The part that the antenna sees, against what `rays` meet."""
+def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
+    """The part of an outline that the antenna sees among the obstacles of `rays`."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
     hit, _ = rays.first_hits(
@@ -142,8 +141,8 @@ def seen_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
     return whole.where(hit > distance_m - THICK_M, hit + THICK_M)
 
 
-def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
-    """Points [n, 3], asked together which edges they need, by cells of that width."""
+def cells_of(points_m: np.ndarray, cell_m: float) -> PointCells:
+    """Group points [n, 3] into cells of that width, whose points share a list of edges."""
     place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
@@ -152,21 +151,21 @@ def cells_of(points_m: np.ndarray, cell_m: float) -> Cells:
     centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
     off_m = sorted_m - np.repeat(centre_m, np.diff(starts), axis=0)
     radius_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=1), starts[:-1]))
-    return Cells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
+    return PointCells(order, np.ascontiguousarray(off_m.T), starts, centre_m, radius_m)
 
 
 def edge_waves(
     antenna_m: np.ndarray,
-    cells: Cells,
+    cells: PointCells,
     edges: Outline,
     wavenumbers: np.ndarray,
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """(1/2π) Σ ∫ e^{−jkδ} dφ, and what creeps around round edges, at the points for each wavenumber
-    [k]: complex64 [k, n], in the points' own order. Waves fade from half of kδ = farthest on, and
-    from half of the tangent `widest` of the angle by which they bend. Their amplitudes are those of
-    the middle wavenumber."""
+    """Compute the edges' waves (1/2π) Σ ∫ e^{−jkδ} dφ, with creeping waves, at the points for each
+    wavenumber [k]: complex64 [k, n], in the original order of the points. Waves fade out where kδ
+    exceeds farthest / 2 and the tangent of their bend widest / 2. Amplitudes are those of the
+    middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m, middle = (

@@ -19,8 +19,8 @@ FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 @dataclass(frozen=True)
 class Facets:
-    """position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated between the vertices),
-    face [p]: the face of the body's mesh that each is a part of."""
+    """Facets of a body: position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated
+    between the vertices), face [p]: the face of the mesh that each is a part of."""
 
     position_m: np.ndarray
     area_m2: np.ndarray
@@ -32,11 +32,11 @@ class Facets:
 
     @property
     def optics(self) -> Scatterers:
-        """As physical optics' scatterers."""
+        """The facets as scatterers of physical optics."""
         return Scatterers(self.position_m, self.area_m2, self.normal)
 
     def where(self, chosen: np.ndarray) -> Facets:
-        """Some of them, by mask or index."""
+        """Some of the facets, by mask or index."""
         return Facets(
             self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen]
         )
@@ -60,10 +60,10 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
     normals = vertex_normals(body)[body.faces[chosen]]
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)
     every = np.unique(splits) if len(splits) else [0]
-    return joined([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
+    return join_facets([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
 
 
-def joined(parts: Sequence[Facets]) -> Facets:
+def join_facets(parts: Sequence[Facets]) -> Facets:
     """All facets of the parts, one part after another."""
     return Facets(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
@@ -81,8 +81,7 @@ def volume_m3(body: Body) -> float:
 
 
 def convex(body: Body) -> bool:
-    """True of one body without hollow places: it fills its hull, and that of few of its vertices,
-    or is flat."""
+    """True for a convex body: it fills its convex hull, or is flat."""
     volume, vertices_m = volume_m3(body), body.vertices_m
     return all(
         volume >= FILLED * _hull_m3(some)
@@ -142,6 +141,6 @@ def quarters(corners: np.ndarray) -> np.ndarray:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] over their lengths; 0 stays 0."""
+    """Normalise vectors [..., 3]; 0 stays 0."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)

@@ -1,9 +1,9 @@
 """Line of sight between antennas and the facets of a body.
 
-Rays go to the vertices of the mesh, from few antennas first: where two antennas of a line agree,
-those between them do too. Then every face whose corners disagree, and every coarse face, is asked
-facet by facet. What is missed is narrower than a fine face, or so thin that its shadow on the array
-is narrower than the first antennas' distance.
+Rays are cast to the vertices of the mesh, first from few antennas: where two antennas of a line
+agree, those between them are assumed to agree. Faces whose corners disagree, and coarse faces, are
+then tested per facet. Missed are only obstacles narrower than a fine face, or so thin that their
+shadow on the array is narrower than the distance of the first antennas.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.compiled import njit
 from handbench.support.rays import Rays
 
-# between the first antennas: the shadow of what is 2 mm thin and a tenth of the range before the
+# distance of the first antennas: the shadow of an object 2 mm wide, a tenth of the range before the
 # skin
 STRIDE_M = 0.02
-COARSE = 16  # facets of a face above which its corners say too little
+COARSE = 16  # a face with more facets is tested per facet
 
 
 def rays_of(scene: EchoScene, body: Body) -> Rays:
-    """The body's rays, set up once per scene."""
-    return scene.kept(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
+    """The body's ray caster, cached per scene."""
+    return scene.cached(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """Mask [a, p] of the facets p that antenna a sees: the face turns its front to the antenna, and
-    nothing stands between them."""
+    """Mask [a, p] of the facets p that antenna a sees: the face is turned towards the antenna, and
+    nothing is in between."""
     faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
     used, corners = np.unique(body.faces[faces], return_inverse=True)
     clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
@@ -52,7 +52,7 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
 def points_in_sight(
     rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M
 ) -> np.ndarray:
-    """Mask [a, n] of the antennas and points between which nothing stands; stride_m: between the
+    """Mask [a, n] of the antennas and points with a clear line of sight; stride_m: distance of the
     first antennas."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
@@ -81,7 +81,7 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
     )
 
 
-def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+def evenly_spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends
     included, and how far along the line each antenna is [a]."""
     along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
@@ -92,7 +92,7 @@ def spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
     return np.concatenate(
-        [line[spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
+        [line[evenly_spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
     )
 
 

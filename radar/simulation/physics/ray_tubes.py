@@ -15,21 +15,21 @@ from handbench.radar.simulation.physics.line_of_sight import nodes, points_in_si
 from handbench.radar.simulation.scene import Body
 from handbench.support.rays import OWN_SURFACE_M, Rays
 
-# cosine between a face and its corner's normal below which the corner lies on an edge of the body
+# cosine between a face and its corner's normal below which the corner is on an edge of the body
 CREASE = 0.85
-# of the amplitudes of tubes of as many bounces as has most: fewer make up 0.5 % of the echoes of a
-# hand
+# least amplitude of tubes with b bounces relative to the strongest b; others make up 0.5 % of a
+# hand's echoes
 LEAST = 0.05
-COARSE = 2  # times as long are the patches that are tried first,
-TRIAL_M = 0.2  # with antennas so far apart, the ends of all lines among them
-BESIDE_M = 0.01  # width of the cells of which each has one
-STRIDE_M = 0.08  # between the antennas whose sight is asked first
+COARSE = 2  # patches that are tried first are longer by this factor,
+TRIAL_M = 0.2  # with antennas this far apart, including the ends of all lines
+BESIDE_M = 0.01  # trial antennas closer than this are merged
+STRIDE_M = 0.08  # distance of the antennas whose line of sight is tested first
 
 
 class Hits(NamedTuple):
-    """n rays of transmitters that a mirror throws back onto the body: transmitter and patch (the
-    mirror) [n], faces [n, b] that it meets one after another (−1 once it meets none), end_m [n, 3]
-    at the last and length_m [n] from the patch to there."""
+    """n rays from transmitters that a patch reflects back onto the body: transmitter and patch [n];
+    faces [n, b] met one after another (−1: none); end_m [n, 3] on the last face; length_m [n] from
+    the patch to there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -38,7 +38,7 @@ class Hits(NamedTuple):
     length_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Hits:
-        """Some of them, by mask or index."""
+        """Some of the hits, by mask or index."""
         return Hits(*(column[chosen] for column in self))
 
 
@@ -56,7 +56,7 @@ class Mirrors(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Traced:
+class RayTrace:
     """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen
     float32 [faces, r]: 1 where a receiver sees the face; wavenumber: above 0 where waves creep
     around edges."""
@@ -73,15 +73,15 @@ class Traced:
         hits = self.hits._replace(
             transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()]
         )
-        return landed(
+        return tubes_around(
             hits, self.mirrors.patches, self.mirrors.surface, self.array.tx_m, self.wavenumber
         )
 
 
-def landed(
+def tubes_around(
     hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
 ) -> Tubes:
-    """Tubes around hits [n], without what creeps at a wavenumber above 0."""
+    """Construct tubes around hits [n], without creeping waves if the wavenumber is above 0."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = (
@@ -95,12 +95,10 @@ def landed(
     return tubes
 
 
-def mirrored_on(
-    rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray
-) -> Hits:
-    """Those of the hits whose tubes meet the body once more where they are mirrored at their
-    end."""
-    tubes = landed(hits, patches, surface, tx_m)
+def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
+    """The hits of the next bounce: of those tubes that meet the body again after reflection at
+    their end."""
+    tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
     before = unit(points_m[:, -1] - points_m[:, -2])
@@ -132,7 +130,7 @@ def mirrors_of(
 
 def trace(
     rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
-) -> Traced:
+) -> RayTrace:
     """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the
     middles of coarse patches and of faces."""
     surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
@@ -142,22 +140,24 @@ def trace(
         hits = first_hits(rays, mirrors.patches, array.tx_m, n, np.flatnonzero(seen[mirrors.part]))
         found[0].append(hits)
         for b in range(1, bounces):
-            hits = mirrored_on(
+            hits = next_hits(
                 rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m
             )
             found[b].append(hits)
     faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
     seen[faces] = points_in_sight(rays, surface.middle_m[faces], array.rx_m, STRIDE_M).T
-    return Traced(_joined(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber)
+    return RayTrace(
+        _join_hits(found, np.asarray(seen.any(axis=1))), mirrors, seen, array, wavenumber
+    )
 
 
-def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
-    """All hits of lists by their number of bounces whose last face is heard, with as many columns
-    of faces."""
+def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
+    """Join lists of hits by number of bounces, if a receiver sees their last face (visible
+    [faces]), with equal numbers of columns of faces."""
     padded = []
     for b, some in enumerate(found):
-        for hits in (hits.where(heard[hits.faces[:, -1]]) for hits in some):
+        for hits in (hits.where(visible[hits.faces[:, -1]]) for hits in some):
             faces = np.full((len(hits.patch), len(found)), -1, np.int32)
             faces[:, : b + 1] = hits.faces
             padded.append(hits._replace(faces=faces))
@@ -165,8 +165,8 @@ def _joined(found: list[list[Hits]], heard: np.ndarray) -> Hits:
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
-    """Patches split into four until no edge is longer than longest_m, and the face that each is a
-    part of."""
+    """Split patches into four until no edge is longer than longest_m: the patches, and the face [m]
+    of each."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
     if (
         np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0)
@@ -221,13 +221,13 @@ def _lit(
     ]:
         hits = first_hits(rays, patches, antennas_m, antenna, everything)
         for b in range(1, bounces + 1):
-            root_m2 = landed(hits, patches, surface, antennas_m).root_m2
+            root_m2 = tubes_around(hits, patches, surface, antennas_m).root_m2
             some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
             count[some] = np.maximum(count[some], b)
             if b < bounces:
-                hits = mirrored_on(rays, hits, patches, surface, antennas_m)
-    heard = level_m2[1:] >= LEAST * level_m2.max()
-    return np.minimum(count, bounces if heard.all() else heard.argmin())
+                hits = next_hits(rays, hits, patches, surface, antennas_m)
+    strong = level_m2[1:] >= LEAST * level_m2.max()
+    return np.minimum(count, bounces if strong.all() else strong.argmin())
 
 
 def first_hits(

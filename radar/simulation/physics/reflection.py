@@ -95,7 +95,7 @@ def skin_layers_m(material: Material) -> tuple[float, float]:
 def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: float) -> np.ndarray:
     """−Γ [f] of skin under a horny layer of thickness horny_m (0: the half-space)."""
     below = skin_permittivity(frequencies_hz, material.wet)
-    return -layered(HORNY.permittivity(frequencies_hz), below, horny_m, frequencies_hz)
+    return -layer_reflection(HORNY.permittivity(frequencies_hz), below, horny_m, frequencies_hz)
 
 
 def dielectric_permittivity(material: Material) -> complex:
@@ -121,15 +121,15 @@ def interface(
     return np.stack([(u - v) / (u + v) for u, v in pairs])
 
 
-def layered(
+def layer_reflection(
     layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray
 ) -> np.ndarray:
     """Γ [f] from air at normal incidence of a layer on a half-space, permittivities [f], its phase
     that of the layer's surface."""
-    return oblique_layered(layer, below, thickness_m, frequencies_hz, 1.0)[0]
+    return oblique_layer_reflection(layer, below, thickness_m, frequencies_hz, 1.0)[0]
 
 
-def oblique_layered(
+def oblique_layer_reflection(
     layer: np.ndarray,
     below: np.ndarray,
     thickness_m: float,
@@ -147,9 +147,9 @@ def oblique_layered(
 
 
 def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Γ at count even steps of the cosine of incidence from 0 to 1, over that at normal incidence:
-    complex64 [layers, 2, count], the field across the plane of incidence first; layers of skin:
-    `skin_layers_m`. Of metal 1."""
+    """Reflection Γ relative to normal incidence, at `count` even steps of the cosine of incidence
+    from 0 to 1: complex64 [layers, 2, count], the field across the plane of incidence first; layers
+    of skin: `skin_layers_m`. 1 for metal."""
     if material.kind == "metal":
         return np.ones((1, 2, count), np.complex64)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
@@ -158,7 +158,7 @@ def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> 
         media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
         layers_m = skin_layers_m(material)
         gamma = np.stack(
-            [oblique_layered(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m]
+            [oblique_layer_reflection(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m]
         )
     else:
         gamma = interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]

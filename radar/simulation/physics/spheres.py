@@ -65,8 +65,8 @@ def sphere_echo(
     """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic
     angle.
 
-    delay_m: extra one-way path (foam). polarisation [3]: the antennas' electric field, both alike;
-    None: not known, the mean over its directions in the array's plane. Scale and phase are those of
+    delay_m: extra one-way path (foam). polarisation [3]: the electric field of all antennas; None:
+    unknown, the mean over its directions in the array's plane. Scale and phase are those of
     `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
     """
     directions = (
@@ -108,18 +108,18 @@ def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
-    """[2, t, r]: products of what the transmitter's and the receiver's field, `field` less its part
-    along the ray, have across the plane of scattering and in it."""
+    """Products [2, t, r] of the transmitter's and the receiver's field components across the plane
+    of scattering and in it; each field is `field` without its part along the ray."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 1e-9)
-    sent, heard = (field - (ray @ field)[:, None] * ray for ray in (to, back))
-    sent, heard = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, heard))
-    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", heard, normal)
+    sent, received = (field - (ray @ field)[:, None] * ray for ray in (to, back))
+    sent, received = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (sent, received))
+    across = np.einsum("tk,trk->tr", sent, normal) * np.einsum("rk,trk->tr", received, normal)
     in_plane_sent = np.einsum("tk,trk->tr", sent, np.cross(normal, to[:, None]))
-    in_plane_heard = np.einsum("rk,trk->tr", heard, np.cross(normal, -back[None]))
-    along = -in_plane_sent * in_plane_heard
+    in_plane_received = np.einsum("rk,trk->tr", received, np.cross(normal, -back[None]))
+    along = -in_plane_sent * in_plane_received
     monostatic = length[..., 0] <= 1e-9  # any plane will do: the two amplitudes are one
     return np.stack([np.where(monostatic, 1.0, across), np.where(monostatic, 0.0, along)])
 
@@ -193,10 +193,10 @@ def _index(ball: Ball) -> float:
 
 
 def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Front and back of a sphere of foam by geometrical optics, (2π/jk)·ρ/B·exp(−jk·path) in the
-    forward model's scale: ρ the reflection against metal's, B the ray matrix's element that says
-    how the echo spreads (negative behind a focus). Paraxial about each channel's specular points,
-    which lie on its bisector before and behind the centre.
+    """Simulate the echoes of a foam sphere's front and back by geometrical optics:
+    (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale, ρ the reflection relative to metal's, B
+    the element of the ray matrix for the spreading of the echo (negative behind a focus). Paraxial
+    about each channel's specular points, which lie on its bisector before and behind the centre.
 
     The steel ball hides the back from rays that pass through the foam's middle: channels whose
     chords to the back's specular point, a·sin β from the centre, run into the ball have no back
@@ -221,8 +221,8 @@ def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> n
 
 
 def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Straight path [t, r] over the point that lies `towards_m` from the centre along each
-    channel's bisector."""
+    """Straight path [t, r] over the point at `towards_m` from the centre on each channel's
+    bisector."""
     to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
     return sum(
         np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)

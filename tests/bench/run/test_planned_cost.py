@@ -14,7 +14,7 @@ from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.cli.main import main
 from handbench.groundtruth.options import BASE_BYTES, DEPTHS_S, FEATURES_S, PAIR_S
-from handbench.groundtruth.options import predicted as predicted_of_photographs
+from handbench.groundtruth.options import predict_effort as predicted_of_photographs
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.methods.registry import method

@@ -25,7 +25,7 @@ from PIL import Image
 
 from handbench.bench.evaluation.tables import declared_tables
 from handbench.calibration.transforms import umeyama
-from handbench.groundtruth.cameras.cameras import pycolmap, registered
+from handbench.groundtruth.cameras.cameras import pycolmap, registered_images
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
@@ -108,8 +108,8 @@ def centre_errors_m(
 ) -> np.ndarray:
     """Distance [n] of each registered camera's centre from the surveyed one, after one
     similarity."""
-    ours = np.array([image.projection_center() for image in registered(model)])
-    theirs = np.array([surveyed_m[image.name] for image in registered(model)])
+    ours = np.array([image.projection_center() for image in registered_images(model)])
+    theirs = np.array([surveyed_m[image.name] for image in registered_images(model)])
     matrix = umeyama(ours, theirs, with_scale=True)
     return np.asarray(np.linalg.norm(ours @ matrix[:3, :3].T + matrix[:3, 3] - theirs, axis=1))
 

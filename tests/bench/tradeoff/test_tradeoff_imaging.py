@@ -13,9 +13,9 @@ from handbench.bench.run.runner import run as run_benchmark
 from handbench.bench.tradeoff.run import run, setting_path
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, PlanarScan
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_points, image_volume, project_volume, watch
+from handbench.radar.imaging.api import count_imaging, image_points, image_volume, project_volume
 from handbench.support.errors import HandbenchError
 
 AXES = "x = AXIS, y = AXIS".replace("AXIS", "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }")
@@ -165,15 +165,15 @@ def random_capture(aperture: AntennaArray | PlanarScan) -> RadarCapture:
 def test_thinned_captures_are_those_of_the_antennas_that_are_left():
     random = np.random.default_rng(1)
     array = random_capture(AntennaArray(random.normal(size=(7, 3)), random.normal(size=(5, 3))))
-    third = thinned(array, 3)
+    third = thin_antennas(array, 3)
     assert third.aperture.channels == (3, 2)
     np.testing.assert_array_equal(third.aperture.tx_m, array.aperture.tx_m[[0, 3, 6]])
     np.testing.assert_array_equal(third.samples, array.samples[:, :, [0, 3, 6]][..., [0, 3]])
-    scan = thinned(random_capture(PlanarScan(random.normal(size=(5, 3)))), 2)
+    scan = thin_antennas(random_capture(PlanarScan(random.normal(size=(5, 3)))), 2)
     assert scan.aperture.channels == (3,)
-    assert thinned(array, 1) is array
+    assert thin_antennas(array, 1) is array
     with pytest.raises(HandbenchError, match="every_nth_antenna: is 0"):
-        thinned(array, 0)
+        thin_antennas(array, 0)
 
 
 def test_the_stopwatch_counts_terms_once_and_only_when_asked():
@@ -183,7 +183,7 @@ def test_the_stopwatch_counts_terms_once_and_only_when_asked():
     grid = VoxelGrid(axis, axis, np.array([0.3, 0.31]))
     known = samples, capture.frequencies_hz, capture.aperture
     image_volume(*known, grid, None)
-    with watch() as laps:
+    with count_imaging() as laps:
         image_points(*known, random.normal(size=(5, 3)) + [0, 0, 3], None)
         assert laps.terms == 5 * samples.size and laps.tones == 2 and laps.imaging_s > 0
         project_volume(*known, grid, None)  # which images a volume

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.calibration.array.array_file import ArrayCalibration, load_array, save_array
-from handbench.calibration.array.estimate import estimate_array, fitted, left_over
-from handbench.calibration.array.model import Antennas, Echoes, State, normal_equations
+from handbench.calibration.array.estimate import estimate_array, fit_state, unexplained_share
+from handbench.calibration.array.model import Antennas, State, TargetEchoes, normal_equations
 from handbench.calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
 from handbench.calibration.spheres.description import Target
 from handbench.calibration.transforms import perturbation_jacobian
@@ -349,7 +349,7 @@ def test_a_planar_scan_is_refused(target):
 # --------------------------------------------------------------------------------------------------
 
 
-def small_state(target: Target, centres_m: np.ndarray) -> tuple[State, Echoes]:
+def small_state(target: Target, centres_m: np.ndarray) -> tuple[State, TargetEchoes]:
     random = np.random.default_rng(10)
 
     def side(position_m: np.ndarray) -> Antennas:
@@ -364,10 +364,10 @@ def small_state(target: Target, centres_m: np.ndarray) -> tuple[State, Echoes]:
 
     balls = 0.1 * random.standard_normal(5) + 1j * random.standard_normal(5)
     state = State(side(NOMINAL.tx_m[::15]), side(NOMINAL.rx_m[::12]), centres_m, balls)
-    return state, Echoes(target, TONES_HZ[::6])
+    return state, TargetEchoes(target, TONES_HZ[::6])
 
 
-def recorded(state: State, echoes: Echoes) -> np.ndarray:
+def recorded(state: State, echoes: TargetEchoes) -> np.ndarray:
     return np.stack([terms.sum(axis=1) for terms in echoes.terms(state)])
 
 
@@ -394,7 +394,7 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
     averages the number of directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 %
     is three standard errors."""
     random, nees = np.random.default_rng(11), []
-    echoes = Echoes(target, TONES_HZ[::2])
+    echoes = TargetEchoes(target, TONES_HZ[::2])
     for _ in range(12):
         sides = [
             Antennas(
@@ -422,7 +422,7 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
             Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in sides
         ]
         start = State(*perfect, centres_m, np.zeros(5, np.complex128))
-        found, covariance = fitted(samples.astype(np.complex64), start, echoes)
+        found, covariance = fit_state(samples.astype(np.complex64), start, echoes)
         miss = [
             (f.unknowns - t.unknowns).ravel() for f, t in ((found.tx, true.tx), (found.rx, true.rx))
         ]
@@ -449,7 +449,7 @@ def test_a_fit_ends_where_it_began_when_nothing_is_to_learn(target, centres_m):
         centres_m,
         state.log_ball,
     )
-    found, _ = fitted(recorded(plain, echoes), plain, echoes)
+    found, _ = fit_state(recorded(plain, echoes), plain, echoes)
     assert np.abs(found.tx.log_gain - plain.tx.log_gain).max() < 1e-3
     assert np.abs(found.tx.offset_m).max() < 1e-6
 
@@ -534,7 +534,7 @@ def test_what_is_left_over_is_counted_about_the_balls_alone(target, centres_m, c
     plain = small_state(target, centres_m)[0]
     state = State(*(Antennas(s.nominal_m, 0 * s.log_gain, 0 * s.delay_m, 0 * s.offset_m) for s in (plain.tx, plain.rx)),
                   centres_m, np.zeros(5, np.complex128))  # fmt: skip
-    echoes = Echoes(target, TONES_HZ)
+    echoes = TargetEchoes(target, TONES_HZ)
     middle_m = centres_m.mean(axis=0)
     cell_m = C / (TONES_HZ[1] - TONES_HZ[0]) / len(TONES_HZ)
     tx_m, rx_m = (
@@ -544,5 +544,5 @@ def test_what_is_left_over_is_counted_about_the_balls_alone(target, centres_m, c
     known = recorded(state, echoes)
     unknown = 0.3 * rms(np.abs(known).ravel()) * np.exp(-1j * echoes.wavenumber * path_m)
     share = (np.abs(unknown) ** 2).sum() / (np.abs(known + unknown) ** 2).sum()
-    found = left_over(known + unknown, state, echoes)
+    found = unexplained_share(known + unknown, state, echoes)
     assert found == pytest.approx(share, rel=0.1) if counts else found < 0.02 * share

@@ -10,7 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.registration.register import HAND_M, combine, motion, require_rest, solve
+from handbench.calibration.registration.register import (
+    HAND_M,
+    combine,
+    motion,
+    require_no_motion,
+    solve,
+)
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import Transform, identity
@@ -177,7 +183,7 @@ def test_many_captures_of_a_rig_at_rest_raise_no_more_alarms(rng):
     refused = 0
     for _ in range(40):
         try:
-            require_rest(
+            require_no_motion(
                 [solve(captured(rng)) for _ in range(6)], [f"capture {i}" for i in range(6)]
             )
         except HandbenchError:

@@ -17,7 +17,7 @@ from handbench.calibration.spheres.radar_detection import (
     ball_path,
     find_balls,
     fit_echo,
-    separate,
+    separate_echoes,
 )
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
@@ -205,7 +205,7 @@ def test_the_covariance_of_a_peak_is_honest(rng):
         samples = (echo + noise(rng, echo.shape, 100 * np.mean(np.abs(echo) ** 2))).astype(
             np.complex64
         )
-        (peak,) = separate(
+        (peak,) = separate_echoes(
             samples, frequencies_hz, ARRAY, seed_m, EchoSearch(relaxations=0), radius_m
         )
         miss = ball_centre(peak.position_m, frequencies_hz, ARRAY, radius_m, 0.0) - true_m
@@ -224,7 +224,7 @@ def test_close_echoes_are_told_apart(rng):
     samples = (echo + noise(rng, echo.shape, np.mean(np.abs(echo) ** 2))).astype(np.complex64)
     seeds_m = balls_m - [0, 0, radius_m] + 5e-4
     alone_m, _ = fit_echo(samples, frequencies_hz, ARRAY, seeds_m[0], radius_m)
-    peaks = separate(samples, frequencies_hz, ARRAY, seeds_m, EchoSearch(), radius_m)
+    peaks = separate_echoes(samples, frequencies_hz, ARRAY, seeds_m, EchoSearch(), radius_m)
     found = [
         ball_centre(p, frequencies_hz, ARRAY, radius_m, 0.0)
         for p in (alone_m, *(p.position_m for p in peaks))

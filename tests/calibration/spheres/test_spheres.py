@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from handbench.calibration.spheres.description import Target
-from handbench.calibration.spheres.optical_detection import Cloud, _shared, find_spheres, fit_sphere
+from handbench.calibration.spheres.optical_detection import (
+    OrientedPoints,
+    _shared,
+    find_spheres,
+    fit_sphere,
+)
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import cap, pose
 
@@ -111,7 +116,7 @@ def test_the_covariance_is_honest(rng, patch_m, low, high):
                 1
             ].ravel()
             error = NOISE_M * rng.standard_normal(owner.max() + 1)[owner]
-        cloud = Cloud((0.025 + error)[:, None] * outward, outward, oriented=True)
+        cloud = OrientedPoints((0.025 + error)[:, None] * outward, outward, oriented=True)
         sphere = fit_sphere(cloud, np.array([1e-3, -1e-3, 1e-3]), 0.025, (0,))
         nees.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))
     assert low < np.mean(nees) < high
@@ -126,7 +131,7 @@ def test_a_radius_that_is_not_quite_as_described_is_allowed_for(rng, part):
     for _ in range(60):
         outward = cap(rng, 0.025, part, 0.6e6)
         made_m = 0.025 + 2e-4 * rng.standard_normal()
-        cloud = Cloud(
+        cloud = OrientedPoints(
             (made_m + 1e-4 * rng.standard_normal(len(outward)))[:, None] * outward,
             outward,
             oriented=True,

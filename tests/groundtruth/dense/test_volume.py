@@ -14,7 +14,7 @@ from handbench.groundtruth.dense.volume import (
     Volume,
     board_plane,
     in_common_field,
-    narrowed,
+    narrow_volume,
     off_plane,
     plane_through,
     volume,
@@ -80,11 +80,11 @@ def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
         [board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3]
     )
     cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=1e-3)
-    box_m = narrowed(found, cloud, PLANE, sparse).box()
+    box_m = narrow_volume(found, cloud, PLANE, sparse).box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
     assert (box_m >= found.box()[0]).all() and (box_m <= found.box()[1]).all()
     assert np.prod(np.ptp(box_m, axis=0)) < 0.4 * np.prod(np.ptp(found.box(), axis=0))
-    assert narrowed(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
+    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
 
 
 def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow():
@@ -99,8 +99,8 @@ def test_features_outside_the_volume_do_not_widen_what_coarse_depth_maps_narrow(
     )  # as high as the hand, in y as well
     with_more = solved(np.concatenate([on_hand, beside_m]))
     assert (
-        narrowed(found, cloud, PLANE, with_more)
-        == narrowed(found, cloud, PLANE, solved(on_hand))
+        narrow_volume(found, cloud, PLANE, with_more)
+        == narrow_volume(found, cloud, PLANE, solved(on_hand))
         != found
     )
 
@@ -113,7 +113,7 @@ def test_the_room_about_a_hand_does_not_depend_on_where_it_stands(aside_m):
         random.uniform(*HAND_M, (count, 3)) + aside_m for count in (20_000, 2000)
     )
     cloud = replace(cloud_of(cloud_m, np.zeros_like(cloud_m)), pixel_m=1e-3)
-    box_m = narrowed(
+    box_m = narrow_volume(
         Volume((-1, -1, -1, 1, 1, 1), "wide"), cloud, PLANE, solved(features_m)
     ).box() - np.array(aside_m)
     room_m = COARSE_ROOM * np.linalg.norm(np.ptp(HAND_M, axis=0)) + COARSE_ROOM_PX * 1e-3
@@ -190,7 +190,10 @@ def test_a_surface_that_runs_on_is_said(capsys):
     assert capsys.readouterr().err == ""
     cut = replace(fits, box_m=(-0.2, -0.2, -0.01, 0.05, 0.2, 0.2))
     warn_of_cuts(cut, cloud, PLANE)
-    assert "at its side x = 0.050, and may run on there; give --box" in capsys.readouterr().err
+    assert (
+        "at its side x = 0.050, and the surface may continue there; set a larger --box"
+        in capsys.readouterr().err
+    )
     warn_of_cuts(replace(cut, source="given"), cloud, PLANE)
     assert capsys.readouterr().err == ""
 
@@ -210,7 +213,7 @@ def test_what_narrows_a_volume_is_higher_than_the_board_s_roughness_and_six_pixe
         aside_m = np.tile([0.5, 0.0, height_m], (400, 1))
         points_m = np.concatenate([hand_m, aside_m])
         cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=pixel_m)
-        boxes.append(narrowed(wide, cloud, plane, solved(points_m)).box())
+        boxes.append(narrow_volume(wide, cloud, plane, solved(points_m)).box())
     assert boxes[0][1, 0] < 0.12 and boxes[1][1, 0] > 0.5
 
 
@@ -219,7 +222,7 @@ def test_thirty_points_tell_where_a_target_is(count, narrower):
     hand_m = np.random.default_rng(2).uniform(*HAND_M, (count, 3))
     wide = Volume((-1, -1, -1, 1, 1, 1), "wide")
     cloud = replace(cloud_of(hand_m, np.zeros_like(hand_m)), pixel_m=1e-3)
-    assert (narrowed(wide, cloud, PLANE, solved(hand_m)) != wide) == narrower
+    assert (narrow_volume(wide, cloud, PLANE, solved(hand_m)) != wide) == narrower
     assert (volume(None, None, solved(hand_m, "poses")).box() is not None) == narrower
     assert (
         off_plane(PLANE, hand_m, CENTRES_M)[1] == "the board, cameras and sparse points"

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.volume import plane_through
 from handbench.groundtruth.mesh.poisson import clean, surface
-from handbench.groundtruth.mesh.target import Target, keep_target, margin_m, off_board
+from handbench.groundtruth.mesh.target import TargetParts, keep_target, margin_m, remove_board
 from handbench.groundtruth.mesh_stage import TARGET
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
@@ -50,7 +50,7 @@ def together(*parts):
 def kept(cloud, components="target", plane=PLANE):
     """Vertices and record, as the mesh stage makes them."""
     plane = plane if components == "target" else None
-    cloud = cloud if plane is None else off_board(cloud, plane)
+    cloud = cloud if plane is None else remove_board(cloud, plane)
     return of_mesh(surface(cloud), components, plane, cloud.pixel_m)
 
 
@@ -137,9 +137,11 @@ def test_a_board_of_several_planes_has_none():
 
 
 def test_the_record_comes_back(tmp_path):
-    target = Target("all parts", 0.25, (0.7, 0.2), 3, 0.1)
+    target = TargetParts("all parts", 0.25, (0.7, 0.2), 3, 0.1)
     write_json(tmp_path / TARGET, vars(target))
-    assert replace(Target(**read_json(tmp_path / TARGET, "a target")), parts=(0.7, 0.2)) == target
+    assert (
+        replace(TargetParts(**read_json(tmp_path / TARGET, "a target")), parts=(0.7, 0.2)) == target
+    )
 
 
 def strips(counts, heights_m):
@@ -180,7 +182,7 @@ def test_a_hundred_points_rise_off_the_board(count, enough):
     points_m = np.stack([0 * heights_m, 0 * heights_m, heights_m], axis=1)
     cloud = replace(cloud_of(points_m, points_m), pixel_m=1e-3)
     if enough:
-        assert len(off_board(cloud, PLANE).points_m) == count + 12
+        assert len(remove_board(cloud, PLANE).points_m) == count + 12
     else:
         with pytest.raises(HandbenchError, match=r"nothing rises more than 12\.0 mm"):
-            off_board(cloud, PLANE)
+            remove_board(cloud, PLANE)

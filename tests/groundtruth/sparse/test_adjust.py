@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
 from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
@@ -145,7 +145,7 @@ def false_features(scene):
     """Add 30 crossings that two neighbours show and that are nowhere, all 3 px to the right in the
     second."""
     colmap = load_pycolmap()
-    images = {image.name: image for image in registered(scene.model)}
+    images = {image.name: image for image in registered_images(scene.model)}
     false_m = np.random.default_rng(5).uniform(-0.1, 0.1, (30, 3))
     for point in false_m:
         elements = []

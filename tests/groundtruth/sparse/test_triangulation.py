@@ -11,7 +11,7 @@ from handbench.groundtruth.cameras.camera_files import read_model
 from handbench.groundtruth.cameras.cameras import (
     load_cameras,
     load_pycolmap,
-    registered,
+    registered_images,
     save_cameras,
 )
 from handbench.groundtruth.options import SparseOptions
@@ -122,7 +122,7 @@ def test_a_model_without_points_is_completed(found, photos):
     completed = solved(photos, model=photos / "model", metric=True)
     assert completed.scale.source == "model" and completed.model.num_points3D() > 1000
     given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
-    for image in registered(completed.model):
+    for image in registered_images(completed.model):
         np.testing.assert_allclose(
             image.projection_center(), given[image.name].centre_m, atol=1e-12
         )
@@ -160,7 +160,7 @@ def test_all_photographs_of_a_temple_are_used(tmp_path):
     _, given = temple.photograph(tmp_path, SIDE)
     found = solved(tmp_path)
     assert [camera.params for camera in found.cameras()] == [camera.params for camera in given]
-    assert all(image.num_points3D > 200 for image in registered(found.model))
+    assert all(image.num_points3D > 200 for image in registered_images(found.model))
     assert found.model.compute_mean_reprojection_error() < 0.3
 
 

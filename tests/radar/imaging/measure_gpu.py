@@ -25,7 +25,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
-from handbench.radar.imaging.device import array_module, chosen
+from handbench.radar.imaging.device import array_module, current_device
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
@@ -114,7 +114,7 @@ def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Recor
 
 
 def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
-    if chosen() != "cuda":
+    if current_device() != "cuda":
         start = time.perf_counter()
         return work(), 1e3 * (time.perf_counter() - start)
     cuda = array_module().cuda

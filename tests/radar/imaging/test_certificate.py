@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.imaging.certificate import FACTOR, PICKS, Brightness, certified, picked
+from handbench.radar.imaging.certificate import FACTOR, PICKS, ImagePower, certified, draw_places
 from handbench.radar.imaging.cpu.exact import exact_sums
 from handbench.radar.imaging.cpu.steering import phasor
 from tests.radar.direct_sums import direct_sum
@@ -156,12 +156,12 @@ def test_weighted_picks_have_the_mean_of_all():
             np.roll(rows, shift),
             counts,
         )
-        at, weight = picked(Brightness(*moved), PICKS)
+        at, weight = draw_places(ImagePower(*moved), PICKS)
         found.append((np.roll(quantity, shift, 0)[at] * weight).mean())
         assert len(at[0]) == PICKS and np.roll(voxels, shift, 0)[at].all()
     assert np.mean(found) == pytest.approx(
         np.average(quantity, weights=voxels), rel=0.1
     )  # ± 3 % by its scatter
-    assert Brightness(*moved).mean_square() == pytest.approx(
+    assert ImagePower(*moved).mean_square() == pytest.approx(
         np.average(power, weights=voxels), rel=1e-5
     )

@@ -13,7 +13,13 @@ from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.imaging.device import SETTING, array_module, chosen, describe, use_device
+from handbench.radar.imaging.device import (
+    SETTING,
+    array_module,
+    current_device,
+    describe,
+    use_device,
+)
 from handbench.radar.imaging.gpu import executor, levels
 from handbench.radar.imaging.plan import TreePlan
 from handbench.radar.imaging.tree import Box, Family
@@ -168,22 +174,22 @@ def test_small_blocks_change_nothing(device, monkeypatch):
         assert relative_error(there, here) < AGREED
 
 
-def test_limbs_are_planned_when_points_first_touch_them(device):
+def test_cells_are_planned_when_points_first_touch_them(device):
     with use_device(device):
         box = Box(np.array([-0.04, -0.04, 0.25]), np.array([0.04, 0.04, 0.35]))
         plan = TreePlan(TONES_HZ, ARRAY, box, Family(1e-3, False))
-        engine = executor.Executor(plan)
+        engine = executor.GpuExecutor(plan)
         samples, points = noise((16, 32, 24)), np.array([[-0.03, -0.03, 0.26], [0.03, 0.03, 0.34]])
         first, second = plan.sort(points[:1]), plan.sort(points[1:])
         engine.place(first)
-        sent = engine.place(second).limbs
+        sent = engine.place(second).cells
         for row, where in enumerate(
             (first, second, plan.sort(points[:1]))
         ):  # the first stays valid
             reference = direct_sum(samples, TONES_HZ, ARRAY, points[row % 2][None])
             assert relative_error(engine.image(samples, where)[0], reference) < 1e-2
         assert (
-            engine.place(plan.sort(points)).limbs is sent
+            engine.place(plan.sort(points)).cells is sent
         )  # all were planned, so that nothing was sent again
 
 
@@ -211,11 +217,11 @@ def test_the_stand_in_is_as_strict_as_a_device():
 def test_the_choice_holds_until_the_block_ends(monkeypatch):
     monkeypatch.setenv(SETTING, "numpy")
     with use_device("cpu"):
-        assert chosen() == describe() == "cpu"
-    assert chosen() == "numpy"
+        assert current_device() == describe() == "cpu"
+    assert current_device() == "numpy"
     monkeypatch.delenv(SETTING)
     with use_device(None):
-        assert chosen() == "cpu"
+        assert current_device() == "cpu"
     assert SETTING not in os.environ
 
 
@@ -282,7 +288,7 @@ def test_unknown_devices_are_refused(monkeypatch):
     with pytest.raises(
         HandbenchError, match="HANDBENCH_DEVICE: is 'tpu'; expected cpu, cuda, numpy, or nothing"
     ):
-        chosen()
+        current_device()
     with pytest.raises(HandbenchError, match="'cpu' runs no array code"):
         array_module("cpu")
 

@@ -11,7 +11,7 @@ from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, points_executor, project_volume
 from handbench.radar.imaging.certificate import imaging_error
-from handbench.radar.imaging.cpu.executor import Executor
+from handbench.radar.imaging.cpu.executor import CpuExecutor
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.tree import Family
 from handbench.support.cost import require_time
@@ -212,14 +212,15 @@ def test_the_check_after_the_fact_finds_a_wrong_volume():
 
 def test_plans_are_kept_and_rebuilt_when_the_geometry_changes():
     points, family = np.array([[0.0, 0.0, 0.3], [0.1, 0.1, 0.31]]), Family(1e-3, apart=False)
-    kept = points_executor(PAPER_HZ, qar50(), points, family, Executor)
-    assert points_executor(PAPER_HZ, qar50(), points + 1e-4, family, Executor) is kept
+    kept = points_executor(PAPER_HZ, qar50(), points, family, CpuExecutor)
+    assert points_executor(PAPER_HZ, qar50(), points + 1e-4, family, CpuExecutor) is kept
     moved = AntennaArray(qar50().tx_m + [1e-6, 0, 0], qar50().rx_m)
-    assert points_executor(PAPER_HZ, moved, points, family, Executor) is not kept
-    assert points_executor(PAPER_HZ + 1.0, qar50(), points, family, Executor) is not kept
-    assert points_executor(PAPER_HZ, qar50(), points + 0.2, family, Executor) is not kept
+    assert points_executor(PAPER_HZ, moved, points, family, CpuExecutor) is not kept
+    assert points_executor(PAPER_HZ + 1.0, qar50(), points, family, CpuExecutor) is not kept
+    assert points_executor(PAPER_HZ, qar50(), points + 0.2, family, CpuExecutor) is not kept
     assert (
-        points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), Executor) is not kept
+        points_executor(PAPER_HZ, qar50(), points, Family(1e-4, apart=False), CpuExecutor)
+        is not kept
     )
 
 
@@ -231,10 +232,10 @@ def test_leaves_are_planned_as_points_touch_them_and_the_order_does_not_matter(s
     points_m = np.random.default_rng(seed).uniform(-size_m, size_m, (40, 3)) + [0, 0, 0.3]
     one, other = points_m[:1], points_m[1:]
     samples = noise((16, 94, 94))
-    plan = points_executor(FEW_HZ, qar50(), points_m, Family(1e-3, apart=False), Executor).plan
-    after, before = Executor(plan), Executor(plan)
+    plan = points_executor(FEW_HZ, qar50(), points_m, Family(1e-3, apart=False), CpuExecutor).plan
+    after, before = CpuExecutor(plan), CpuExecutor(plan)
     images = [after.image(samples, plan.sort(part)) for part in (one, other)]
-    assert sum(len(leaves) for _, leaves, _ in after._limbs.values()) == len(
+    assert sum(len(leaves) for _, leaves, _ in after._cells.values()) == len(
         np.flatnonzero(np.diff(plan.sort(points_m).starts))
     )
     for part, image in zip((other, one), images[::-1], strict=True):

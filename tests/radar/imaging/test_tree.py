@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import qar50
-from handbench.radar.imaging.cpu.ascent import ascend
-from handbench.radar.imaging.cpu.descent import descend, planes
+from handbench.radar.imaging.cpu.adjoint import to_parent
+from handbench.radar.imaging.cpu.forward import planes, to_child
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
-from handbench.radar.imaging.tree import Box, Family, branch, clusters, split, trunk
+from handbench.radar.imaging.tree import Box, Family, child_node, clusters, root_node, split
 from tests.radar.samples import noise
 from tests.strategies import examples
 
@@ -43,8 +43,10 @@ def test_a_band_skeleton_carries_every_wave_of_its_band(half_band, exponent, pla
 @given(seed=st.integers(0, 2**31), whole=st.booleans())
 def test_ascending_is_the_adjoint_of_descending(seed, whole):
     box = Box(np.array([0, 0, 0.25]), np.array([0.1, 0.1, 0.3]))
-    above = branch(trunk(TONES_HZ, qar50()), box, Family(1e-3, False))
-    node = branch(above, split(above.box, np.array([3, 3, 2]))[4], Family(1e-3, False, whole=whole))
+    above = child_node(root_node(TONES_HZ, qar50()), box, Family(1e-3, False))
+    node = child_node(
+        above, split(above.box, np.array([3, 3, 2]))[4], Family(1e-3, False, whole=whole)
+    )
     step = (above.turns_per_m, *node.shifts_m, node.tone_weights, *node.leg_weights)
     parent = planes(
         noise((len(above.turns_per_m), *(len(leg.length_m) for leg in above.legs)), seed)
@@ -52,7 +54,7 @@ def test_ascending_is_the_adjoint_of_descending(seed, whole):
     child = planes(
         noise((len(node.turns_per_m), *(len(leg.length_m) for leg in node.legs)), seed + 1)
     )
-    down, up = descend(parent, *step), ascend(child, *step)
+    down, up = to_child(parent, *step), to_parent(child, *step)
     left, right = np.vdot(down.astype(float), child), np.vdot(parent.astype(float), up)
     assert abs(left - right) < 1e-5 * np.linalg.norm(down) * np.linalg.norm(child)  # float32 sums
 
@@ -61,7 +63,7 @@ def test_small_boxes_need_few_tones_and_antennas():
     # What the paper's arithmetic promises for 22 mm: 7 to 10 tones and about 20 of 94 antennas a
     # leg at 1e-3.
     box = Box(np.array([0, 0, 0.28]), np.array([0.022, 0.022, 0.302]))
-    root = branch(trunk(TONES_HZ, qar50()), box, Family(1e-3, False))
+    root = child_node(root_node(TONES_HZ, qar50()), box, Family(1e-3, False))
     assert len(root.turns_per_m) <= 10
     assert all(len(leg.length_m) <= 25 for leg in root.legs)
 

@@ -50,5 +50,5 @@ def test_a_3fsk_map_passes_twenty_files_at_most(monkeypatch):
     config = fsk.configure(around((0.0, 0.0)), "test")
     with fresh_plans():
         passed = files_passed(lambda: fsk.run(capture, config, 0))
-    assert "radar/methods/fsk.py" in passed and "radar/imaging/cpu/descent.py" in passed
+    assert "radar/methods/fsk.py" in passed and "radar/imaging/cpu/forward.py" in passed
     assert len(passed) <= MOST, sorted(passed)

@@ -11,7 +11,7 @@ from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
-from handbench.radar.methods.projection import project, settled
+from handbench.radar.methods.projection import project, settle_peaks
 from handbench.radar.methods.projection_config import BroadbandConfig, NarrowbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
 
@@ -76,7 +76,7 @@ def test_peaks_settle_on_those_of_the_exact_volume(seed, depths, error):
     off = exact + random.uniform(-0.02, 0.02, exact.shape)
     floor_db = 20 * np.log10(0.5)
     before = replace(strongest_voxels(off.astype(np.complex64)), error=error)
-    found = settled(
+    found = settle_peaks(
         before, floor_db, lambda pixel, at: exact.reshape(depths, -1)[at, pixel], depths
     )
     expected = strongest_voxels(exact.astype(np.complex64))
@@ -92,5 +92,5 @@ def test_peaks_settle_on_those_of_the_exact_volume(seed, depths, error):
 def test_an_exact_volume_is_left_alone():
     """No image is asked for."""
     peaks = strongest_voxels(np.ones((2, 2, 2), np.complex64))
-    assert settled(peaks, -13.0, None) is peaks
+    assert settle_peaks(peaks, -13.0, None) is peaks
     assert isinstance(peaks, Peaks)

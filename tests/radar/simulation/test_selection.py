@@ -9,7 +9,7 @@ import pytest
 from handbench.radar.simulation import selection
 from handbench.radar.simulation.catalogue import EFFECTS, Effect
 from handbench.radar.simulation.causes import Causes
-from handbench.radar.simulation.effects.coarse import QuickEstimate
+from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
 from handbench.radar.simulation.known_effects import DECLARED, IDS
 from handbench.radar.simulation.scene import Material
 from handbench.support.errors import HandbenchError

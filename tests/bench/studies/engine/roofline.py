@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 
 from handbench.radar.imaging.api import GridImager
-from handbench.radar.imaging.cpu.descent import gather
-from handbench.radar.imaging.cpu.descent import planes as real_planes
 from handbench.radar.imaging.cpu.executor import _down
+from handbench.radar.imaging.cpu.forward import gather
+from handbench.radar.imaging.cpu.forward import planes as real_planes
 from handbench.radar.imaging.plan import GridPlan
 from handbench.radar.imaging.tree import Family, Node
 from handbench.support.cost import gemm
@@ -38,22 +38,22 @@ def roofline_rows(inputs: Inputs) -> list[Record]:
     nodes, images = imager.nodes(samples, inputs.grid.z_m)
     where, source, target = plan.sort(tree, nodes), *np.ones((2, COPIED), np.float32)
     with one_blas_thread():
-        root = _down(real_planes(samples), tree.trunk, tree.root)
-        limbs = [executor._limb(limb, where) for limb in tree.touched(where)]
-        below = [_down(root, tree.root, node) for node, _, _ in limbs]
+        root = _down(real_planes(samples), tree.root_node, tree.top_node)
+        cells = [executor._cell(cell, where) for cell in tree.touched(where)]
+        below = [_down(root, tree.top_node, node) for node, _, _ in cells]
 
         def leaves() -> None:
-            for part, (node, leaves, starts) in zip(below, limbs, strict=True):
+            for part, (node, leaves, starts) in zip(below, cells, strict=True):
                 place = tree.passes, tree.reference_m, where.points_m, starts
                 gather(part, node.turns_per_m, leaves, *place, 1)
 
-        def into_limbs() -> None:
-            for node, _, _ in limbs:
-                _down(root, tree.root, node)
+        def into_cells() -> None:
+            for node, _, _ in cells:
+                _down(root, tree.top_node, node)
 
         work = {
-            "limbs": (into_limbs, *_of_limbs(tree.root, [node for node, _, _ in limbs])),
-            "leaves": (leaves, *_of_leaves(limbs)),
+            "cells": (into_cells, *_of_cells(tree.top_node, [node for node, _, _ in cells])),
+            "leaves": (leaves, *_of_leaves(cells)),
             "resampling": (partial(imager.upsampler.project, nodes, images), *_of_resampling(plan)),
         }
         gemm_s, copy_s, *seconds = _in_turns(
@@ -110,14 +110,14 @@ def _descent(parent: tuple[int, ...], child: tuple[int, ...]) -> float:
     return 6.0 * k * a * b + 4.0 * fewer * (k * a * b + a * b * m + a * n * m)
 
 
-def _of_limbs(root: Node, limbs: list[Node]) -> tuple[float, float]:
-    flops = sum(_descent(_sizes(root), _sizes(limb)) for limb in limbs)
-    return flops, 8.0 * sum(np.prod(_sizes(root)) + np.prod(_sizes(limb)) for limb in limbs)
+def _of_cells(root: Node, cells: list[Node]) -> tuple[float, float]:
+    flops = sum(_descent(_sizes(root), _sizes(cell)) for cell in cells)
+    return flops, 8.0 * sum(np.prod(_sizes(root)) + np.prod(_sizes(cell)) for cell in cells)
 
 
-def _of_leaves(limbs: list) -> tuple[float, float]:
+def _of_leaves(cells: list) -> tuple[float, float]:
     flops = size = 0.0
-    for node, leaves, starts in limbs:
+    for node, leaves, starts in cells:
         for (k, a, b), points in zip(leaves.sizes[:, :3], np.diff(starts), strict=True):
             flops += _descent(_sizes(node), (k, a, b)) + k * points * (
                 8 * (a * b + a) + PHASE * (a + b)

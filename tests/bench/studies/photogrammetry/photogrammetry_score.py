@@ -11,7 +11,7 @@ from handbench.bench.tradeoff.groundtruth import radar_side
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
-from handbench.groundtruth.pipeline import Result
+from handbench.groundtruth.pipeline import ReconstructedMesh
 from tests.bench.studies.columns import Record
 
 COMPLETE_M = 1e-3
@@ -19,7 +19,7 @@ WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # st
 SCALED = 500  # points that the scale is told from
 
 
-def score(result: Result, scene: Scene) -> Record:
+def score(result: ReconstructedMesh, scene: Scene) -> Record:
     """The result, whose frame is the photographs', against its scene: distances of the mesh's
     observed vertices to the true surface; and the shares of them whose distance is inside so many
     of their own standard deviations."""

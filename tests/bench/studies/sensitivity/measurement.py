@@ -25,7 +25,7 @@ from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
 from handbench.groundtruth.mesh.depth import depth_on_grid
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.fsk import masked_mean
 from handbench.radar.methods.fsk_config import ThreeToneConfig
@@ -181,7 +181,7 @@ class Measurement:
             configured(self.entries[family], case, self.factors_file),
         )
         chosen, (samples, tones_hz) = method(entry.id), capture.tones(tones_of(config), frame)
-        alone = thinned(
+        alone = thin_antennas(
             RadarCapture(samples[None], tones_hz, capture.aperture), entry.every_nth_antenna
         )
         depth = self._imaged(chosen, config, alone, case)

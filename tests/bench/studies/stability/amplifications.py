@@ -16,8 +16,8 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import pool, precision
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import default_target
-from handbench.calibration.spheres.optical_detection import Cloud, fit_sphere
-from handbench.calibration.spheres.radar_detection import Ball
+from handbench.calibration.spheres.optical_detection import OrientedPoints, fit_sphere
+from handbench.calibration.spheres.radar_detection import DetectedBall
 from handbench.calibration.transforms import condition_number, umeyama
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.mesh.depth import depth_on_grid
@@ -107,7 +107,11 @@ def _cap_fit(
     normals, error = outward(height, azimuth), along(height)
     points_m = (RADIUS_M + size_m * error / np.sqrt(np.mean(error**2)))[:, None] * normals
     found = fit_sphere(
-        Cloud(points_m, normals, oriented=True), np.zeros(3), RADIUS_M, (0,), radius_sigma_m=1.0
+        OrientedPoints(points_m, normals, oriented=True),
+        np.zeros(3),
+        RADIUS_M,
+        (0,),
+        radius_sigma_m=1.0,
     )
     assert found is not None
     return float(np.linalg.norm(found.centre_m)) / size_m, abs(found.radius_m - RADIUS_M) / size_m
@@ -140,7 +144,7 @@ def _ball() -> tuple[float, float]:
         taken = RadarCapture(
             (samples * late[:, None, None])[None].astype(np.complex64), tones_hz, ARRAY
         )
-        return fit_balls(taken, target, {0: Ball(PLACE_M, np.eye(3), (0,), PLACE_M, 0.0)})[
+        return fit_balls(taken, target, {0: DetectedBall(PLACE_M, np.eye(3), (0,), PLACE_M, 0.0)})[
             0
         ].centre_m
 

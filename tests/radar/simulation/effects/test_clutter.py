@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects import further
+from handbench.radar.simulation.effects import clutter as clutter_effect
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.rays import Rays
@@ -30,7 +30,7 @@ def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0, step_m=5e-3):
 def clutter(scene, **options):
     """The samples [f, t, r] that the effect adds."""
     before = bare_echoes(scene, **options)
-    return further.clutter(before).samples[0] - before.samples[0]
+    return clutter_effect.clutter(before).samples[0] - before.samples[0]
 
 
 def test_a_wide_plate_mirrors():
@@ -88,7 +88,7 @@ def test_the_room_stays_when_the_target_moves():
 def test_the_estimate_is_what_the_room_changes(level_db):
     scene = bead_scene(room=(plate(reflectivity_db=level_db),))
     cast = Rays.cast
-    assert further.estimate_clutter(scene).worst_mm > 0.1
+    assert clutter_effect.estimate_clutter(scene).worst_mm > 0.1
     assert Rays.cast == cast
     changes, level_db = estimated(scene, "obliquity", "clutter", without="clutter")
     change, expected_db = simulated_change(scene, "obliquity", "clutter", without="clutter")
@@ -107,7 +107,7 @@ def test_the_estimate_takes_the_nearest_body_for_a_mirror():
     near, far = (plate(z_m=z_m, reflectivity_db=-70.0) for z_m in (0.4, 0.8))
     ball = sphere_body(0.02, (0.0, 0.0, 0.3))
     one, half, both = (
-        further.estimate_clutter(replace(bead_scene(), target=ball, room=room)).worst_mm
+        clutter_effect.estimate_clutter(replace(bead_scene(), target=ball, room=room)).worst_mm
         for room in ((near,), (far,), (far, near))
     )
     assert one == pytest.approx(2 * half, rel=1e-9) and both == pytest.approx(one, rel=1e-9)

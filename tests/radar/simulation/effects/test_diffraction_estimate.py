@@ -9,7 +9,7 @@ import pytest
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.ablation import Ablation, worst_mm
 from handbench.radar.simulation.catalogue import CONTAINED
-from handbench.radar.simulation.effects.coarse import CLEAR
+from handbench.radar.simulation.effects.quick_estimate import CLEAR
 from handbench.radar.simulation.effects.target_surface import estimate_shadow_diffraction
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
@@ -67,4 +67,4 @@ def test_what_is_contained_is_looked_at_where_its_container_is_left_out():
     """Sharp shadows of each antenna take time, too: none are needed on a plate."""
     rows = {row.effect: row for row in choose(scene(SHEET), "auto", TOLERANCE_MM)}
     assert not rows["shadow_antennas"].on
-    assert "buffers of depths" in rows["shadow_antennas"].why
+    assert "depth buffers" in rows["shadow_antennas"].why

@@ -11,7 +11,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.ablation import Ablation
 from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS
-from handbench.radar.simulation.effects.further import _seen_behind
+from handbench.radar.simulation.effects.clutter import _seen_behind
 from handbench.radar.simulation.effects.target_surface import (
     obliquity,
     shadow_antennas,

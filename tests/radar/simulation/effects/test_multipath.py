@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects import further
-from handbench.radar.simulation.effects.further import estimate_multipath, multipath
+from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import echoes_of_moving
+from handbench.radar.simulation.effects.multipath import estimate_multipath, multipath
 from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
 from handbench.radar.simulation.physics.ray_tubes import (
     Hits,
-    landed,
-    mirrored_on,
     mirrors_of,
+    next_hits,
     patches_of,
     trace,
+    tubes_around,
 )
 from handbench.radar.simulation.physics.reflection import oblique_ratios
 from handbench.radar.simulation.scene import Body, EchoScene, Material
@@ -141,7 +141,7 @@ def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
 def forth(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     """The corner's echoes by rays from the transmitters alone."""
     rays, at = Rays(CORNER.vertices_m, CORNER.faces), traced_nodes(array)
-    mirrors = mirrors_of(rays, CORNER, array.tx_m, further.PATCH * WAVELENGTH_M)
+    mirrors = mirrors_of(rays, CORNER, array.tx_m, multipath_effect.PATCH * WAVELENGTH_M)
     traced = trace(rays, mirrors, AntennaArray(array.tx_m[at[0]], array.rx_m[at[1]]), 1, 0.0)
     bundles = Bundles(traced, np.zeros(len(CORNER.faces), int), at, np.eye(3)[1])
     return bundles.echo(frequencies_hz, array, None, 0.0, oblique_ratios(Material(), TONE_HZ[0]))
@@ -175,7 +175,7 @@ def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
             )
             zero = np.zeros(1, int)
             hits = Hits(zero, zero, zero[:, None], np.zeros((1, 3)), np.zeros(1))
-            tubes = landed(hits, mirror, wall, np.array([[0.0, 0, -500]]))
+            tubes = tubes_around(hits, mirror, wall, np.array([[0.0, 0, -500]]))
             assert tubes.caustics[0] == count
 
 
@@ -194,11 +194,11 @@ def test_transmitters_and_receivers_can_be_swapped():
 
 def test_finer_patches_change_little(monkeypatch):
     monkeypatch.setattr(
-        further, "BOUNCES", 2
+        multipath_effect, "BOUNCES", 2
     )  # what is mirrored on over several places has not converged
     echoes = {}
     for patch in (0.5, 0.25, 0.125, 0.0625):
-        monkeypatch.setattr(further, "PATCH", patch)
+        monkeypatch.setattr(multipath_effect, "PATCH", patch)
         echoes[patch] = twice(FINGERS, TONE_HZ, AntennaArray(SPARSE.tx_m[::4], SPARSE.rx_m[::2]))
     errors = [relative_error(echoes[patch], echoes[0.0625]) for patch in (0.5, 0.25, 0.125)]
     # Of the first order, by what lies on the border of what is lit twice; 0.15 on a hand with
@@ -309,7 +309,7 @@ def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
     )
     expected = 12 * np.pi * 0.03**4 / WAVELENGTH_M**2
     assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
-    monkeypatch.setattr(further, "BOUNCES", 2)
+    monkeypatch.setattr(multipath_effect, "BOUNCES", 2)
     assert cross_section_m2(body) < 1e-3 * expected
 
 
@@ -325,12 +325,12 @@ def test_tubes_that_land_nowhere_are_not_followed(monkeypatch):
         return made
 
     rays = Rays(FINGERS.vertices_m, FINGERS.faces)
-    mirrors = mirrors_of(rays, FINGERS, SPARSE.tx_m, further.PATCH * WAVELENGTH_M)
+    mirrors = mirrors_of(rays, FINGERS, SPARSE.tx_m, multipath_effect.PATCH * WAVELENGTH_M)
     hits = trace(rays, mirrors, SPARSE, 1, 0.0).hits
     turned = np.random.default_rng(0).integers(
         len(FINGERS.faces), size=hits.faces.shape
     )  # half of them look away
     hits = hits._replace(faces=turned.astype(np.int32))
     monkeypatch.setattr(np, "empty", poisoned)
-    found = mirrored_on(rays, hits, mirrors.patches, mirrors.surface, SPARSE.tx_m)
+    found = next_hits(rays, hits, mirrors.patches, mirrors.surface, SPARSE.tx_m)
     assert np.isfinite(found.end_m).all() and len(found.patch) < len(hits.patch)

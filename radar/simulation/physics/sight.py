@@ -1,8 +1,8 @@
-"""The share of each antenna's field that reaches a surface past outlines: `Sight`.
+"""`Sight`: the share of each antenna's field that reaches a surface past the outlines of a body.
 
-The field beside an outline is smooth from point to point, from antenna to antenna and in frequency.
-It is computed at samples of the surface, for few antennas of each line and three tones, and
-interpolated; there is no ray per facet.
+The field near an outline is smooth over points, antennas and frequency. It is computed at samples
+of the surface, for few antennas of each line and three tones, and interpolated; no ray per facet is
+needed.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.ascent import Sight
+from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.simulation.physics.creeping import roundness_of
 from handbench.radar.simulation.physics.diffraction import (
     FARTHEST,
+    cached_edges,
     cells_of,
     edge_waves,
-    kept_edges,
     outline,
-    seen_outline,
+    visible_outline,
 )
 from handbench.radar.simulation.physics.facets import Facets, quarters
-from handbench.radar.simulation.physics.line_of_sight import lines, spaced
+from handbench.radar.simulation.physics.line_of_sight import evenly_spaced, lines
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.parallel import for_each
 from handbench.support.rays import Rays
@@ -32,13 +32,13 @@ from handbench.support.rays import Rays
 NODES_M = 0.02  # between the antennas of a line for which the field is computed
 SAMPLES_M = 2e-3  # longest edges of the triangles at whose corners it is
 CELL = 6.0  # width of the cells of samples over that
-FULL = 0.05  # difference from full sight, or from none, that does not count
+FULL = 0.05  # smaller differences from full sight, or from none, are ignored
 IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
 
 
 class Samples(NamedTuple):
-    """points_m [s, 3]; corner [3, p]: three around each facet, and the share [3, p] of each; about
-    apart_m apart."""
+    """Samples of a surface: points_m [s, 3], about apart_m apart; corner [3, p]: the three samples
+    around each facet, with barycentric shares [3, p]."""
 
     points_m: np.ndarray
     corner: np.ndarray
@@ -54,12 +54,12 @@ def sight_of(
     array: AntennaArray,
     apart_m: float,
 ) -> tuple[Sight, np.ndarray]:
-    """The sight of facets behind a body, among all that rays meet, by that of antennas up to
-    apart_m apart; and the mask [p] of the facets of which some transmitter and some receiver see
-    anything."""
+    """Compute the sight of facets behind a body (`hiding`; `rays` has all obstacles), for antennas
+    up to apart_m apart, and the mask [p] of the facets that some transmitter and some receiver
+    see."""
     points_m, corner, share, _ = samples
     turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
-    edges, roundness = kept_edges(scene, hiding), roundness_of(scene, hiding)
+    edges, roundness = cached_edges(scene, hiding), roundness_of(scene, hiding)
     cells = cells_of(points_m, CELL * samples.apart_m)
     middle, half = (turns.max() + turns.min()) / 2, np.ptp(turns) / 2 + 1e-6 * turns.max()
     wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
@@ -73,7 +73,7 @@ def sight_of(
 
         def work(node: tuple[np.ndarray, np.ndarray]) -> None:
             factors, antenna_m = node
-            part = seen_outline(outline(hiding, edges, antenna_m, roundness), rays, antenna_m)
+            part = visible_outline(outline(hiding, edges, antenna_m, roundness), rays, antenna_m)
             visible = rays.in_sight(points_m, antenna_m)
             low, middle, high = edge_waves(antenna_m, cells, part, wavenumbers)
             factors[:] = visible + middle, (high - low) / 2, (high + low) / 2 - middle
@@ -94,18 +94,18 @@ def sight_of(
 
 
 def _far(table: np.ndarray) -> np.ndarray:
-    """Mask [s] of what differs from 0 anywhere in a table [s, 3, nodes]."""
+    """Mask [s] of the rows of a table [s, 3, nodes] that differ from 0 by more than FULL."""
     parts = table.view(np.float32).reshape(len(table), -1)
     return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] by
-    which all follow."""
+    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] that
+    interpolate to all."""
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
-        at, along_m = spaced(antennas_m[line], apart_m)
+        at, along_m = evenly_spaced(antennas_m[line], apart_m)
         weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
         spread[line, len(chosen) : len(chosen) + len(at)] = weights
         chosen += line[at].tolist()
@@ -113,8 +113,8 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
 
 
 def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
-    """Corners of the faces, each split in four until its edges are short; a facet's barycentric
-    coordinates lead it to its part."""
+    """Sample the surface at the corners of its faces, split in four until their edges are at most
+    samples_m; each facet is assigned to its part by barycentric coordinates."""
     around = body.faces[facets.face]
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)

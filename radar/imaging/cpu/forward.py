@@ -1,10 +1,10 @@
-"""Down the tree: samples → the images of a limb's points.
+"""Forward pass of the tree: samples → images of a cell's points.
 
-Samples are float32 planes [tone, re/im, transmitter, receiver], so that all products are real
-matrix products (faster than complex ones here). Descending multiplies by the parent-to-child phases
-and by the real skeleton weights. In a leaf ΔR is formed in float64 against a reference point near
-the aperture; what is left of it differs little from antenna to antenna, so that its phase can be
-formed in float32. The leaves of a limb are packed: one call images a whole limb.
+Samples are float32 planes [tone, re/im, transmitter, receiver], because products of real matrices
+are faster here than complex ones. Each step from parent to child multiplies by phases and by the
+real skeleton weights. A leaf computes ΔR in float64 against a reference point near the aperture;
+the remainder differs little between antennas, so float32 is enough for its phase. The leaves of a
+cell are packed into arrays: one call images a whole cell.
 """
 
 from typing import NamedTuple
@@ -15,17 +15,17 @@ from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node
 from handbench.support.compiled import FAST, njit
 
-# points per matrix product, fewer where that would push the factors out of the second-level cache:
+# points per matrix product; fewer where the factors would exceed the second-level cache
 BLOCK = 320
 SECOND_LEVEL = 65536  # antennas × points
-# points that compiled loops take at once: of 54 points left over, each costs twice one of 256
+# points are padded to multiples of this, for vector code
 VECTOR = 32
 
 
 class Leaves(NamedTuple):
-    """The leaves of a node, packed: sizes [n, 8] (tones and antennas of either leg; whether weights
-    of each are given; where the leaf begins in single and in double), zeros of those that are not
-    planned; their arrays one after another.
+    """The leaves of a cell, packed: sizes [n, 8] (tones, antennas of both legs; three flags for
+    given weights; offsets in `single` and `double`), zeros for leaves that are not planned; single,
+    double: their arrays, concatenated.
     """
 
     sizes: np.ndarray
@@ -34,18 +34,19 @@ class Leaves(NamedTuple):
 
 
 def planes(samples: np.ndarray) -> np.ndarray:
-    """Complex samples [k, t, r] (or a scan's [k, n]) → float32 [k, 2, t, r or 1]."""
+    """Convert complex samples [k, t, r] (or a scan's [k, n]) to float32 planes [k, 2, t, r or
+    1]."""
     apart = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
     return apart[..., None] if apart.ndim == 3 else apart
 
 
 def complex_samples(apart: np.ndarray) -> np.ndarray:
-    """Planes [k, 2, t, r] → complex64 [k, t, r]."""
+    """Convert planes [k, 2, t, r] to complex64 [k, t, r]."""
     return apart[:, 0] + np.complex64(1j) * apart[:, 1]
 
 
 def pack(leaves: dict[int, Node], count: int) -> Leaves:
-    """Some of a limb's `count` leaves, by number, for the kernels."""
+    """Pack some of a cell's `count` leaves, by number, for the kernels."""
     single, double = [], []
     sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
     for number, leaf in leaves.items():
@@ -65,13 +66,13 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
 
 @njit(**FAST)
 def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
-    """Images [count, n], of each of the k tones or of their sum, from a node's samples [k, 2, a, b]
-    at its part of all points_m [3, …], sorted by leaves: leaf i holds starts[i]:starts[i + 1]."""
+    """Image a cell's points from its samples [k, 2, a, b]: [count, n], one image per tone or their
+    sum. points_m [3, …]: all points, sorted by leaf; leaf i has starts[i]:starts[i + 1]."""
     images = np.empty((count, starts[-1] - starts[0]), np.complex64)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            below = descend(samples, turns_per_m, *shifts, *weights)
+            below = to_child(samples, turns_per_m, *shifts, *weights)
             here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
             evaluate(
                 below,
@@ -86,9 +87,9 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
 
 
 @njit(**FAST)
-def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
-    """Samples [k, 2, a, b] of a parent → those of its child. Empty weights leave their axis as it
-    is."""
+def to_child(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+    """Convert a parent's samples [k, 2, a, b] to its child's. Empty weights leave their axis
+    unchanged."""
     return apply(
         weights_a,
         weights_b,
@@ -98,7 +99,7 @@ def descend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, wei
 
 @njit(**FAST)
 def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
-    """samples · exp(±j2πf(shift_a + shift_b)/c)."""
+    """Multiply samples by exp(±j2πf(shift_a + shift_b)/c)."""
     out = np.empty_like(samples)
     tones, _, n_a, n_b = samples.shape
     b_re, b_im = np.empty(n_b, np.float32), np.empty(n_b, np.float32)
@@ -124,7 +125,8 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
-    """Real weights [n, a] and [m, b] on the antenna axes of samples [k, 2, a, b]: [k, 2, n, m]."""
+    """Apply real weights [n, a] and [m, b] to the antenna axes of samples [k, 2, a, b]: [k, 2, n,
+    m]."""
     tones, _, n_a, n_b = samples.shape
     if weights_b.size != 0:
         samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
@@ -141,8 +143,8 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length, position,
-    number of a, of b))."""
+    """Unpack leaf i: ((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length,
+    position, number of a, of b))."""
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
     weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
@@ -176,7 +178,7 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 
 @njit(**FAST)
 def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
-    """Images of a leaf's samples at its points_m [3, n]: complex64 images [k or 1, n]; one row sums
+    """Image a leaf's points_m [3, n] into images, complex64 [k or 1, n]; one row is the sum over
     all tones."""
     tones, _, n_a, n_b = samples.shape
     centre_m, length_a, position_a, _, length_b, position_b, _ = place
@@ -220,8 +222,8 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
 
 @njit(**FAST)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Σ a · samples · b over both legs at every point, as planes [2, p], of a [2a, p], samples [2,
-    a, b] and b [2b, p]; stacked [2a, 2b] and u [2a, p] are scratch."""
+    """Sum a · samples · b over both legs at every point: planes [2, p] from a [2a, p], samples [2,
+    a, b] and b [2b, p]; stacked [2a, 2b] and u [2a, p] are scratch arrays."""
     n_a, n_b = samples.shape[1:]
     stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
     stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
@@ -236,8 +238,8 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
-    """out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32; common_m [p] gains
-    ΔR_reference(p)."""
+    """Write out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32, and add
+    ΔR_reference(p) to common_m [p]."""
     n = points_m.shape[1]
     cx, cy, cz = (
         centre_m[0] - reference_m[0],
@@ -263,7 +265,7 @@ def differences(points_m, position_m, passes, length_m, centre_m, reference_m, o
 
 @njit(**FAST)
 def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the
+    """Write out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the
     conjugate."""
     n_a, n = difference_m.shape
     turns = np.float32(turns_per_m)

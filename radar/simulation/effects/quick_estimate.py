@@ -1,6 +1,6 @@
-"""Quick estimates of effects, without rays or random numbers: the target's surface as coarse
-facets; visibility by depth buffers, in which every facet is a point; and where facets mirror onto
-others, by a walk through a grid of the surface's normals."""
+"""Quick estimates of effects, without rays or random numbers: coarse facets of the target's
+surface; visibility by depth buffers, with one point per facet; and reflections onto other facets by
+stepping through a grid of the surface's normals."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ import numpy as np
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.physics.facets import Facets
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import facing, require_facets
+from handbench.radar.simulation.scene_echoes import front_facets, require_facets
 from handbench.support.compiled import njit
 
 LONGEST = 0.5  # edge of coarse facets in wavelengths
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
-# rad between two tones per relative amplitude, mean over the pixels: 0.10 to 0.22 measured on four
-# hands
+# phase error in rad between two tones per relative amplitude, mean over the pixels (measured on
+# four hands: 0.10 to 0.22)
 TURN = 0.15
-CLEAR = 10.0  # an estimate may be wrong by this factor,
-CLOSED = 3.0  # and one in closed form by this: 1.9 at most in 25 cases on 23 random scenes
-FACET_S, TONE_S = 2e-6, 3e-8  # of a coarse facet's echo, and of each tone in it
+CLEAR = 10.0  # factor by which an estimate may be wrong,
+CLOSED = 3.0  # and one in closed form (at most 1.9 in 25 cases on 23 random scenes)
+FACET_S, TONE_S = 2e-6, 3e-8  # CPU seconds of a coarse facet's echo, and of each tone in it
 BUFFER_CELLS = 1 << 22  # at most
-STEEPEST = (
-    6.0  # tangent of incidence up to which a cell's own surface is told from what stands before it
-)
+# tangent of incidence up to which the surface in a cell and an obstacle can be distinguished
+STEEPEST = 6.0
 CELL_M = 2e-3  # of the grid of normals
 ZONES = 2.0  # Fresnel's radii √(λL) from an outline within which it counts
-# wavelengths above a facet's plane within which an outline, or a facet, is of the same surface
+# height in wavelengths above a facet's plane below which an outline or a facet belongs to the same
+# surface
 HORIZON = 0.05
-PAIRED = 500  # facets, about, of which each two are looked at
+PAIRED = 500  # approximate number of facets that are compared in pairs
 FIRST = 2.0  # cells from a facet to where its ray may meet another one
 GRID_CELLS = 1 << 24  # at most
-# the area in which rays are counted over the aperture's width: more of them, and they scatter
-# widely
+# width of the area in which returning rays are counted, relative to the aperture: a larger one has
+# more rays
 WIDE = 2.0
 
 
 @dataclass(frozen=True)
 class QuickEstimate:
-    """The size of an effect by geometry or a closed form, within milliseconds: worst_mm, the change
-    of the depths of the method that it changes most; why; factor: by which that may be wrong."""
+    """Size of an effect by geometry or a closed form, within milliseconds. worst_mm: change of
+    depth of the method that it changes most; why: how it was estimated; factor: by which it may be
+    wrong."""
 
     worst_mm: float
     why: str
@@ -51,41 +52,41 @@ class QuickEstimate:
     def of_level(
         cls, scene: EchoScene, ratio: float, why: str, factor: float = CLEAR
     ) -> QuickEstimate:
-        """Of echoes with that amplitude over the target's own."""
+        """Estimate the effect of echoes with amplitude `ratio` relative to the target's."""
         turned_rad = min(TURN * ratio, np.pi / 2)
         return cls(1e3 * scene.depth_m_per_rad * scene.strictness * turned_rad, why, factor)
 
 
 def echo_s(scene: EchoScene) -> float:
-    """Seconds that the target's echoes take without any effect, on one core."""
+    """Estimated CPU seconds of the target's echoes without any effect."""
     count = 0 if scene.target is None else 4 * len(coarse_surface(scene, scene.body))
     return 0.05 + count * (FACET_S + TONE_S * len(scene.frequencies_hz))
 
 
 def coarse_surface(scene: EchoScene, body: Body) -> Facets:
-    """The body's facets that face the array, coarse."""
-    return facing(scene, body, LONGEST)
+    """Coarse facets of a body that face the array."""
+    return front_facets(scene, body, LONGEST)
 
 
 def visible_surface(scene: EchoScene) -> Facets:
-    """The target's coarse facets that the aperture's centre sees; all, if the target lets waves
-    through."""
+    """The target's coarse facets that are visible from the aperture's centre; all facets of a
+    transparent target."""
     facets = require_facets(coarse_surface(scene, scene.body))
-    return facets if scene.body.transparent else facets.where(seen_from_centre(scene))
+    return facets if scene.body.transparent else facets.where(visible_from_centre(scene))
 
 
-def seen_from_centre(scene: EchoScene) -> np.ndarray:
-    """Mask [p] of the target's coarse facets that the aperture's centre sees, by a depth buffer.
-    Made once."""
-    return scene.kept("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
+def visible_from_centre(scene: EchoScene) -> np.ndarray:
+    """Mask [p] of the target's coarse facets that are visible from the aperture's centre, by a
+    depth buffer; cached."""
+    return scene.cached("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
-    """Mask [p] of the facets that face the point view_m [3] and have none before them in their cell
-    of direction.
+    """Mask [p] of the facets that face the point view_m [3] and are not hidden by others in the
+    same cell of directions.
 
-    Cells are two facets wide, and what stands less before a facet than the facet's own surface may
-    vary over a cell counts as that surface.
+    Cells are two facets wide. A facet in front of another by less than the depth range of its
+    surface within a cell does not hide it.
     """
     if len(facets) == 0:
         return np.zeros(0, bool)
@@ -95,7 +96,7 @@ def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
 
 
 def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
-    """Unit vectors [3, 3] across and (the last) along an axis [3], and its length."""
+    """Unit vectors [3, 3], two across an axis [3] and the last along it, and the axis' length."""
     length = float(np.linalg.norm(axis))
     along = axis / length
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
@@ -138,10 +139,10 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
 
 
 @njit(nogil=True, cache=True)
-def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
-    """Mask [p] of the facets that face a point view_m [3] and lie farther away than some of the
-    points outline_m [n, 3], behind or beside them by less than ZONES, and below them: on a convex
-    body nothing is above a facet's plane.
+def near_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
+    """Mask [p] of the facets that face a point view_m [3] and are near an outline: farther away
+    than some points outline_m [n, 3], within ZONES Fresnel radii of their directions, and with
+    these points above their plane (impossible on a convex body).
     """
     ways, places = outline_m - view_m, position_m - view_m
     near = np.zeros(len(places), np.bool_)
@@ -166,7 +167,7 @@ def beside_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # typ
 
 
 def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
-    """True where two facets are above each other's plane, as on no convex body."""
+    """True if two facets are above each other's plane, which a convex body never has."""
     some = facets.where(np.arange(0, len(facets), max(len(facets) // PAIRED, 1)))
     above_m = some.position_m @ some.normal.T - (some.position_m * some.normal).sum(axis=1)
     above = above_m > HORIZON * wavelength_m
@@ -174,7 +175,7 @@ def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
 
 
 def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
-    """Count of the facets that mirror a wave from view_m [3] onto others."""
+    """Count the facets that reflect a wave from view_m [3] onto others."""
     if len(facets) == 0:
         return 0
     low_m, high_m = facets.position_m.min(axis=0), facets.position_m.max(axis=0)
@@ -189,12 +190,13 @@ def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
 
 
 def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
-    """Σ A_p / R² / area (1/m²) of what comes back of a wave from view_m [3].
+    """Power Σ A_p / R² / area (1/m²) of a wave from view_m [3] that returns to the aperture after
+    one reflection.
 
-    Geometrical optics keeps the energy of a tube. What a facet catches of a wave from the
-    aperture's centre, A_p / R², spreads over an area about the aperture; physical optics' amplitude
-    S is λ times the field, so that the mean of |S|² over the channels is λ² Σ A_p / R² / area over
-    the facets whose mirrored ray comes back through that area.
+    Geometrical optics conserves the energy of a ray tube: what a facet receives from the aperture's
+    centre, A_p / R², spreads over an area around the aperture. The amplitude S of physical optics
+    is λ times the field, so the mean of |S|² over the channels is λ² Σ A_p / R² / area, summed over
+    the facets whose reflected ray returns through that area.
     """
     (low_m, high_m), ways = _returns(array), facets.position_m - view_m
     distance = np.linalg.norm(ways, axis=1)
@@ -212,7 +214,7 @@ def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> fl
 
 
 def _returns(array: AntennaArray) -> np.ndarray:
-    """Corners [2, 3] of the area about the aperture in which returning rays are counted."""
+    """Corners [2, 3] of the area around the aperture in which returning rays are counted."""
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     middle_m, half_m = (
         (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2,

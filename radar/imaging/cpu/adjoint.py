@@ -1,11 +1,11 @@
-"""Up the tree: scatterers → samples, the exact adjoint of `radar.imaging.cpu.descent`: conjugate
-phases, transposed weights, in reverse order."""
+"""Adjoint pass of the tree: scatterers → samples. The exact adjoint of `radar.imaging.cpu.forward`:
+conjugate phases, transposed weights, reverse order."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.descent import (
+from handbench.radar.imaging.cpu.forward import (
     BLOCK,
     SECOND_LEVEL,
     apply,
@@ -20,12 +20,13 @@ from handbench.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):
-    """The part of each antenna's wave that reaches each point: complex, and smooth from point to
-    point, from antenna to antenna and in frequency. corner [3, n]: samples around each point, −1 in
-    full sight of all antennas, with the share [3, n] of each; table_a [samples, 3, nodes]
-    complex64: factors of 1, u and u² at some antennas, from which spread_a [a, nodes] makes all, u
-    = (f/c − middle)/half; the same for b; detour_m: by how much later waves come, and beside: the
-    sine of the angle from beside a point under which they come."""
+    """Complex share of each antenna's wave that reaches each point past obstacles; smooth over
+    points, antennas and frequency. corner [3, n]: the three surface samples around each point (−1:
+    full sight of all antennas), with barycentric shares [3, n]. table_a [samples, 3, nodes]
+    complex64: coefficients of 1, u and u², u = (f/c − middle)/half, at some antennas of the first
+    leg; spread_a [a, nodes] interpolates them to all antennas. table_b, spread_b: the same for the
+    second leg. detour_m: longest extra path of diffracted waves; beside: sine of the largest angle
+    between them and the straight ray."""
 
     corner: np.ndarray
     share: np.ndarray
@@ -44,7 +45,7 @@ class Sight(NamedTuple):
         return self.corner[0] >= 0
 
     def where(self, chosen: np.ndarray) -> "Sight":
-        """Of some points, by mask or index."""
+        """The sight of some points, by mask or index."""
         return self._replace(
             corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy()
         )
@@ -75,11 +76,11 @@ FULL_SIGHT = Sight(
 )
 
 
-class Source(NamedTuple):
-    """Scatterers sorted by leaf: point_m [3, n], weight [n] complex64, delay_m [n] one-way, normal
-    [3, n] or [3, 0]; spreading: whether legs have gains; pattern: exponent of cos θ in them; seen_a
-    [a, n], seen_b [b, n]: which antennas see each point, or [0, 0] where all do. Masks need a leaf
-    that keeps all antennas."""
+class PackedScatterers(NamedTuple):
+    """Scatterers sorted by leaf, for the kernels: point_m [3, n], weight [n] complex64, delay_m [n]
+    one-way, normal [3, n] or [3, 0]; spreading: whether legs have gains; pattern: exponent of cos θ
+    in them; seen_a [a, n], seen_b [b, n]: which antennas see each point, or [0, 0] if all do. Masks
+    need leaves that keep all antennas."""
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -94,8 +95,8 @@ class Source(NamedTuple):
 
 @njit(**FAST)
 def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
-    """The adjoint of `gather`: samples [k, 2, a, b] (shape) of a node from its part of all
-    scatterers."""
+    """Compute a cell's samples [k, 2, a, b] (shape) from its scatterers: the adjoint of
+    `gather`."""
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
@@ -103,21 +104,21 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
             leaf = radiate(
                 _part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m
             )
-            samples += ascend(leaf, turns_per_m, *shifts, *weights)
+            samples += to_parent(leaf, turns_per_m, *shifts, *weights)
     return samples
 
 
 @njit(**FAST)
-def ascend(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
-    """The adjoint of `descend`: a child's samples → what they add to its parent's."""
+def to_parent(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+    """Convert a child's samples to its contribution to the parent's: the adjoint of `to_child`."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 
 @njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
-    """The adjoint of `evaluate`: what a leaf's scatterers add to its samples [k, 2, a, b].
-    `source`: a `Source`."""
+    """Compute a leaf's samples [k, 2, a, b] from its scatterers (`source`: `PackedScatterers`): the
+    adjoint of `evaluate`."""
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
@@ -178,8 +179,8 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
 
 @njit(**FAST)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
-    """g [a, p]: 1/R, times √(n·û) where the scatterers have normals and the antennas' cosᵠθ; 1 if
-    nothing spreads; 0 where an antenna sees nothing of a point."""
+    """Gains [a, p]: 1/R, times √(n·û) for scatterers with normals, times the antennas' cosᵠθ; 1
+    without spreading; 0 where an antenna does not see a point."""
     n = points_m.shape[1]
     gain = np.ones((len(position_m), n), np.float32)
     if source.spreading:
@@ -208,7 +209,7 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
-    """Factors [3, 2a, n] (real parts above imaginary parts) of 1, u and u² of the weights of n
+    """Coefficients [3, 2a, n] (real parts above imaginary parts) of 1, u and u² in the weights of n
     points."""
     nodes, n_a = table.shape[2], len(spread)
     at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
@@ -253,4 +254,4 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     sight = source.sight
     legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
     part = Sight(sight.corner[:, here], sight.share[:, here], *legs, *sight[6:])
-    return Source(*places, source.spreading, source.pattern, seen_a, seen_b, part)
+    return PackedScatterers(*places, source.spreading, source.pattern, seen_a, seen_b, part)

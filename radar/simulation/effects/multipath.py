@@ -1,0 +1,104 @@
+"""Echoes over two to four places of the target, such as two fingers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.simulation.effects.quick_estimate import (
+    CENTRE_M,
+    QuickEstimate,
+    coarse_surface,
+    count_mirroring,
+    some_face_each_other,
+    visible_surface,
+)
+from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
+from handbench.radar.simulation.physics.creeping import roundness_of
+from handbench.radar.simulation.physics.line_of_sight import rays_of
+from handbench.radar.simulation.physics.ray_tubes import mirrors_of, trace
+from handbench.radar.simulation.physics.reflection import oblique_ratios
+from handbench.radar.simulation.scene import EchoScene, Material
+from handbench.radar.simulation.scene_echoes import Echoes
+from handbench.support.parallel import for_each
+
+BOUNCES = 4  # places that a wave meets, at most
+PATCH = 0.25  # longest edge of a mirror, wavelengths
+SECONDS_PER_FACE, SECONDS_PER_TUBE = 3e-6, 2e-6
+
+
+def multipath(echoes: Echoes) -> Echoes:
+    """Add echoes with two to four bounces on the target's surface. All bounces but the last are
+    mirrors, the last one is physical optics; the result is averaged with the same from the
+    receivers' side, which makes it reciprocal.
+
+    Left out: more bounces, edges."""
+    surface, scene = echoes.surface, echoes.scene
+    if surface is None:
+        return echoes
+    body, rays, layer = (
+        surface.body,
+        rays_of(scene, surface.body),
+        np.zeros(len(surface.body.faces), int),
+    )
+    if surface.layer is not None:  # 0 for a face without visible facets
+        layer[surface.facets.face] = surface.layer
+    longest_m = PATCH * scene.wavelength_m * scene.mirrors_coarser
+    antennas_m = np.concatenate([leg.position_m for leg in echoes.array.legs])
+    mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
+    if not len(mirrors.face):
+        return echoes
+    wavenumber = 0.0 if surface.sight is None else roundness_of(scene, body).wavenumber
+    arrays = {1: echoes.array, -1: _exchanged(echoes.array)}
+    found: dict[int, Bundles] = {}
+
+    def bounce(sense: int) -> None:
+        at = traced_nodes(arrays[sense], scene.nodes_apart)
+        few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
+        traced = trace(rays, mirrors, few, int(mirrors.bounces.max()), wavenumber)
+        found[sense] = Bundles(traced, layer, at, scene.dipole)
+
+    for_each(bounce, arrays)
+    if not any(map(len, found.values())):
+        return echoes
+
+    def echo() -> np.ndarray:
+        material = (
+            Material() if surface.reflection is None else body.material
+        )  # where it is off, that of metal
+        ratios = oblique_ratios(material, float(scene.frequencies_hz.mean()))
+        total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
+        for sense, array in arrays.items():
+            one = found[sense].echo(
+                scene.frequencies_hz, array, surface.reflection, echoes.pattern, ratios
+            )
+            total += (one if sense > 0 else one.swapaxes(1, 2)) / 2
+        return total
+
+    return echoes.add("multipath", echo)
+
+
+def multipath_cost_s(scene: EchoScene) -> float:
+    """Estimated CPU seconds."""
+    antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
+    tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
+    return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
+
+
+def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
+    """Estimate no change for a convex surface, and None (unknown) for others, where waves also
+    bounce between edges and weak pixels."""
+    surface = coarse_surface(scene, scene.body)
+    if scene.cached("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
+        return None
+    return QuickEstimate(0.0, "no two facets face each other")
+
+
+def _exchanged(array: AntennaArray) -> AntennaArray:
+    """The array with transmitters and receivers exchanged."""
+    return AntennaArray(array.rx_m, array.tx_m)
+
+
+def _mirroring(scene: EchoScene) -> int:
+    """Count the target's coarse facets that reflect onto others; cached."""
+    return scene.cached("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))
