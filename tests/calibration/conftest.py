@@ -16,9 +16,3 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def target() -> Target:
     return default_target()
-
-
-@pytest.fixture(scope="session")
-def square() -> Target:
-    """The default target without the element that breaks its symmetry."""
-    return Target(element=default_target().element[:4])

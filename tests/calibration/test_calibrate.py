@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from handbench.calibration.registration.register import common_covariance, measure, solve
 from tests.calibration.spheres.test_balls import capture, centres
 from tests.calibration.spheres.test_spheres import scene
 
 
+@pytest.mark.slow
 def test_a_cloud_and_echoes_give_the_transform(rng, target):
     """0.1 mm at every element: spheres are good for 0.02 mm, balls for 0.03 mm each."""
     points_m, normals, photo_m = scene(rng, target, 0.35)

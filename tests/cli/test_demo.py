@@ -14,7 +14,7 @@ from handbench.bench.run import benchmark_file
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.cli import demo
 from handbench.cli.main import main, parser
-from handbench.radar.methods.advice import requested_tones_hz
+from handbench.radar.methods.advice import asked_hz
 from handbench.radar.methods.registry import methods
 
 NEXT = ["reconstruct", "evaluate", "simulate", "list"]
@@ -57,24 +57,11 @@ def test_the_demo_tells_draws_and_goes_on(small, capsys):
     assert echoes.stat().st_mtime_ns == before and "is there already" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("content", ["notes.txt", "hand.toml", "a file"])
-def test_what_it_did_not_write_is_refused(small, content, capsys):
-    if content == "a file":
-        small.write_text("mine", "utf-8")
-    else:
-        small.mkdir()
-        (small / content).write_text("mine", "utf-8")
-    assert main(["demo"]) == 2
-    assert "is no demo of this version; choose another -o" in capsys.readouterr().err
-    kept = small if content == "a file" else small / content
-    assert kept.read_text("utf-8") == "mine"
-
-
 def test_every_method_finds_its_tones_in_the_demo():
     there_hz = SceneFile.model_validate(
         tomllib.loads(SCENE.read_text("utf-8"))
     ).sensor.frequencies_hz
     for method in methods():
-        asked = requested_tones_hz(method.configure({}, "test"))
+        asked = asked_hz(method.configure({}, "test"))
         if asked is not None:
             assert np.abs(there_hz[:, None] - asked).min(axis=0).max() < 1e6, method.id

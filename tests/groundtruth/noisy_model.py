@@ -7,6 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
+from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.frame import Scale
 
 WIDTH, HEIGHT = 400, 300
 PARAMS = (
@@ -20,7 +23,7 @@ PARAMS = (
     -3e-4,
 )  # OPENCV's; all within what is known of any lens
 FEATURE_PX, CORNER_PX = 0.4, 0.05  # noise
-SIDE_M = 0.03
+SIDE_M, BOARD_M = 0.03, -0.05
 MARKERS_M = ((-0.10, -0.07), (0.07, -0.07), (0.07, 0.05), (-0.10, 0.05), (0.0, 0.0))
 
 
@@ -51,18 +54,30 @@ class Noisy(NamedTuple):
 
 
 def noisy_model(
-    seed=0, *, views=5, points=40, seen_by=None, noise=1.0, off=1e-3, shared=False, params=PARAMS
+    seed=0,
+    *,
+    views=5,
+    points=40,
+    seen_by=None,
+    noise=1.0,
+    off=1e-3,
+    shared=False,
+    params=PARAMS,
+    spread=1.0,
+    depth=1.0,
 ):
     """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by
     turns), and a board of five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the
-    poses at the start, radians and 1/3 m."""
+    poses at the start, radians and 1/3 m. spread: of the cameras' places, 1: over 70°, less: turned
+    about themselves too, 0: all in one place. depth: of the points, 1: 160 mm, 0: on the board."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)
     model = colmap.Reconstruction()
     points_m = np.random.default_rng(99).uniform(
         (-0.12, -0.10, -0.08), (0.12, 0.10, 0.08), (points, 3)
     )
+    points_m[:, 2] = BOARD_M + depth * (points_m[:, 2] - BOARD_M)
     square = np.array([(0, SIDE_M, 0), (SIDE_M, SIDE_M, 0), (SIDE_M, 0, 0), (0, 0, 0)])
-    corners_m = {i: square + (*at, -0.05) for i, at in enumerate(MARKERS_M)}
+    corners_m = {i: square + (*at, BOARD_M) for i, at in enumerate(MARKERS_M)}
     tracks, corners, poses = [[] for _ in points_m], {}, {}
     for i, angle in enumerate(np.linspace(-0.6, 0.6, views)):
         camera = colmap.Camera(
@@ -74,8 +89,12 @@ def noisy_model(
         )
         if camera.camera_id not in model.cameras:
             model.add_camera_with_trivial_rig(camera)
-        centre = 0.6 * np.array([np.sin(angle), 0.35 * np.cos(3 * i) - 0.3, np.cos(angle)])
-        R = Rotation.align_vectors([(0, 0, 1), (0, 1, 0)], [-centre, (0, -1, 0)])[0].as_matrix()
+        angle = spread * angle + 0.2 * (spread < 1)
+        height = spread * (0.35 * np.cos(3 * i) - 0.3)
+        centre = 0.6 * np.array([np.sin(angle), height, np.cos(angle)])
+        towards = Rotation.align_vectors([(0, 0, 1), (0, 1, 0)], [-centre, (0, -1, 0)])[0]
+        roll = (spread < 1) * 0.1 * np.array([np.cos(2 * i), np.sin(2 * i), i])
+        R = (Rotation.from_rotvec(roll) * towards).as_matrix()
         t, name = -R @ centre, f"p{i}.png"
 
         def look(at_m, noise_px, camera=camera, R=R, t=t):
@@ -103,6 +122,20 @@ def noisy_model(
             point + random.normal(0, off, 3), colmap.Track(elements), np.zeros(3, np.uint8)
         )
     return Noisy(model, corners, corners_m, poses, points_m, params)
+
+
+def adjusted(scene, free=()):
+    """The bundle after the adjustment, and the covariance of its parameters."""
+    adjust(scene.model, scene.corners, scene.corners_m, free)
+    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
+    return bundle, camera_covariance(bundle, Scale("board"))
+
+
+def off_in_sigmas(scene, free=()):
+    """Largest error of a camera's parameter after the adjustment, in its own standard
+    deviations."""
+    bundle, known = adjusted(scene, free)
+    return (np.abs(scene.error(bundle)) / np.sqrt(np.diag(known.matrix))).max()
 
 
 def poses_of(model):

@@ -7,6 +7,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from handbench.groundtruth.cameras.cameras import Camera
+
 FOCAL_PER_WIDTH = 1.1
 SIDE_M, TEXELS = 2.0, 1024
 
@@ -63,6 +65,20 @@ def around(count, spread_rad=0.6, distance_m=1.2):
         distance_m * np.array((np.cos(a), np.sin(a), 0.6 + 0.1 * (i % 2)))
         for i, a in enumerate(angles)
     ]
+
+
+def true_camera(name, centre_m, params=(440.0, 440.0, 200.0, 150.0), size=(400, 300)):
+    """The camera at a place that looks at the origin."""
+    R = camera_rotation(-np.array(centre_m))
+    return Camera(
+        name=name,
+        width=size[0],
+        height=size[1],
+        model="PINHOLE",
+        params=params,
+        R=tuple(map(tuple, R.tolist())),
+        t=tuple((-R @ centre_m).tolist()),
+    )
 
 
 def photograph(folder, count=4, **options):

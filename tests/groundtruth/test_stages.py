@@ -13,16 +13,14 @@ from handbench.groundtruth import dense_stage, mesh_stage, pipeline, sparse_stag
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import TargetParts
+from handbench.groundtruth.mesh.target import Target
 from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
-from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
-from handbench.groundtruth.sparse.inputs import SparseInputs
-from handbench.groundtruth.sparse.sparse import INTRINSICS, Sparse
+from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.errors import HandbenchError
-from tests.groundtruth.noisy_model import noisy_model, poses_of
+from tests.groundtruth.noisy_model import adjusted, noisy_model
 from tests.groundtruth.room import photograph
 
 ROOT = Path(__file__).parents[2]
@@ -34,11 +32,7 @@ def counted(tmp_path, monkeypatch):
     was made."""
     made = []
     scene = noisy_model()
-    adjust(scene.model, scene.corners, scene.corners_m)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    solved = Sparse(
-        scene.model, Scale("distances", 20, 20, 1e-5), camera_covariance(bundle, Scale("board"))
-    )
+    solved = Sparse(scene.model, Scale("distances", 20, 20, 1e-5), adjusted(scene)[1])
     photos = tmp_path / "photos"
     photos.mkdir()
     for k, camera in enumerate(solved.cameras()):
@@ -47,26 +41,24 @@ def counted(tmp_path, monkeypatch):
     def step(name, result):
         return lambda *_: (made.append(name), result)[1]
 
-    x, y = np.meshgrid(*[1e-3 * np.arange(-15.0, 16)] * 2)
-    points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
-    n = len(points_m)
-    names = tuple(f"p{i}.png" for i in range(5))
-    cloud = Cloud(
-        points_m, np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool), np.full(n, 1e-4), names, 1e-3
-    )
-    surface = Surface(points_m[:3], np.array([(0, 1, 2)]), np.full(3, 1e-4), np.ones(3, bool))
-    surface.vertices_m[2] += (0, 1e-3, 0)
+    x, y = (axis.ravel() for axis in np.meshgrid(*[1e-3 * np.arange(-15.0, 16)] * 2))
+    points_m, n = np.stack([x, y, 0 * x], axis=1), len(x)
+    names = tuple(camera.name for camera in solved.cameras())
+    facing, seen = np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), bool)
+    cloud = Cloud(points_m, facing, seen, np.full(n, 1e-4), names, 1e-3)
+    triangle = points_m[[0, 1, -1]], np.array([(0, 1, 2)])
+    surface = Surface(*triangle, np.full(3, 1e-4), np.ones(3, bool))
     monkeypatch.setattr(
         sparse_stage,
         "gather",
-        lambda _, options: (SparseInputs(find_photos(photos), None, None, {}), options),
+        lambda _, options: (Inputs(find_photos(photos), None, None, {}), options),
     )
     monkeypatch.setattr(sparse_stage, "register", step("sparse", solved))
     monkeypatch.setattr(dense_stage, "dense_cloud", step("dense", cloud))
     monkeypatch.setattr(
         mesh_stage,
         "measured_surface",
-        step("mesh", (surface, TargetParts("all parts", 0.0, (1.0,), 0, 0.0))),
+        step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0))),
     )
     monkeypatch.setattr(pipeline, "resolve", lambda folder, options: (find_photos(folder), options))
 
@@ -99,13 +91,22 @@ def test_each_option_reaches_the_stages_that_it_concerns(counted):
 
 @pytest.mark.parametrize("name", sorted(Options.model_fields))
 def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
-    """Paths are told by their files' content instead, which the caller hashes."""
+    """Of paths the files' content is in the key instead, which the caller hashes."""
     other = {
-        "cameras": Path("c"), "model": Path("m"), "board": Path("b"), "masks": Path("m"), "intrinsics": (1, 1, 1, 1),
-        "distances": (Distance(first="a", second="b", distance_m=1),), "box_m": (0, 0, 0, 1, 1, 1), "metric": True,
-        "unscaled": True, "quality": "draft", "mask": "colour", "dense": "cuda", "components": "all", "seed": 1,
-            "refine_poses": True, "refine_distortion": True, "shared_intrinsics": False,
-    }[name]  # fmt: skip
+        "cameras": Path("c"),
+        "model": Path("m"),
+        "board": Path("b"),
+        "masks": Path("m"),
+        "intrinsics": (1, 1, 1, 1),
+        "distances": (Distance(first="a", second="b", distance_m=1),),
+        "box_m": (0, 0, 0, 1, 1, 1),
+        "quality": "draft",
+        "mask": "colour",
+        "dense": "cuda",
+        "components": "all",
+        "seed": 1,
+        "shared_intrinsics": False,
+    }.get(name, True)
     before, after = (
         pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"])
         for options in ({}, {name: other})
@@ -129,21 +130,25 @@ def test_a_run_goes_on_where_it_was_killed(counted, monkeypatch, tmp_path):
     assert counted()[0] == ["dense", "mesh"]
 
 
-@pytest.mark.parametrize("free", [(), INTRINSICS])
+def test_other_masks_make_another_dense_stage(tmp_path):
+    chains = [
+        pipeline.stages(tmp_path, tmp_path, Options(), [], masks) for masks in (None, "a", "b")
+    ]
+    sparse, dense, _ = ({stage.key for stage in each} for each in zip(*chains, strict=True))
+    assert len(sparse) == 1 and len(dense) == 3
+
+
+@pytest.mark.parametrize("free", [(), tuple(range(8))])
 def test_the_sparse_stage_comes_back(tmp_path, free):
-    scene = noisy_model()
-    adjust(scene.model, scene.corners, scene.corners_m, free)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
-    scale = Scale("board", 20, 19, 1.25e-5)
-    before = Sparse(scene.model, scale, camera_covariance(bundle, scale))
+    scene, scale = noisy_model(), Scale("board", 20, 19, 1.25e-5)
+    before = Sparse(scene.model, scale, adjusted(scene, free)[1])
     before.save(tmp_path)
     after = Sparse.load(tmp_path)
-    assert after.scale == scale and Scale(**vars(after.scale)).source == "board"
-    np.testing.assert_array_equal(poses_of(after.model), poses_of(before.model))
+    assert after.scale == scale and after.cameras() == before.cameras()
     np.testing.assert_array_equal(after.known.matrix, before.known.matrix)
-    assert [camera.name for camera in after.cameras()] == [f"p{i}.png" for i in range(5)]
-    for ours, theirs in zip(after.cameras(), before.cameras(), strict=True):
-        assert ours == theirs
+    assert after.known.free == free
+    for name, columns in before.known.places.items():
+        np.testing.assert_array_equal(after.known.places[name], columns)
     (tmp_path / "scale.json").unlink()
     with pytest.raises(
         HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found nothing"
@@ -168,29 +173,22 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.slow
 def test_the_command_killed_after_a_stage_goes_on_there(tmp_path, capsys):
     """Real photographs, real stages: COLMAP, plane sweep, Poisson. (A kill after the first, of
     stages that do nothing, is above.)"""
-    (tmp_path / "photos").mkdir()
-    photograph(tmp_path / "photos")
-    command = [
-        "groundtruth",
-        str(tmp_path / "photos"),
-        "-o",
-        str(tmp_path / "mesh.ply"),
-        "--unscaled",
-        "--overwrite",
-    ]
-    command += ["--quality", "draft", "--workdir", str(tmp_path / "work")]
+    photos, out, work = (tmp_path / name for name in ("photos", "mesh.ply", "work"))
+    photos.mkdir()
+    photograph(photos)
+    command = ["groundtruth", str(photos), "-o", str(out), "--unscaled", "--overwrite"]
+    command += ["--quality", "draft", "--workdir", str(work)]
     done = subprocess.run(
         [sys.executable, "-c", KILLED, "dense", *command], capture_output=True, text=True, cwd=ROOT
     )
     assert done.returncode == 9 and "cached" not in done.stderr
-    for kept in (["sparse", "dense"], ["sparse", "dense", "mesh"]):
+    for kept in ({"sparse", "dense"}, {"sparse", "dense", "mesh"}):
         assert main(command) == 0
         said = capsys.readouterr().err
-        assert [
-            stage for stage in ("sparse", "dense", "mesh") if f"{stage}: cached" in said
-        ] == kept
-    assert (tmp_path / "mesh.ply").is_file() and not list((tmp_path / "work").glob("**/.*"))
-    assert load_pycolmap().Reconstruction(str(tmp_path / "work" / "sparse")).num_reg_images() == 4
+        assert {s for s in ("sparse", "dense", "mesh") if f"{s}: cached" in said} == kept
+    assert out.is_file() and not list(work.glob("**/.*"))
+    assert load_pycolmap().Reconstruction(str(work / "sparse")).num_reg_images() == 4

@@ -11,14 +11,14 @@ import pandas as pd
 from PIL import Image
 
 from handbench.bench import results
+from handbench.bench.evaluation.alike import SMOOTHING, Alike
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treated_figures
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treat
 from handbench.bench.evaluation.floor import budget, floor_interval, floor_mm
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import METRICS, of_captures
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from handbench.bench.evaluation.tables import CURVES, EQUAL, REPEATS, TASKS, frame
-from handbench.bench.evaluation.treatments import SMOOTHING, TreatedDepths
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 
@@ -75,64 +75,39 @@ def write_synthetic(
     axis = np.arange(-0.15, 0.15 + step_m / 2, step_m)
     rows, tasks, repeats = [], [], []
     truth = {c: hand_m(axis, axis) + 0.002 * i for i, c in enumerate(captures)}
-    surfaces = {
-        "truth": {c: known(z, "truth") for c, z in truth.items()},
-        "photogrammetry": {
-            c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry")
-            for c, z in truth.items()
-        },
+    surfaces = {"truth": {c: known(z, "truth") for c, z in truth.items()}}
+    surfaces["photogrammetry"] = surfaces["completed"] = {
+        c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry")
+        for c, z in truth.items()
     }
-    surfaces["completed"] = surfaces["photogrammetry"]
-    maps_alike: dict[str, dict[str, TreatedDepths]] = {c: {} for c in captures}
+    maps_alike: dict[str, dict[str, Alike]] = {c: {} for c in captures}
     for reference in references:
         for c in captures:
             z, sigma = surfaces[reference][c].z_m, surfaces[reference][c].sigma_m
-            results.write_surface(folder, c, reference, results.SurfaceMap(axis, axis, z, sigma))
+            results.write_surface(folder, c, reference, results.Surface(axis, axis, z, sigma))
     for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
         maps = {reference: [] for reference in references}
         for c in captures:
-            z = truth[c] + 1e-3 * (
-                bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape))
-            )
+            error_mm = bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape))
+            z = truth[c] + 1e-3 * error_mm
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
-            results.write_surface(folder, c, method, results.SurfaceMap(axis, axis, z))
-            maps_alike[c][method] = TreatedDepths(z, z, -np.hypot(axis, axis[:, None]))
-            tasks.append(
-                (
-                    f"{c}-{method}",
-                    c,
-                    method,
-                    "image",
-                    seconds,
-                    2 * seconds,
-                    300.0,
-                    False,
-                    None,
-                    "",
-                    None,
-                    0.05,
-                    1e-6,
-                )
-            )
+            results.write_surface(folder, c, method, results.Surface(axis, axis, z))
+            maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
+            cost = (seconds, 2 * seconds, 300.0, False, None, "", None, 0.05, 1e-6)
+            tasks.append((f"{c}-{method}", c, method, "image", *cost))
             for reference in references:
                 errors = error_map(axis, axis, z, surfaces[reference][c].z_m)
                 results.write_errors(folder, c, method, reference, errors)
                 maps[reference].append(errors)
         strongest = [0.29 + 6e-4 * deviation_mm * rng.normal(size=10) for _ in range(3)]
-        repeats += [
-            (f"hand{h}", method, i, z)
-            for h, hand in enumerate(strongest)
-            for i, z in enumerate(hand)
-        ]
+        for h, hand in enumerate(strongest):
+            repeats += [(f"hand{h}", method, i, z) for i, z in enumerate(hand)]
         for reference in references:
             found = list(surfaces[reference].values())
             floors = [floor_mm([m], [r]) for m, r in zip(maps[reference], found, strict=True)]
             figures = of_captures(maps[reference]).assign(floor_mm=floors)
-            rows.append(
-                accuracy_rows(
-                    method, reference, figures, floor=floor_interval(maps[reference], found)
-                )
-            )
+            interval = floor_interval(maps[reference], found)
+            rows.append(accuracy_rows(method, reference, figures, floor=interval))
             rows.append(precision_rows(method, reference, strongest))
             rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
@@ -150,11 +125,11 @@ def write_synthetic(
 
 
 def equal_treatment(
-    alike: dict[str, dict[str, TreatedDepths]], truth: dict[str, np.ndarray], reference: str
+    alike: dict[str, dict[str, Alike]], truth: dict[str, np.ndarray], reference: str
 ) -> dict[str, pd.DataFrame]:
     """Tables of equal treatment; the maps are the same under each treatment."""
     figures, curves = [], []
-    each = [treated_figures(maps, truth[c]) for c, maps in alike.items()]
+    each = [treat(maps, truth[c]) for c, maps in alike.items()]
     for method in each[0]:
         for treatment in SMOOTHING:
             captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)

@@ -1,22 +1,17 @@
 """Arrays, captures and depth maps on disk."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, load_positions, qar50
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.grid import Axis
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 
-SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "qar50"
+SHAPE = (1, 5, 3, 4)  # of what `capture` makes
 
 
 def capture(frames=2) -> RadarCapture:
@@ -24,14 +19,6 @@ def capture(frames=2) -> RadarCapture:
     array = AntennaArray(generator.uniform(size=(3, 3)), generator.uniform(size=(4, 3)))
     samples = generator.standard_normal((frames, 5, 3, 4)) + 1j
     return RadarCapture(samples.astype(np.complex64), np.linspace(72e9, 82e9, 5), array)
-
-
-@pytest.mark.skipif(
-    not SHARED.is_dir(), reason=f"the recorded antenna positions are not at {SHARED}"
-)
-def test_built_in_array_equals_the_recorded_positions():
-    assert np.allclose(qar50().tx_m, load_positions(SHARED / "tx_m.csv"), atol=1e-12)
-    assert np.allclose(qar50().rx_m, load_positions(SHARED / "rx_m.csv"), atol=1e-12)
 
 
 def test_built_in_array_is_the_paper_s():
@@ -82,158 +69,69 @@ def test_bad_echoes_are_named(tmp_path, name, value, message):
         load_capture(path)
 
 
-def test_truncated_and_foreign_files_are_refused(tmp_path):
-    path = tmp_path / "echoes.h5"
-    save_capture(path, capture())
-    path.write_bytes(path.read_bytes()[:500])
-    with pytest.raises(HandbenchError, match="not a readable"):
-        load_capture(path)
-    with h5py.File(path, "w") as file:
-        file.attrs["format"] = "something else"
-    with pytest.raises(HandbenchError, match="something else"):
-        load_capture(path)
-    with pytest.raises(HandbenchError, match="found nothing"):
-        load_capture(tmp_path / "missing.h5")
-
-
 def test_tones_are_the_nearest_measured_ones_with_their_true_frequencies():
     samples, tones_hz = capture().tones([74.4e9, 82e9])
     assert tones_hz.tolist() == [74.5e9, 82e9]
     assert np.array_equal(samples, capture().samples[0, [1, 4]])
-    with pytest.raises(HandbenchError, match="same measured tone"):
-        capture().tones([74.4e9, 74.6e9])
-    with pytest.raises(HandbenchError, match=r"60\.0000 GHz"):
-        capture().tones([60e9])
+    for asked_hz, message in (([74.4e9, 74.6e9], "same measured tone"), ([60e9], r"60\.0000 GHz")):
+        with pytest.raises(HandbenchError, match=message):
+            capture().tones(asked_hz)
 
 
 def test_depth_map_round_trip_and_wrong_axes(tmp_path):
     z_m = np.array([[0.3, np.nan], [0.31, 0.32], [0.3, 0.3]])
-    depth = DepthMap(
-        np.arange(2.0), np.arange(3.0), z_m, np.where(z_m > 0.31, 0.0, -6.0), "2fsk", {"f1_hz": 1.0}
-    )
-    depth.save(tmp_path / "d.npz")
+    given = z_m, np.where(z_m > 0.31, 0.0, -6.0), "2fsk", {"f1_hz": 1.0}
+    DepthMap(np.arange(2.0), np.arange(3.0), *given).save(tmp_path / "d.npz")
     again = load_depthmap(tmp_path / "d.npz")
     assert np.array_equal(again.z_m, z_m, equal_nan=True)
     assert (again.method, again.config) == ("2fsk", {"f1_hz": 1.0})
-    DepthMap(np.arange(5.0), np.arange(3.0), z_m, z_m, "x").save(tmp_path / "bad.npz")
-    with pytest.raises(
-        HandbenchError, match=r"z_m is float64 \(3, 2\); expected real numbers \(3, 5\)"
-    ):
+    DepthMap(np.arange(5.0), np.arange(3.0), *given).save(tmp_path / "bad.npz")
+    expected = r"z_m is float64 \(3, 2\); expected real numbers \(3, 5\)"
+    with pytest.raises(HandbenchError, match=expected):
         load_depthmap(tmp_path / "bad.npz")
 
 
-def test_axis_includes_both_ends_and_refuses_a_reversed_range():
-    axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001).values_m()
-    assert len(axis) == 301
-    assert axis[-1] == 0.15
-    with pytest.raises(ValueError, match="swap"):
-        Axis(start_m=1, stop_m=0, step_m=0.1)
-
-
-def hostile(tmp_path, **replaced) -> Path:
-    """A capture with some of its data sets made by replaced[name](file, name)."""
-    path = tmp_path / "echoes.h5"
-    save_capture(path, capture(1))
-    with h5py.File(path, "a") as file:
-        for name, make in replaced.items():
-            del file[name]
-            make(file, name)
-    return path
-
-
 def _virtual() -> h5py.VirtualLayout:
-    layout = h5py.VirtualLayout((1, 5, 3, 4), "f4")
-    layout[...] = h5py.VirtualSource("other.h5", "samples", (1, 5, 3, 4))
+    layout = h5py.VirtualLayout(SHAPE, "f4")
+    layout[...] = h5py.VirtualSource("other.h5", "samples", SHAPE)
     return layout
 
 
-HUGE = (1, 5, 3, 10**13)  # a few kB of file, 10^15 bytes of memory
-
-
 @pytest.mark.parametrize(
-    "make",
+    "made",
     [
-        lambda file, name: file.create_dataset(name, HUGE, np.complex64, chunks=(1, 1, 1, 1024)),
-        lambda file, name: file.create_group(name),
-        lambda file, name: file.create_dataset(name, data="samples"),
-        lambda file, name: file.create_dataset(name, data=h5py.Empty("f4")),
-        lambda file, name: file.create_dataset(
-            name, data=np.zeros(3, [("a", "f4"), ("b", "f4"), ("c", "f4")])
-        ),
-        lambda file, name: file.__setitem__(name, h5py.SoftLink("/nowhere")),
-        lambda file, name: file.__setitem__(name, h5py.SoftLink(f"/{name}")),
-        lambda file, name: file.__setitem__(name, h5py.ExternalLink("other.h5", "samples")),
-        lambda file, name: file.create_dataset(
-            name, (1, 5, 3, 4), "f4", external=[("secret", 0, 240)]
-        ),
-        lambda file, name: file.create_virtual_dataset(name, _virtual()),
-    ],
-    ids=[
-        "huge",
+        {"shape": (1, 5, 3, 10**13), "dtype": "c8", "chunks": (1, 1, 1, 1024)},  # 10^15 bytes
+        {"data": "samples"},
+        {"data": h5py.Empty("f4")},
+        {"data": np.zeros(3, [("a", "f4"), ("b", "f4")])},
+        {"shape": SHAPE, "dtype": "f4", "external": [("secret", 0, 240)]},
         "group",
-        "text",
-        "empty",
-        "records",
-        "dangling",
-        "circular",
-        "elsewhere",
-        "raw",
         "virtual",
+        h5py.SoftLink("/nowhere"),
+        h5py.SoftLink("/samples"),
+        h5py.ExternalLink("other.h5", "samples"),
     ],
+    ids=str,
 )
-def test_data_sets_that_are_none_are_refused(tmp_path, make, monkeypatch):
+def test_data_sets_that_are_none_are_refused(tmp_path, made, monkeypatch):
     """Nor does a file reach into others: what lies beside it, or anywhere, is not its echoes."""
     monkeypatch.chdir(tmp_path)
-    save_capture(tmp_path / "other.h5", capture(1))
+    for name in ("other.h5", "echoes.h5"):
+        save_capture(tmp_path / name, capture(1))
     (tmp_path / "secret").write_bytes(bytes(240))
+    with h5py.File(tmp_path / "echoes.h5", "a") as file:
+        del file["samples"]
+        if made == "group":
+            file.create_group("samples")
+        elif made == "virtual":
+            file.create_virtual_dataset("samples", _virtual())
+        elif isinstance(made, dict):
+            file.create_dataset("samples", **made)
+        else:
+            file["samples"] = made
     with pytest.raises(HandbenchError, match=r"echoes\.h5") as caught:
-        load_capture(hostile(tmp_path, samples=make))
+        load_capture(tmp_path / "echoes.h5")
     assert "\n" not in str(caught.value)
-
-
-def test_a_capture_cut_at_any_place_is_refused(tmp_path):
-    path = tmp_path / "echoes.h5"
-    save_capture(path, capture(1))
-    content = path.read_bytes()
-    for length in range(0, len(content), 97):
-        path.write_bytes(content[:length])
-        with pytest.raises(HandbenchError, match=r"echoes\.h5"):
-            load_capture(path)
-
-
-MUTATED = """
-import sys
-import numpy as np
-from pathlib import Path
-from handbench.radar.data.echoes_file import load_capture
-from handbench.support.errors import HandbenchError
-
-path = Path(sys.argv[1])
-good, generator, refused = path.read_bytes(), np.random.default_rng(3), 0
-for _ in range(300):
-    content = bytearray(good)
-    for at in generator.integers(len(good), size=generator.integers(1, 6)):
-        content[at] ^= 1 << generator.integers(8)
-    path.write_bytes(content)
-    try:
-        load_capture(path)
-    except HandbenchError as error:
-        assert "\\n" not in str(error)
-        refused += 1
-print(refused)
-"""
-
-
-def test_mutations_are_read_or_refused(tmp_path):
-    """300 seeded ones in a process of their own: what HDF5's library does of itself (it can loop
-    for ever on a crafted file) is not ours to catch."""
-    save_capture(tmp_path / "echoes.h5", capture(1))
-    command = [sys.executable, "-c", MUTATED, str(tmp_path / "echoes.h5")]
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2]
-    )
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 20  # a flipped bit of an echo is but another echo
 
 
 def test_names_do_not_leave_their_folder_by_links_either(tmp_path):

@@ -24,7 +24,7 @@ def make(folder: Path, end: BaseException | None = None) -> None:
 def of(monkeypatch):
     """A stage by its name and what it depends on; this module stands for one of the packages."""
     made.clear()
-    monkeypatch.setattr(store.code_hash, "key_of", lambda module: module)
+    monkeypatch.setattr(store.closure, "key_of", lambda module: module)
     return lambda name, inputs, **given: Stage(name, make, given, inputs)
 
 
@@ -42,17 +42,6 @@ def test_what_was_made_is_not_made_again(tmp_path, of):
     }
 
 
-@pytest.mark.parametrize(
-    "other", [["b", 1, None], ["a", 2, None], ["a", 1, ""], ["a", 1], ["a", None, 1]]
-)
-def test_what_depends_on_something_else_is_another_folder(tmp_path, of, other):
-    folders = set()
-    for each in (of("dense", ["a", 1, None]), of("dense", other), of("mesh", other)):
-        cached(tmp_path, each)
-        folders.add(each.folder(tmp_path))
-    assert len(folders) == len(made) == 3
-
-
 @pytest.mark.parametrize("end", [KeyboardInterrupt(), ValueError(), HandbenchError("known")])
 def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, of, end):
     with pytest.raises(type(end)):
@@ -63,7 +52,7 @@ def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, of, 
 
 def test_changed_code_is_another_folder(of, monkeypatch):
     before = of("dense", ["a"])
-    monkeypatch.setattr(store.code_hash, "key_of", lambda module: f"{module} changed")
+    monkeypatch.setattr(store.closure, "key_of", lambda module: f"{module} changed")
     assert of("dense", ["a"]).key != before.key
     plugged = [Stage("dense", make, {}, ["a"], plugged=(code,)).key for code in ("one", "another")]
     assert len({before.key, *plugged}) == 3

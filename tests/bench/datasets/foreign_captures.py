@@ -19,39 +19,34 @@ AXES = {
     for axis, middle in zip("xyz", PLACE_M, strict=True)
 }
 PIXELS = {axis: AXES[axis] for axis in "xy"}
-METHODS = {
-    "2fsk": PIXELS,
-    "3fsk": PIXELS,
-    "broadband": {**AXES, "start_hz": 72e9, "stop_hz": 82e9, "count": 5},
-    "narrowband": AXES,
-}
+
+
+def plane_m(x_m: np.ndarray) -> np.ndarray:
+    """Depth of the patch's plane."""
+    return PLACE_M[2] + 0.2 * (x_m - PLACE_M[0])
 
 
 def patch_m() -> np.ndarray:
     """Points [25, 3] of a patch that leans."""
     along = np.linspace(-0.008, 0.008, 5)
-    x, y = np.meshgrid(along, along)
-    return PLACE_M + np.stack([x.ravel(), y.ravel(), 0.2 * x.ravel()], axis=1)
+    x, y = (axis.ravel() for axis in np.meshgrid(along + PLACE_M[0], along + PLACE_M[1]))
+    return np.stack([x, y, plane_m(x)], axis=1)
 
 
 def echoes(frames: int = 2) -> RadarCapture:
     """Its echoes, with noise of its own in each frame."""
     samples = simulate(Scatterers(patch_m(), np.ones(25)), TONES_HZ, qar50())
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal((2, frames, *samples.shape)) * 0.1 * np.abs(samples).mean()
-    return RadarCapture(
-        (samples + noise[0] + 1j * noise[1]).astype(np.complex64), TONES_HZ, qar50()
-    )
+    noise = np.random.default_rng(1).standard_normal((frames, *samples.shape, 2))
+    noise = 0.1 * np.abs(samples).mean() * noise.view(complex)[..., 0]
+    return RadarCapture((samples + noise).astype(np.complex64), TONES_HZ, qar50())
 
 
 def write_native(folder: Path, capture: RadarCapture) -> Path:
     """The capture as a capture folder, with the settings that its few tones ask for."""
     folder.mkdir(parents=True)
     save_capture(folder / ECHOES, capture)
-    corners_m = PLACE_M + 0.01 * np.array(
-        [[-1, -1, -0.2], [1, -1, 0.2], [1, 1, 0.2], [-1, 1, -0.2]]
-    )
-    write_mesh(folder / TRUTH, mesh(corners_m, np.array([[0, 2, 1], [0, 3, 2]])))
+    corners = np.array([[-1, -1, -0.2], [1, -1, 0.2], [1, 1, 0.2], [-1, 1, -0.2]])
+    write_mesh(folder / TRUTH, mesh(PLACE_M + 0.01 * corners, [(0, 2, 1), (0, 3, 2)]))
     box = {"broadband": AXES}
     save_capture_file(folder, CaptureFile(name="patch", kind="other", distance_m=0.3, methods=box))
     return folder

@@ -7,7 +7,7 @@ import pytest
 import tomlkit
 from scipy.io import savemat
 
-from handbench.bench.datasets.dataset import import_capture, open_capture
+from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.mapped_capture import MAPPING
 from handbench.radar.data.arrays import AntennaArray
 from handbench.support.errors import HandbenchError
@@ -87,12 +87,6 @@ def test_a_file_of_matlab(folder):
     assert capture.echoes(1).samples.shape == (1, 5, 3, 4)
 
 
-def test_both_parts_apart(folder):
-    told = mapping(real="re", imag="im")
-    del told["samples"]["dataset"]
-    assert same(described(folder, told))
-
-
 @pytest.mark.parametrize(
     "order", [ORDER, ("rx", "frame", "tx", "frequency"), ("frequency", "tx", "rx")]
 )
@@ -113,54 +107,6 @@ def test_any_order_of_axes(folder, order, parts, turned):
         del file["xr"]
         file["xr"] = stored.T if turned else stored
     assert same(described(folder, mapping(axes=axes, reversed=turned, sign="-")), samples)
-
-
-def test_a_moved_transceiver(folder):
-    told = mapping(axes=["frequency", "position"], reversed=False, sign="-")
-    del told["tx"], told["rx"]
-    told["position"] = {"dataset": "p", "unit": "cm", "reversed": False, "x": "left"}
-    with h5py.File(folder / "hand.mat", "a") as file:
-        del file["xr"]
-        file["xr"], file["p"] = SAMPLES[0].reshape(5, 12), np.arange(36.0).reshape(12, 3)
-    capture = described(folder, told)
-    np.testing.assert_array_equal(capture.samples, SAMPLES[:1].reshape(1, 5, 12))
-    np.testing.assert_allclose(capture.aperture.position_m, np.arange(36).reshape(12, 3) / 100)
-
-
-def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
-    """As SciPy writes it, which shares nothing with the reader."""
-    stored = {
-        "xr": SAMPLES.conj().T,
-        "f": TONES_HZ[None] / 1e9,
-        "n": 3.0,
-        "text": "abc",
-        "cell": np.array([[1, "a"]], object),
-    }
-    stored |= {"tx": 1e3 * TX_M * [-1, 1, 1], "rx": 1e3 * RX_M * [-1, 1, 1], "deep": {"xr": 1.0}}
-    told = mapping()
-    told["frequencies"]["dataset"], told["tx"]["dataset"], told["rx"]["dataset"] = "f", "tx", "rx"
-    for packed in (False, True):
-        savemat(folder / "hand.mat", stored, do_compression=packed)
-        assert same(described(folder, told))
-    told["samples"]["dataset"], told["rx"]["dataset"] = "text", "deep"
-    with pytest.raises(
-        HandbenchError, match=r"hand\.mat: has no 'deep', 'text' inside; it has xr, f, n, tx, rx"
-    ):
-        described(folder, told)
-    whole = (folder / "hand.mat").read_bytes()
-    for length in (130, 200, len(whole) // 2):
-        (folder / "hand.mat").write_bytes(whole[:length])
-        with pytest.raises(HandbenchError) as caught:
-            described(folder, told)
-        assert "\n" not in str(caught.value)
-
-
-def test_what_unpacks_to_more_than_is_read_is_refused(folder, monkeypatch):
-    monkeypatch.setattr("handbench.support.matlab.ARRAY_BYTES", 2**16)
-    savemat(folder / "hand.mat", {"xr": np.zeros(2**14)}, do_compression=True)
-    assert (folder / "hand.mat").stat().st_size < 2**10
-    with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):
-        open_capture(folder).echoes()
 
 
 def test_pairs_gains_sweeps_and_a_slower_wave(folder):
@@ -198,150 +144,156 @@ def test_pairs_gains_sweeps_and_a_slower_wave(folder):
     assert described(folder, told).samples.shape == (4, 5, 3, 4)
 
 
-def test_several_arrays_in_one_file(folder):
-    told = mapping()
-    second = {name: dict(told[name]) for name in ("samples", "tx", "rx")}
-    second["samples"]["dataset"], second["tx"]["dataset"] = "xr2", "set/tx2"
-    told["array"] = [second]
+def of(**samples):
+    return {"samples": samples}
+
+
+REFUSED = {
+    "all that is missing": (
+        of(dataset="xs") | {"gains": {"dataset": "g", "axes": ["rx", "tx"], "reversed": True}},
+        r"hand\.mat: has no 'g', 'xs' of its own; it has im, re, set/f, set/rx, set/tx, xr",
+    ),
+    "axes": (
+        of(axes=["tx", "rx", "frequency", "frame"]),
+        r"'xr' has shape \(2, 5, 3, 4\); expected \[frame, frequency 5, rx 4, tx 3\] as stored",
+    ),
+    "an axis less": (of(axes=["rx", "tx", "frequency"]), r"expected \[frequency 5, tx 3, rx 4\]"),
+    "real": (of(dataset="re"), "'re' holds float32; expected complex numbers: name the data sets"),
+    "a group": (of(dataset="set"), "'set' is no data set of this file"),
+    "turned": ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\]"),
+    "complex": ({"rx": {"dataset": "xr"}}, "'xr' holds .*; expected real numbers"),
+    "tones": ({"frequencies": {"dataset": "re"}}, r"'re' has shape .*; expected \[frequency\]"),
+    "unit": ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
+    "key": (of(order="C"), r"unknown key 'samples\.order'"),
+    "no antennas": (of(axes=["rx", "frequency"]), "axes hold"),
+    "both": (of(real="re"), "give either dataset"),
+    "no pairs": (of(axes=["pair", "frequency"]), r"the table \[pairs\]"),
+    "sweeps": (of(axes=["rx", "tx", "sweep", "frequency"]), r"sweeps = \"mean\" or \"frames\" is"),
+    "gains": ({"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}}, "gains.axes name"),
+    "speed": ({"wave_speed_m_s": 1.0}, "is 1; expected 1/100 to 1 of vacuum's"),
+    "outside": ({"file": "../hand.mat"}, "leaves the folder"),
+    "no file": ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 or MATLAB file that"),
+    "keys": ({"version": 1, "file": None, "rx": {"unit": None}}, "'rx.unit' is missing.*'file' is"),
+}
+
+
+@pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED)
+def test_mappings_that_do_not_fit_are_refused(folder, change, reason):
+    changed = mapping()
+    for name, values in change.items():
+        table = {**changed.get(name, {}), **values} if isinstance(values, dict) else values
+        if isinstance(table, dict):
+            table = {key: value for key, value in table.items() if value is not None}
+        changed[name] = table
+    changed = {name: table for name, table in changed.items() if table is not None}
+    with pytest.raises(HandbenchError, match=reason) as caught:
+        described(folder, changed)
+    assert "\n" not in str(caught.value)
+
+
+def linked(link):
+    def make(file, secret):
+        file["xr"] = link(str(secret))
+
+    return make
+
+
+def virtual(file, secret):
+    layout = h5py.VirtualLayout(SAMPLES.shape, np.complex64)
+    layout[:] = h5py.VirtualSource(str(secret), "xr", SAMPLES.shape)
+    file.create_virtual_dataset("xr", layout)
+
+
+def external(file, secret):
+    file.create_dataset("xr", SAMPLES.shape, "<f4", external=[(str(secret), 0, 4 * SAMPLES.size)])
+
+
+def huge(file, _):
+    file.create_dataset("xr", (10**6, 5, 3, 10**4), "<c8", chunks=(1, 5, 3, 10**4))
+
+
+def objects(file, _):
+    file.create_dataset("xr", (2,), h5py.string_dtype())
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (linked(lambda secret: h5py.ExternalLink(secret, "xr")), "has no 'xr' of its own"),
+        (linked(lambda _: h5py.SoftLink("/re")), "has no 'xr' of its own"),
+        (virtual, "is no data set of this file"),
+        (external, "is no data set of this file"),
+        (huge, "of which the file holds 0"),
+        (objects, "'xr' holds object; expected numbers"),
+    ],
+)
+def test_data_sets_that_lie_elsewhere_or_hold_no_numbers_are_refused(folder, make, words):
+    secret = matlab(folder / "secret.mat")
     with h5py.File(folder / "hand.mat", "a") as file:
-        file["xr2"], file["set/tx2"] = (
-            2 * file["xr"][:].view("c8").conj(),
-            file["set/tx"][:] + 100.0,
-        )
-    capture = described(folder, told)
+        del file["xr"]
+        make(file, secret)
+    with pytest.raises(HandbenchError, match=words):
+        open_capture(folder).echoes()
+
+
+def test_truncated_files_and_what_unpacks_to_more_are_refused(folder, monkeypatch):
+    file = folder / "hand.mat"
+    whole = file.read_bytes()
+    for length in (0, 100, len(whole) // 2, len(whole) - 1):
+        file.write_bytes(whole[:length])
+        with pytest.raises(HandbenchError, match=r"hand\.mat: is not a readable HDF5") as caught:
+            open_capture(folder).echoes()
+        assert "\n" not in str(caught.value)
+    monkeypatch.setattr("handbench.support.matlab.ARRAY_BYTES", 2**16)
+    savemat(file, {"xr": np.zeros(2**14)}, do_compression=True)
+    assert file.stat().st_size < 2**10
+    with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):
+        open_capture(folder).echoes()
+
+
+def test_a_moved_transceiver(folder):
+    axes = {"axes": ["frequency", "position"], "reversed": False, "sign": "-"}
+    known = mapping(**axes)
+    del known["tx"], known["rx"]
+    known["position"] = {"dataset": "p", "unit": "cm", "reversed": False, "x": "left"}
+    places = np.arange(36.0).reshape(12, 3)
+    with h5py.File(folder / "hand.mat", "a") as file:
+        del file["xr"]
+        file["xr"], file["p"] = SAMPLES[0].reshape(5, 12), places
+    capture = described(folder, known)
+    np.testing.assert_array_equal(capture.samples, SAMPLES[:1].reshape(1, 5, 12))
+    np.testing.assert_allclose(capture.aperture.position_m, places / 100)
+
+
+def test_several_arrays_in_one_file(folder):
+    second = {name: dict(table) for name, table in mapping().items() if name in ("tx", "rx")}
+    second["samples"], second["tx"]["dataset"] = mapping(dataset="xr2")["samples"], "set/tx2"
+    with h5py.File(folder / "hand.mat", "a") as file:
+        file["xr2"] = 2 * file["xr"][:].view("c8").conj()
+        file["set/tx2"] = file["set/tx"][:] + 100.0
+    capture = described(folder, mapping() | {"array": [second]})
     assert capture.samples.shape == (2, 5, 6, 8)
     np.testing.assert_allclose(capture.samples[:, :, :3, :4], SAMPLES, rtol=1e-6)
     np.testing.assert_allclose(capture.samples[:, :, 3:, 4:], 2 * SAMPLES.conj(), rtol=1e-6)
     assert capture.aperture.measured.sum() == 24 and not capture.samples[:, :, :3, 4:].any()
 
 
-def test_all_that_is_missing_is_named_at_once(folder):
-    told = mapping(dataset="xs")
-    told["tx"]["dataset"], told["gains"] = (
-        "set/t",
-        {"dataset": "g", "axes": ["rx", "tx"], "reversed": True},
-    )
-    with pytest.raises(HandbenchError, match=r"has no 'g', 'set/t', 'xs' inside; it has"):
-        described(folder, told)
-    del told["samples"]["reversed"], told["rx"]["unit"], told["file"]
-    with pytest.raises(HandbenchError) as caught:
-        described(folder, told)
-    for key in ("samples.reversed", "rx.unit", "file"):
-        assert f"key '{key}' is missing" in str(caught.value)
-
-
-def test_it_becomes_a_capture_folder(folder, tmp_path_factory):
-    out = tmp_path_factory.mktemp("import") / "hand"
-    import_capture("mapping", folder, out)
-    assert same(open_capture(out).echoes())
-    assert open_capture(out).about.contains == ("echoes.h5",)
-
-
-@pytest.mark.parametrize(
-    "change, reason",
-    [
-        (
-            {"samples": {"dataset": "xs"}},
-            r"hand\.mat: has no 'xs' inside; it has im, re, set/f, set/rx, set/tx, xr",
-        ),
-        (
-            {"samples": {"axes": ["tx", "rx", "frequency", "frame"]}},
-            r"'xr' has shape \(2, 5, 3, 4\); expected \[frame, frequency 5, rx 4, tx 3\] as stored",
-        ),
-        (
-            {"samples": {"axes": ["rx", "tx", "frequency"]}},
-            r"'xr' has shape \(2, 5, 3, 4\); expected \[frequency 5, tx 3, rx 4\] as stored",
-        ),
-        (
-            {"samples": {"dataset": "re"}},
-            "'re' holds float32; expected complex numbers: name the data sets of both parts",
-        ),
-        ({"samples": {"dataset": "set"}}, "'set' is no data set of this file"),
-        ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\] of rx"),
-        ({"rx": {"dataset": "xr"}}, "'xr' holds .*; expected real numbers"),
-        (
-            {"frequencies": {"dataset": "re"}},
-            r"'re' has shape \(2, 5, 3, 4\); expected \[frequency\]",
-        ),
-        ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
-        ({"samples": {"order": "C"}}, r"unknown key 'samples\.order'"),
-        ({"samples": {"axes": ["rx", "frequency"]}}, "axes hold"),
-        ({"samples": {"real": "re"}}, "give either dataset"),
-        ({"samples": {"axes": ["pair", "frequency"]}}, r"the table \[pairs\]"),
-        (
-            {"samples": {"axes": ["rx", "tx", "sweep", "frequency"]}},
-            r"sweeps = \"mean\" or \"frames\" is there if",
-        ),
-        (
-            {"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}},
-            "gains.axes name the antennas as",
-        ),
-        ({"wave_speed_m_s": 1.0}, "wave_speed_m_s: is 1; expected 1/100 to 1 of vacuum's"),
-        (
-            {"position": {"dataset": "p", "unit": "m", "reversed": False, "x": "left"}},
-            r"the table \[position\]",
-        ),
-        ({"file": "../hand.mat"}, "leaves the folder"),
-        (
-            {"file": "foot.mat"},
-            r"foot\.mat: expected the HDF5 or MATLAB file that mapping\.toml names, found nothing",
-        ),
-    ],
-)
-def test_what_does_not_fit_is_told(folder, change, reason):
-    told = mapping()
-    for table, values in change.items():
-        told[table] = {**told.get(table, {}), **values} if isinstance(values, dict) else values
-    with pytest.raises(HandbenchError, match=reason) as caught:
-        described(folder, told)
-    assert "\n" not in str(caught.value)
-
-
-def test_files_that_lead_elsewhere_are_refused(folder, tmp_path_factory):
-    secret = matlab(tmp_path_factory.mktemp("secret") / "hand.mat")
-    for link in (h5py.ExternalLink(str(secret), "xr"), h5py.SoftLink("/re")):
-        with h5py.File(folder / "hand.mat", "a") as file:
-            del file["xr"]
-            file["xr"] = link
-        with pytest.raises(HandbenchError, match="has no 'xr' inside the file itself"):
-            open_capture(folder).echoes()
-    layout = h5py.VirtualLayout(SAMPLES.shape, np.complex64)
-    layout[:] = h5py.VirtualSource(str(secret), "xr", SAMPLES.shape)
-    with h5py.File(folder / "hand.mat", "a") as file:
-        del file["xr"]
-        file.create_virtual_dataset("xr", layout)
-    with pytest.raises(HandbenchError, match="is no data set of this file"):
-        open_capture(folder).echoes()
-    with h5py.File(folder / "hand.mat", "a") as file:
-        del file["xr"]
-        file.create_dataset(
-            "xr", SAMPLES.shape, "<f4", external=[(str(secret), 0, 4 * SAMPLES.size)]
-        )
-    with pytest.raises(HandbenchError, match="is no data set of this file"):
-        open_capture(folder).echoes()
-
-
-def test_data_sets_too_large_and_objects_are_refused(folder):
-    with h5py.File(folder / "hand.mat", "a") as file:
-        del file["xr"]
-        file.create_dataset(
-            "xr", (10**6, 5, 3, 10**4), "<c8", chunks=(1, 5, 3, 10**4)
-        )  # holds nothing yet
-    with pytest.raises(HandbenchError, match="of which the file holds 0"):
-        open_capture(folder).echoes()
-    with h5py.File(folder / "hand.mat", "a") as file:
-        del file["xr"]
-        file.create_dataset("xr", (2,), h5py.string_dtype())
-    with pytest.raises(HandbenchError, match="'xr' holds object; expected numbers"):
-        open_capture(folder).echoes()
-
-
-def test_a_truncated_file_is_one_line(folder):
+def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
+    """As SciPy writes it, which shares nothing with the reader."""
+    stored = {"xr": SAMPLES.conj().T, "f": TONES_HZ[None] / 1e9, "text": "abc", "deep": {"xr": 1.0}}
+    stored |= {"tx": 1e3 * TX_M * [-1, 1, 1], "rx": 1e3 * RX_M * [-1, 1, 1]}
+    known = mapping()
+    for table, name in (("frequencies", "f"), ("tx", "tx"), ("rx", "rx")):
+        known[table]["dataset"] = name
+    for packed in (False, True):
+        savemat(folder / "hand.mat", stored, do_compression=packed)
+        assert same(described(folder, known))
+    known["samples"]["dataset"], known["rx"]["dataset"] = "text", "deep"
+    words = r"hand\.mat: has no 'deep', 'text' of its own; it has xr, f, tx, rx"
+    with pytest.raises(HandbenchError, match=words):
+        described(folder, known)
     whole = (folder / "hand.mat").read_bytes()
-    for length in (0, 100, len(whole) // 2, len(whole) - 1):
-        (folder / "hand.mat").write_bytes(whole[:length])
-        with pytest.raises(
-            HandbenchError, match=r"hand\.mat: is not a readable HDF5 or MATLAB file"
-        ) as caught:
-            open_capture(folder).echoes()
-        assert "\n" not in str(caught.value)
+    (folder / "hand.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(HandbenchError) as caught:
+        described(folder, known)
+    assert "\n" not in str(caught.value)

@@ -52,21 +52,12 @@ def test_arrays_come_through_as_numpy_wrote_them(
         "none": None,
         "yes": True,
     }
-    read = read_dictionary(
-        npy(path, pickle.dumps(np.array(content, dtype=object), protocol))
-    )  # numpy 1's, numpy 2's
-    np.testing.assert_array_equal(read.pop("xr"), values)
-    assert read == {key: content[key] for key in read}
-    assert read.keys() == content.keys() - {"xr"}
-
-
-def test_names_of_numpy_1_are_known_too(tmp_path):
-    pickled = pickle.dumps(np.array({"a": np.arange(3.0)}, dtype=object), 3)
-    old = pickled.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
-    assert old != pickled
-    np.testing.assert_array_equal(
-        read_dictionary(npy(tmp_path / "a.npy", old))["a"], np.arange(3.0)
-    )
+    pickled = pickle.dumps(np.array(content, dtype=object), protocol)  # numpy 1's, numpy 2's
+    if protocol == 3:
+        pickled = pickled.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
+    read = read_dictionary(npy(path, pickled))
+    np.testing.assert_array_equal(read.pop("xr"), content.pop("xr"))
+    assert read == content
 
 
 class Runs:
@@ -79,15 +70,7 @@ class Runs:
         return os.system, (f"touch {self.file}",)
 
 
-@pytest.mark.parametrize(
-    "wrap",
-    [
-        lambda bad: bad,
-        lambda bad: {"xr": bad},
-        lambda bad: {"xr": np.array([bad], dtype=object)},
-        lambda bad: {"xr": [bad]},
-    ],
-)
+@pytest.mark.parametrize("wrap", [lambda bad: bad, lambda bad: {"xr": np.array([bad], object)}])
 def test_code_is_never_run(tmp_path, wrap):
     saved(tmp_path / "a.npy", wrap(Runs(tmp_path / "ran")))
     with pytest.raises(HandbenchError, match=r"it names (posix|nt)\.system") as caught:
@@ -101,16 +84,15 @@ def test_code_is_never_run(tmp_path, wrap):
 
 
 @pytest.mark.parametrize(
-    "content, reason",
+    ("content", "reason"),
     [
         ({"xr": np.array([None, 1], dtype=object)}, "an array of objects"),
-        ({"xr": np.array({"deeper": 1}, dtype=object)}, "'xr' is an array of objects"),
         ({"xr": {"deeper": 1}}, "'xr' is dict"),
         ({"xr": [1, 2]}, "'xr' is list"),
         ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
         ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
         ({1: 2}, "a key is int"),
-        ([1], "it holds no dictionary"),
+        ((1,), "it holds no dictionary"),
     ],
 )
 def test_anything_but_numbers_is_refused(tmp_path, content, reason):
@@ -121,35 +103,20 @@ def test_anything_but_numbers_is_refused(tmp_path, content, reason):
         read_dictionary(tmp_path / "a.npy")
 
 
-def test_plain_arrays_and_cut_files_are_refused(tmp_path):
-    np.save(tmp_path / "plain.npy", np.zeros(3))
+def test_plain_arrays_cut_and_huge_files_are_refused(tmp_path):
+    file = tmp_path / "a.npy"
+    np.save(file, np.zeros(3))
     with pytest.raises(HandbenchError, match="not a dictionary"):
-        read_dictionary(tmp_path / "plain.npy")
-    whole = saved(tmp_path / "a.npy", {"xr": np.zeros(50), "n": 1}).read_bytes()
+        read_dictionary(file)
+    whole = saved(file, {"xr": np.zeros(50), "n": 1}).read_bytes()
     for length in range(0, len(whole) - 1, 7):
-        (tmp_path / "cut.npy").write_bytes(whole[:length])
-        with pytest.raises(HandbenchError, match=r"cut\.npy: is refused"):
-            read_dictionary(tmp_path / "cut.npy")
-
-
-@examples(200)
-@given(st.integers(0, 10**6), st.integers(0, 255))
-def test_a_changed_byte_is_refused_or_harmless(tmp_path_factory, where, byte):
-    """Whatever a damaged file does, it ends as a dictionary of numbers or as our error."""
-    path = tmp_path_factory.mktemp("npy") / "a.npy"
-    content = bytearray(
-        saved(path, {"xr": np.zeros(4, np.complex64), "fvec": np.arange(3.0)}).read_bytes()
-    )
-    content[where % len(content)] = byte
-    path.write_bytes(content)
-    try:
-        read = read_dictionary(path)
-    except HandbenchError:
-        return
-    assert all(
-        isinstance(value, np.ndarray | np.generic | int | float | str | None)
-        for value in read.values()
-    )
+        file.write_bytes(whole[:length])
+        with pytest.raises(HandbenchError, match=r"a\.npy: is refused"):
+            read_dictionary(file)
+    with file.open("wb") as stream:
+        stream.truncate(PICKLE_BYTES + 1)
+    with pytest.raises(HandbenchError, match="268435456 at most"):
+        read_dictionary(file)
 
 
 def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
@@ -173,15 +140,12 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
             "it holds no dictionary",
         ),  # an array of 8 TB
         (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
-        (b"\x80\x04cnumpy\ndtype\nN}X\x05\x00\x00\x00_makeNs\x86b.", "a name that is changed"),
         (b"\x80\x04cbuiltins\neval\n.", r"it names builtins\.eval"),
-        (b"\x80\x04cnumpy\nload\n.", r"it names numpy\.load"),
         (
             b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.",
             "is refused .50.",
         ),  # a key of 2⁶⁰ parts, by DUP ...
         (b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.", "a key is tuple"),  # ... and by memo
-        (b"\x80\x04}(N" + b"q\x00h\x00\x86" * 60 + b"Nu.", "a key is tuple"),
         (
             b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.",
             "is refused",
@@ -192,8 +156,6 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
             b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"NR.",
             "it calls what is no name",
         ),  # whose text has 2⁶⁰ parts
-        (b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"Nb.", "is refused"),
-        (b"\x80\x04cnumpy\ndtype\nNR.", "it calls what is no name"),
         (b"\x80\x04" + b"]" * 20_000 + b".", "too many steps"),
         (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
     ],
@@ -201,10 +163,3 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
 def test_bombs_are_refused(tmp_path, bomb, reason):
     with pytest.raises(HandbenchError, match=reason):
         read_dictionary(npy(tmp_path / "a.npy", bomb))
-
-
-def test_files_too_large_for_a_frame_are_not_read(tmp_path):
-    with (tmp_path / "a.npy").open("wb") as stream:
-        stream.truncate(PICKLE_BYTES + 1)
-    with pytest.raises(HandbenchError, match="268435456 at most"):
-        read_dictionary(tmp_path / "a.npy")

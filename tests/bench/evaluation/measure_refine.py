@@ -12,7 +12,7 @@ of their error. DIR keeps captures and maps; what it has is not made again.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,7 @@ POSES = ("B", "F", "U", "A", "L", "V", "Y")
 METHODS = ("3fsk", "joint")
 TONES_HZ = [82.0e9, 81.8e9, 80.5e9, 79.5e9, 77.0e9, 72.0e9]
 PHASE_NOISE_RAD = 0.034  # of the table
-SEED, FIRST_PERSON = 7000, 21
+SEED, FIRST_PERSON, HANDS, DRAWS = 7000, 21, 10, 10
 
 
 def hand(person: int) -> SceneFile:
@@ -50,26 +50,21 @@ def hand(person: int) -> SceneFile:
     return SceneFile.model_validate(scene).of_person(person)
 
 
-def maps(folder: Path, person: int, draws: int) -> Path:
-    """The capture of a person's hand in `folder` with the depth maps METHOD_DRAW.npz of its
-    frames."""
+def maps(folder: Path, person: int) -> Path:
+    """The capture of a person's hand in `folder`, and beside it the depth maps METHOD_DRAW.npz of
+    its frames."""
     scene = hand(person)
-    capture = folder / scene.name
+    capture, done = folder / scene.name, folder / f"{scene.name}-maps"
     if not capture.exists():
-        simulate_capture(build(scene), capture, draws)
-    done = folder / f"{scene.name}-maps"
+        simulate_capture(build(scene), capture, DRAWS)
     done.mkdir(exist_ok=True)
-    wanted = [
-        (id, draw)
-        for id in METHODS
-        for draw in range(draws)
-        if not (done / f"{id}_{draw}.npz").exists()
-    ]
-    if wanted:
-        echoes = open_capture(capture).echoes(draws)
-        for id, draw in wanted:
-            settings = configuration(capture, id, {})
-            method(id).run(echoes, settings, draw).depth.save(done / f"{id}_{draw}.npz")
+    for id in METHODS:
+        for draw in range(DRAWS):
+            file = done / f"{id}_{draw}.npz"
+            if not file.exists():
+                echoes = open_capture(capture).echoes(DRAWS)
+                settings = configuration(capture, id, {})
+                method(id).run(echoes, settings, draw).depth.save(file)
     return capture
 
 
@@ -81,49 +76,27 @@ def misfit(found: Transform) -> float | None:
     return float(error @ np.linalg.solve(found.covariance, error))
 
 
-def main() -> None:
+def main(folder: Path) -> None:
     """Measure, a line per hand and method, and print the share."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=FIRST_PERSON)
-    parser.add_argument("--hands", type=int, default=10)
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--only-maps", action="store_true")
-    options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
-    captures = [
-        maps(options.folder, options.first + n, options.draws) for n in range(options.hands)
-    ]
-    for id in () if options.only_maps else METHODS:
-        told = np.concatenate([misfits(capture, id, options.draws) for capture in captures])
-        known = told[np.isfinite(told)]
+    folder.mkdir(parents=True, exist_ok=True)
+    captures = [maps(folder, FIRST_PERSON + n) for n in range(HANDS)]
+    for id in METHODS:
+        all_told = []
+        for capture in captures:
+            files = [folder / f"{capture.name}-maps" / f"{id}_{draw}.npz" for draw in range(DRAWS)]
+            found = [refine_files(file, capture / TRUTH, None) for file in files]
+            told = np.array([misfit(transform) for transform in found], float)
+            all_told.append(told)
+            moved = [[*t.refined["translation_mm"], *t.refined["rotation_deg"]] for t in found]
+            rms = np.sqrt(np.mean(np.square(moved), axis=0)).round(2)
+            moves = f"moved by {rms[:3]} mm and {rms[3:]}° (rms)"
+            print(f"{capture.name} {id}: χ² {told.round(1)}; {moves}", flush=True)
+        known = np.concatenate(all_told)
+        known = known[np.isfinite(known)]
         inside = int((known < chi2.ppf(0.95, 6)).sum())
-        of = f"{len(told)} (without covariance: {len(told) - len(known)})"
-        print(
-            f"{id}: inside {inside} of {of}; χ² of 6: mean {known.mean():.2f}, median "
-            f"{np.median(known):.2f}"
-        )
-
-
-def misfits(capture: Path, id: str, draws: int) -> np.ndarray:
-    """The misfit [draws] of each map of a method, NaN where no covariance is stated; prints
-    them."""
-    found = [refine_files(_map(capture, id, draw), capture / TRUTH, None) for draw in range(draws)]
-    told = np.array([misfit(transform) for transform in found], float)
-    moved = np.array(
-        [np.r_[t.refined["translation_mm"], t.refined["rotation_deg"]] for t in found if t.refined]
-    )
-    rms = np.sqrt((moved**2).mean(axis=0)).round(2)
-    print(
-        f"{capture.name} {id}: χ² {told.round(1)}; moved by {rms[:3]} mm and {rms[3:]}° (rms)",
-        flush=True,
-    )
-    return told
-
-
-def _map(capture: Path, id: str, draw: int) -> Path:
-    return capture.with_name(f"{capture.name}-maps") / f"{id}_{draw}.npz"
+        print(f"{id}: inside {inside} of {HANDS * DRAWS} (with covariance: {len(known)})")
+        print(f"{id}: χ² of 6: mean {known.mean():.2f}, median {np.median(known):.2f}")
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]))

@@ -7,11 +7,7 @@ import pytest
 from scipy.stats import binom
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.error_causes import (
-    NOMINAL_PERCENT,
-    coverage_percent,
-    negative_log_likelihood,
-)
+from handbench.bench.evaluation.error_causes import NOMINAL_PERCENT
 from handbench.radar.data.depthmap import DepthMap
 from tests.bench.evaluation.explained import Scored, explain
 
@@ -22,15 +18,9 @@ REFERENCE_M = np.full((SIDE, SIDE), 0.3)
 
 def table(error_m, sigma_m, reference_sigma_m=None, wrapped=None, captures=1):
     """The reliability of maps of one error and σ."""
-    depth = DepthMap(
-        AXIS_M,
-        AXIS_M,
-        REFERENCE_M + error_m,
-        np.zeros_like(REFERENCE_M),
-        "3fsk",
-        sigma_m=sigma_m,
-        wrapped=wrapped,
-    )
+    level_db = np.zeros_like(REFERENCE_M)
+    given = {"sigma_m": sigma_m, "wrapped": wrapped}
+    depth = DepthMap(AXIS_M, AXIS_M, REFERENCE_M + error_m, level_db, "3fsk", **given)
     errors = ErrorMap(AXIS_M, AXIS_M, error_m, REFERENCE_M, reference_sigma_m)
     return explain([Scored("3fsk", "truth", depth, errors)] * captures)["reliability"]
 
@@ -64,58 +54,28 @@ def test_coverage_of_right_sigmas_is_binomial():
     assert not within_binomial(alone.observed_percent[4], 95, SIDE**2)
 
 
-def test_likelihood_is_its_closed_form():
-    """−ln N has the expectation ½ ln(2πe σ²) and the variance ½ where σ is right; with σ' = k·σ it
-    is ½ ln(2π k² σ²) + 1/(2k²)."""
-    rng, sigma_mm, count = np.random.default_rng(6), 0.7, 200_000
-    error_mm = rng.normal(0, sigma_mm, count)
-    allowed = 5 * np.sqrt(0.5 / count)
-    right = negative_log_likelihood(error_mm, np.full(count, sigma_mm))
-    assert right == pytest.approx(0.5 * np.log(2 * np.pi * np.e * sigma_mm**2), abs=allowed)
-    for k in (0.5, 2.0):
-        told = negative_log_likelihood(error_mm, np.full(count, k * sigma_mm))
-        expected = 0.5 * np.log(2 * np.pi * k**2 * sigma_mm**2) + 0.5 / k**2
-        assert told == pytest.approx(expected, abs=allowed / k**2) and told > right
-
-
-def test_coverage_counts_what_lies_within():
-    deviations = np.array([0.0, 0.5, -0.7, 1.0, -1.5, 3.0])
-    assert coverage_percent(deviations, 50) == pytest.approx(100 * 2 / 6)  # ±0.674
-    assert coverage_percent(deviations, 68) == pytest.approx(100 * 3 / 6)  # ±0.994
-    assert coverage_percent(deviations, 99) == pytest.approx(100 * 5 / 6)  # ±2.576
-
-
 def test_flagged_pixels_are_told_apart_and_unknown_sigmas_left_out():
     rng = np.random.default_rng(7)
     sigma_m, error_m = np.full(REFERENCE_M.shape, 1e-3), rng.normal(0, 1e-3, REFERENCE_M.shape)
     flagged = np.zeros(REFERENCE_M.shape, bool)
     flagged[:10], error_m[:10] = True, 0.03
     sigma_m[-1] = np.nan
-    found = table(error_m, sigma_m, np.zeros_like(sigma_m), flagged, captures=2).set_index(
-        ["pixels", "nominal_percent"]
-    )
-    assert (
-        found.n_pixels["all", 95] == 2 * 99 * SIDE
-        and found.n_pixels["not flagged", 95] == 2 * 89 * SIDE
-    )
-    assert (found.n_captures == 2).all()
-    assert within_binomial(found.observed_percent["not flagged", 95], 95, 89 * SIDE)
-    assert found.observed_percent["all", 95] == pytest.approx(
-        found.observed_percent["not flagged", 95] * 89 / 99
-    )
-
-
-def test_a_map_without_sigma_has_no_reliability():
-    assert not len(table(np.zeros_like(REFERENCE_M), None))
+    lines = table(error_m, sigma_m, np.zeros_like(sigma_m), flagged, captures=2)
+    assert (lines.n_captures == 2).all()
+    found = lines[lines.nominal_percent == 95].set_index("pixels")
+    assert found.n_pixels.to_dict() == {"all": 2 * 99 * SIDE, "not flagged": 2 * 89 * SIDE}
+    held = found.observed_percent
+    assert within_binomial(held["not flagged"], 95, 89 * SIDE)
+    assert held["all"] == pytest.approx(held["not flagged"] * 89 / 99)
+    assert not len(table(error_m, None))
 
 
 def test_both_sigmas_are_added_as_variances():
     """3 and 4 mm are 5 mm: an error as large lies beyond the interval of 68 % (±0.994) and within
     that of 80 %."""
     shape = REFERENCE_M.shape
-    found = table(np.full(shape, 5e-3), np.full(shape, 3e-3), np.full(shape, 4e-3)).query(
-        "pixels == 'all'"
-    )
+    lines = table(np.full(shape, 5e-3), np.full(shape, 3e-3), np.full(shape, 4e-3))
+    found = lines[lines.pixels == "all"]
     assert found.nominal_percent.tolist() == [50, 68, 80, 90, 95, 99]
     assert found.observed_percent.tolist() == [0, 0, 100, 100, 100, 100]
     assert found.nll.tolist() == pytest.approx([0.5 * (np.log(2 * np.pi * 25) + 1)] * 6, rel=1e-6)

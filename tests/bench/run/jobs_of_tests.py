@@ -18,7 +18,7 @@ from handbench.support.parallel import workers
 from handbench.support.store import Stage, Stamp
 
 if TYPE_CHECKING:
-    from handbench.bench.run.runner import Run, StageOutcome
+    from handbench.bench.run.runner import Done
 
 SPAN_S = 0.2
 
@@ -27,48 +27,24 @@ def nothing(folder: Path) -> None:
     """A stage's function."""
 
 
-def few_bytes(folder: Path) -> None:
-    """A stage that leaves one file."""
-    (folder / "a").write_bytes(b"echoes")
-
-
-def two_files(folder: Path) -> None:
-    """A stage that leaves a file in a folder, and one beside that."""
-    (folder / "sub").mkdir()
-    (folder / "sub" / "a").write_text("1")
-    (folder / "b").write_text("2")
-
-
-def some_time(folder: Path) -> None:
-    """A stage that takes a moment."""
-    time.sleep(0.01)
-
-
 def stage_of(name: str, capture: str, method: str = "") -> Stage:
     """A stage with a key of its own."""
     return Stage(name, nothing, {}, [], capture, method)
 
 
-def run_of(executor: Executor, root: Path) -> Run:
-    """A run that has not begun; its stages' folders lie under `root`."""
-    from handbench.bench.run.benchmark_file import load_benchmark
-    from handbench.bench.run.runner import Run
-
-    bench, base = load_benchmark("hands")
-    return Run(bench, base, root, executor)
-
-
 def performed(
     executor: Executor, job: Callable[[Path, Stage], Any], root: Path, stages: list[Stage]
-) -> list[StageOutcome]:
+) -> list[Done]:
     """The outcomes of stages that a run has an executor carry out, by a job that stands for the
     real ones."""
     from handbench.bench.run import jobs, runner
+    from handbench.bench.run.benchmark_file import load_benchmark
 
     for stage in (stage for stage in stages if stage.method):
         write_json(stage.folder(root) / runner.TIMING, {})
     with patch.object(runner, "cached", job), patch.object(jobs, "content_key", job):
-        return run_of(executor, root).perform(stages)
+        bench, base = load_benchmark("hands")
+        return runner.Run(bench, base, root, executor).perform(stages)
 
 
 def spans(root: Path, job: Stage) -> tuple[Stamp, bool]:
@@ -80,11 +56,6 @@ def spans(root: Path, job: Stage) -> tuple[Stamp, bool]:
     began_s = time.monotonic()
     time.sleep(SPAN_S)
     (root / job.label).write_text(f"{began_s} {time.monotonic()} {os.getpid()} {workers()}")
-    return Stamp(), False
-
-
-def stamped(root: Path, job: Stage) -> tuple[Stamp, bool]:
-    """Takes no time."""
     return Stamp(), False
 
 

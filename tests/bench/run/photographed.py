@@ -39,7 +39,8 @@ def mesh(folder, photos, options, sparse, dense):
 
 def calibrate(folder, captures, clouds):
     assert all(Path(cloud).is_file() for cloud in clouds)
-    Transform("photo", "radar", np.eye(4), exact, np.array([1e-5])).save(folder / calibrate_stage.REGISTRATION)
+    found = Transform("photo", "radar", np.eye(4), exact, np.array([1e-5]))
+    found.save(folder / calibrate_stage.REGISTRATION)
 
 for stage, name, function in (
     (sparse_stage, "make", sparse),

@@ -3,6 +3,7 @@ our variables, its limits hold and it ends with us; depth maps are checked befor
 scored."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -28,13 +29,14 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from tests.small_benchmark import write_bench
+from tests.small_benchmark import BENCH
 from tests.test_docs import DOCS, blocks
 
 GRID = PixelGrid(np.linspace(-0.02, 0.02, 5), np.linspace(-0.01, 0.01, 3))
 WRITE = """
     x, y = np.linspace(-0.02, 0.02, 5), np.linspace(-0.01, 0.01, 3)
-    np.savez(sys.argv[2], x_m=x, y_m=y, z_m=np.full((3, 5), 0.3), amplitude_db=np.zeros((3, 5)), seconds=1e-9)
+    z, a = np.full((3, 5), 0.3), np.zeros((3, 5))
+    np.savez(sys.argv[2], x_m=x, y_m=y, z_m=z, amplitude_db=a, seconds=1e-9)
 """
 GUARD_S = 600  # before a test gives up
 
@@ -65,6 +67,14 @@ def image(capture, tmp_path, program, limit_s=600.0, limit_mb=0):
     return load_depthmap(made / DEPTH), read_json(made / TIMING, "times")["seconds"]
 
 
+SLEEPS = """
+    import subprocess, time
+    child = subprocess.Popen(["sleep", "1000"])
+    open({file!r}, "w").write(str(child.pid))
+    time.sleep(1000)
+"""
+
+
 def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, monkeypatch):
     monkeypatch.setenv("A_SECRET", "1")
     seen = tmp_path / "seen.txt"
@@ -73,22 +83,16 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
         with h5py.File(sys.argv[1] + "/echoes.h5") as file:
             np.save({str(tmp_path / "samples.npy")!r}, file["samples"][:])
         text = open(sys.argv[1] + "/capture.toml").read()
-        open({str(seen)!r}, "w").write(" ".join([*sorted(os.listdir(sys.argv[1])), *os.environ, text, os.getcwd()]))
+        known = *sorted(os.listdir(sys.argv[1])), *os.environ, text, os.getcwd()
+        open({str(seen)!r}, "w").write(" ".join(known))
     """ + textwrap.indent(WRITE, "    ")
     depth, [seconds] = image(capture, tmp_path, program)
     with h5py.File(capture.folder / "echoes.h5") as file:
         assert np.array_equal(np.load(tmp_path / "samples.npy"), file["samples"][:1])
     written = seen.read_text()
-    assert (
-        written.startswith("capture.toml echoes.h5 ")
-        and "A_SECRET" not in written
-        and "PATH" in written
-    )
-    assert (
-        "seed" not in written
-        and "truth" not in written
-        and str(capture.folder.parent) not in written
-    )
+    assert written.startswith("capture.toml echoes.h5 ") and "PATH" in written
+    for secret in ("A_SECRET", "seed", "truth", str(capture.folder.parent)):
+        assert secret not in written
     assert np.all(depth.z_m == np.float32(0.3)) and depth.method == "mine"
     assert seconds != 1e-9  # those of the whole command, not those that it claims
 
@@ -99,7 +103,8 @@ WRONG = {
         "ended with exit code 1; its last line: antenna",
     ),
     "killed": ("os.kill(os.getpid(), 9)", "ended with exit code 137"),
-    "nothing": ("pass", "wrote no {depth}"),
+    "memory": ("np.zeros(2**31) + 1", r"its last line: .*MemoryError"),
+    "nothing": ("pass", "wrote no [{]depth}"),
     "another grid": (WRITE.replace("0.02", "0.03"), "x_m is another grid"),
     "a pickle": (
         "np.savez(sys.argv[2], x_m=[{}], y_m=[0], z_m=[0], amplitude_db=[0])",
@@ -110,22 +115,9 @@ WRONG = {
 
 @pytest.mark.parametrize(("program", "words"), WRONG.values(), ids=WRONG)
 def test_what_it_does_wrong_is_one_line(capture, tmp_path, program, words):
-    with pytest.raises(HandbenchError, match=words.replace("{", "[{]")) as error:
-        image(capture, tmp_path, program)
+    with pytest.raises(HandbenchError, match=words) as error:
+        image(capture, tmp_path, program, limit_mb=4 * 2**10)
     assert "\n" not in str(error.value)
-
-
-def test_a_program_that_is_not_there_is_one_line(capture, tmp_path):
-    with pytest.raises(HandbenchError, match="'no-such-program' is no program"):
-        foreign._run(["no-such-program"], tmp_path, 1.0, 0)
-
-
-SLEEPS = """
-    import subprocess, time
-    child = subprocess.Popen(["sleep", "1000"])
-    open({file!r}, "w").write(str(child.pid))
-    time.sleep(1000)
-"""
 
 
 def wait_for_end(process):
@@ -167,7 +159,8 @@ def test_it_ends_when_handbench_is_killed(tmp_path):
     runs = f"""
         from pathlib import Path
         from handbench.bench.run import foreign
-        foreign._run([{sys.executable!r}, {str(tmp_path / "mine.py")!r}], Path({str(tmp_path)!r}), 600.0, 0)
+        words = [{sys.executable!r}, {str(tmp_path / "mine.py")!r}]
+        foreign._run(words, Path({str(tmp_path)!r}), 600.0, 0)
     """
     with subprocess.Popen([sys.executable, "-c", textwrap.dedent(runs)]) as ours:
         process = wait_for_text(child)
@@ -175,78 +168,40 @@ def test_it_ends_when_handbench_is_killed(tmp_path):
     wait_for_end(process)
 
 
-def test_memory_is_limited(capture, tmp_path):
-    with pytest.raises(HandbenchError, match=r"its last line: .*MemoryError"):
-        image(capture, tmp_path, "np.zeros(2**31) + 1", limit_mb=4 * 2**10)
-
-
-def test_a_files_content_is_part_of_the_commands_key(tmp_path):
-    (tmp_path / "mine.py").write_text("1")
-    command = "python mine.py {capture} {depth}"
-    first = foreign.program_key(command, tmp_path)
-    (tmp_path / "mine.py").write_text("10")
-    assert (
-        foreign.program_key(command, tmp_path)
-        != first
-        != foreign.program_key(f"{command} 2", tmp_path)
-    )
-    (tmp_path / "mine.py").write_text("1")
-    assert foreign.program_key(command, tmp_path) == first
-
-
-# Depth maps
-
-
-def content(**changed):
-    z_m = np.full(GRID.shape, 0.3)
-    z_m[0, 0] = np.nan
-    return {
-        "x_m": GRID.x_m,
-        "y_m": GRID.y_m,
-        "z_m": z_m,
-        "amplitude_db": np.zeros(GRID.shape),
-    } | changed
-
-
 MAPS = {
     "moved": ({"x_m": GRID.x_m + 1e-5}, "x_m is another grid"),
     "NaN in the grid": ({"y_m": GRID.y_m * np.nan}, "y_m is another grid"),
-    "coarser": ({"x_m": GRID.x_m[::2], "z_m": np.ones((3, 3))}, "x_m is another grid"),
-    "turned": (
-        {"z_m": np.full(GRID.shape[::-1], 0.3)},
-        r"z_m is float64 \(5, 3\); expected real numbers \(3, 5\)",
-    ),
+    "turned": ({"z_m": np.ones((5, 3))}, r"z_m is float64 \(5, 3\); expected real numbers"),
     "whole numbers": ({"z_m": np.ones(GRID.shape, int)}, "z_m is int64"),
-    "infinite": ({"z_m": np.full(GRID.shape, np.inf)}, "infinite depths"),
     "beyond float32": ({"z_m": np.full(GRID.shape, 1e300)}, "infinite depths"),
     "empty": ({"z_m": np.full(GRID.shape, np.nan)}, "no depth at all"),
     "NaN amplitudes": ({"amplitude_db": np.full(GRID.shape, np.nan)}, "amplitude_db is not finite"),
     "millimetres": ({"z_m": np.full(GRID.shape, 300.0)}, "are these millimetres"),
-    "no time": ({"seconds": np.nan}, "seconds is array"),
     "times": ({"seconds": np.ones(2)}, "seconds is array"),
 }
 
 
+def write_map(file, **changed):
+    z_m = np.full(GRID.shape, 0.3)
+    z_m[0, 0] = np.nan
+    content = {"x_m": GRID.x_m, "y_m": GRID.y_m, "z_m": z_m, "amplitude_db": np.zeros(GRID.shape)}
+    np.savez(file, **content | changed)
+
+
 @pytest.mark.parametrize(("changed", "words"), MAPS.values(), ids=MAPS)
 def test_maps_that_cannot_be_scored_are_refused(tmp_path, changed, words):
-    np.savez(tmp_path / "a.npz", **content(**changed))
+    write_map(tmp_path / "a.npz", **changed)
     with pytest.raises(HandbenchError, match=words):
         foreign.read_map(tmp_path / "a.npz", "mine", GRID)
 
 
-def test_a_map_is_read_as_it_was_written(tmp_path):
-    np.savez(tmp_path / "a.npz", **content(x_m=GRID.x_m + 1e-8, seconds=0.25))
+def test_a_map_is_read_as_it_was_written_on_the_benchmark_s_own_grid(tmp_path):
+    write_map(tmp_path / "a.npz", x_m=GRID.x_m + 1e-8, seconds=0.25)
     depth, seconds = foreign.read_map(tmp_path / "a.npz", "mine", GRID)
-    assert (
-        depth.method == "mine" and np.isnan(depth.z_m[0, 0]) and depth.z_m[1, 1] == np.float32(0.3)
-    )
-    assert np.array_equal(
-        depth.x_m, GRID.x_m
-    )  # the benchmark's own, so that all methods share one grid
-    assert seconds == 0.25
+    assert depth.method == "mine" and np.isnan(depth.z_m[0, 0])
+    assert depth.z_m[1, 1] == np.float32(0.3) and seconds == 0.25
+    assert np.array_equal(depth.x_m, GRID.x_m)
 
-
-# In a benchmark
 
 FLAT_M = 0.2825  # the foreign method's answer, whatever it sees
 PROGRAM = f"""
@@ -259,46 +214,25 @@ np.savez(sys.argv[2], x_m=x, y_m=y, z_m=z, amplitude_db=-1e3 * np.hypot(*np.mesh
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, small_result):
     """A benchmark of a captured ball, with a command and a folder of depth maps beside two methods
     of ours."""
     folder = tmp_path_factory.mktemp("foreign")
-    scenes = write_bench(folder / "scenes").parent
-    assert main(["simulate", str(scenes / "ball.toml"), "-o", str(folder / "ball")]) == 0
-    text = (
-        (scenes / "small.toml")
-        .read_text()
-        .replace('scene = "ball.toml"', 'path = "ball"\nmeasures = ["accuracy"]')
-    )
-    text = text.replace("precision = true\n", "").replace("phase_noise_rad = 0.03\n", "")
-    (folder / "ours.toml").write_text(text)
+    shutil.copytree(next((small_result / "work").glob("simulate-*")) / "capture", folder / "ball")
+    ball = 'path = "ball"\nmeasures = ["accuracy"]'
+    text = BENCH.replace('scene = "ball.toml"', ball).replace("precision = true\n", "")
     (folder / "mine.py").write_text(PROGRAM)
     (folder / "maps").mkdir()
-    subprocess.run(
-        [sys.executable, folder / "mine.py", "", folder / "maps" / "ball.npz"], check=True
-    )
-    command = f"{sys.executable} mine.py {{capture}} {{depth}}"
-    (folder / "bench.toml").write_text(
-        f'{text}\n[[method]]\nid = "mine"\ncommand = "{command}"\n[[method]]\nid = "given"\nmaps '
-        '= "maps"\n'
-    )
+    command = [sys.executable, folder / "mine.py", "", folder / "maps" / "ball.npz"]
+    subprocess.run(command, check=True)
+    mine = f'[[method]]\nid = "mine"\ncommand = "{sys.executable} mine.py {{capture}} {{depth}}"\n'
+    given = '[[method]]\nid = "given"\nmaps = "maps"\n'
+    (folder / "bench.toml").write_text(text.replace("phase_noise_rad = 0.03\n", "") + mine + given)
     return folder
 
 
-@pytest.fixture
-def no_settling(monkeypatch):
-    monkeypatch.setattr("handbench.bench.run.reconstruct_stage.SETTLE_S", 0.0)
-
-
-def stages(result):
-    """The folders of a result's imaging stages, and when each was made."""
-    return {
-        folder.name: folder.stat().st_mtime_ns for folder in (result / "work").glob("reconstruct-*")
-    }
-
-
-@pytest.mark.usefixtures("no_settling")
-def test_they_are_scored_beside_our_own(folder, capsys):
+@pytest.mark.usefixtures("small_bench")  # whose times need not settle
+def test_they_are_scored_beside_our_own_and_a_changed_program_runs_again(folder, capsys):
     bench, result = str(folder / "bench.toml"), folder / "result"
     assert main(["inspect", bench]) == 0
     assert main(["run", bench, "-o", str(result)]) == 0
@@ -311,73 +245,31 @@ def test_they_are_scored_beside_our_own(folder, capsys):
     assert table["mine", "mae_mm"] == pytest.approx(expected_mm, abs=0.03)
     assert table["given", "mae_mm"] == table["mine", "mae_mm"]
     assert table["mine", "seconds"] > 0 and np.isnan(table["given", "seconds"])
-    assert set(load(result).equal.method) == {
-        "2fsk",
-        "narrowband",
-        "mine",
-        "given",
-    }  # on common pixels
-    made = stages(result)
+    on_common_pixels = set(load(result).equal.method)
+    assert on_common_pixels == {"2fsk", "narrowband", "mine", "given"}
     (folder / "mine.py").write_text(PROGRAM.replace("0.015", "0.014"))
-    assert (
-        main(["run", bench, "-o", str(result)]) == 0
-    )  # the program that was changed runs again, and nothing else
-    [new] = stages(result).keys() - made.keys()
-    assert made.items() <= stages(result).items() and new.startswith("reconstruct-ball-mine-")
+    assert main(["run", bench, "-o", str(result)]) == 0
+    made = load(result).tasks.query("not cached and stage == 'reconstruct'")
+    assert made.method.tolist() == ["mine"]
     capsys.readouterr()
 
 
-@pytest.mark.usefixtures("no_settling")
-def test_a_map_that_is_missing_is_a_failure_of_its_capture(folder, tmp_path, capsys):
-    text = (folder / "bench.toml").read_text()
-    (folder / "other").mkdir()
-    (folder / "other" / "bull.npz").write_bytes((folder / "maps" / "ball.npz").read_bytes())
-    (folder / "hole.toml").write_text(text.replace('"maps"', '"other"'))
-    assert main(["inspect", str(folder / "hole.toml")]) == 2
-    assert "other has no depth map of 1 of 1 captures: ball" in capsys.readouterr().out
-    assert main(["run", str(folder / "hole.toml"), "-o", str(tmp_path / "r")]) == 0
-    [failure] = load(tmp_path / "r").about.failures
-    assert (failure.capture, failure.method) == ("ball", "given")
-    assert (
-        "expected the depth map of 'ball', found nothing; did you mean 'bull'?" in failure.message
-    )
-    with np.load(folder / "maps" / "ball.npz") as content:
-        np.savez(folder / "other" / "ball.npz", **{**content, "z_m": 1e3 * content["z_m"]})
-    capsys.readouterr()
-    assert main(["inspect", str(folder / "hole.toml")]) == 2  # it reads the maps as a run does
-    found = capsys.readouterr().out
-    assert (
-        f"{folder / 'other' / 'ball.npz'}: z_m reaches" in found and "has no depth map" not in found
-    )
+GIVEN = 'maps = "maps"'
 
 
+GIVEN = 'maps = "maps"'
 REFUSED = {
-    "a submission": ('maps = "maps"', 'submission = "maps"', "submission is gone; give maps"),
-    "outside": ('maps = "maps"', 'maps = "../maps"', "leaves the folder"),
-    "no folder": (
-        'maps = "maps"',
-        'maps = "mops"',
-        "expected a folder with a depth map for each capture",
-    ),
+    "a submission": (GIVEN, 'submission = "maps"', "submission is gone; give maps"),
+    "outside": (GIVEN, 'maps = "../maps"', "leaves the folder"),
+    "no folder": (GIVEN, 'maps = "mops"', "expected a folder with a depth map for each capture"),
+    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map of 1 of 1 captures: ball"),
     "our own": ('id = "given"', 'id = "3fsk"', "handbench has this method"),
-    "both": (
-        'maps = "maps"',
-        'maps = "maps"\ncommand = "a {capture} {depth}"',
-        "maps and a command",
-    ),
-    "a configuration": ('maps = "maps"', 'maps = "maps"\nprecision = true', "is taken as it is"),
-    "limits of maps": ('maps = "maps"', 'maps = "maps"\nlimit_s = 3', "but no command"),
-    "no place": ('maps = "maps"', 'command = "mine {capture}"', "command lacks {depth}"),
-    "an open quote": (
-        'maps = "maps"',
-        'command = "mine \'{capture} {depth}"',
-        "quote it as for a shell",
-    ),
-    "a control character": (
-        'maps = "maps"',
-        'command = "mine\\u0000 {capture} {depth}"',
-        "cannot be printed",
-    ),
+    "both": (GIVEN, f'{GIVEN}\ncommand = "a {{capture}} {{depth}}"', "maps and a command"),
+    "a configuration": (GIVEN, f"{GIVEN}\nprecision = true", "is taken as it is"),
+    "limits of maps": (GIVEN, f"{GIVEN}\nlimit_s = 3", "but no command"),
+    "no place": (GIVEN, 'command = "mine {capture}"', "command lacks {depth}"),
+    "an open quote": (GIVEN, 'command = "m \'{capture} {depth}"', "quote it as for a shell"),
+    "control": (GIVEN, 'command = "m\\u0000 {capture} {depth}"', "cannot be printed"),
     "no file's name": ('id = "given"', 'id = "../given"', "cannot name a file"),
 }
 
@@ -386,23 +278,26 @@ REFUSED = {
 def test_entries_that_cannot_work_are_refused_before_anything_runs(folder, capsys, old, new, words):
     file = folder / "refused.toml"
     file.write_text((folder / "bench.toml").read_text().replace(old, new))
-    with pytest.raises(HandbenchError) as error:
-        load_benchmark(str(file))
-    assert words in str(error.value)
     assert main(["inspect", str(file)]) == 2
     assert words in capsys.readouterr().out
+    if "no depth map" not in words:  # which a run says of each capture
+        with pytest.raises(HandbenchError) as error:
+            load_benchmark(str(file))
+        assert words in str(error.value)
 
 
-def test_the_page_s_method_finds_the_ball(folder, tmp_path):
+def test_the_page_s_method_finds_the_ball(small_bench, tmp_path, capsys):
     """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind
     the plane imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
     [code] = blocks(DOCS / "submissions.md", "python")
-    fewer = "np.arange(-20, 21, 2)"
-    (tmp_path / "page.py").write_text(code.replace("np.arange(-150, 151)", fewer))
-    assert fewer in (tmp_path / "page.py").read_text()
+    old, fewer = "np.arange(-150, 151)", "np.arange(-20, 21, 4)"
+    assert old in code
+    (tmp_path / "page.py").write_text(code.replace(old, fewer))
+    ball = str(tmp_path / "ball")  # without noise
+    assert main(["simulate", str(small_bench.parent / "ball.toml"), "-o", ball]) == 0
+    capsys.readouterr()
     command = foreign.words(f"{sys.executable} page.py {{capture}} {{depth}}", tmp_path)
-    x_m = np.arange(-20, 21, 2) * 1e-3
-    made = tmp_path / "stage"
+    x_m, made = np.arange(-20, 21, 4) * 1e-3, tmp_path / "stage"
     made.mkdir()
-    foreign.run(made, command, str(folder / "ball"), "page", x_m, x_m, (600.0, 0), {})
-    assert load_depthmap(made / DEPTH).z_m[10, 10] == pytest.approx(0.28, abs=1e-3)
+    foreign.run(made, command, ball, "page", x_m, x_m, (600.0, 0), {})
+    assert load_depthmap(made / DEPTH).z_m[5, 5] == pytest.approx(0.28, abs=1e-3)

@@ -13,71 +13,58 @@ import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.executors import LocalExecutor, ProcessExecutor
+from handbench.bench.run.executors import Here, Processes
 from handbench.bench.run.runner import run
 from handbench.support.parallel import workers
 from tests.bench.run.jobs_of_tests import performed, slow, spans, stage_of, stuck
+from tests.bench.run.test_schedule import several
 
 
 @pytest.fixture
-def beside() -> Iterator[ProcessExecutor]:
-    with ProcessExecutor(min(len(os.sched_getaffinity(0)), 2)) as found:
+def beside() -> Iterator[Processes]:
+    with Processes(min(len(os.sched_getaffinity(0)), 2)) as found:
         yield found
 
 
 def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
     cores = os.sched_getaffinity(0)
-    jobs = [
-        stage_of("reconstruct", "a", "m"),
-        *(stage_of("mesh", n) for n in "abcd"),
-        stage_of("reconstruct", "b", "m"),
-    ]
+    meshes, images = (
+        [stage_of("mesh", n) for n in "abcd"],
+        [stage_of("reconstruct", n, "m") for n in "ab"],
+    )
+    jobs = [images[0], *meshes, images[1]]
     ended = performed(beside, spans, tmp_path, jobs)
     assert [done.key for done in ended] == [job.key for job in jobs]
     took = {
         job.label: [float(word) for word in (tmp_path / job.label).read_text().split()]
         for job in jobs
     }
-    assert len({took[f"mesh-{name}"][2] for name in "abcd"}) == min(len(cores), 2), (
-        "a process for each core"
-    )
-    assert all(took[f"mesh-{name}"][3] == max(workers() // 2, 1) for name in "abcd"), (
-        "each with half the cores"
-    )
-    imaged = [took[f"reconstruct-{name}-m"] for name in "ab"]
-    assert all(pid == os.getpid() and threads == workers() for _, _, pid, threads in imaged)
-    for began_s, ended_s, *_ in imaged:
-        others = [span for span in took.values() if span[0] != began_s]
-        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), (
-            "nothing else runs then"
-        )
+    of_meshes = [took[job.label] for job in meshes]
+    assert len({pid for _, _, pid, _ in of_meshes}) == min(len(cores), 2), "a process for each core"
+    assert {threads for *_, threads in of_meshes} == {max(workers() // 2, 1)}, "half the cores each"
+    for image in (took[job.label] for job in images):
+        began_s, ended_s, pid, threads = image
+        assert pid == os.getpid() and threads == workers()
+        others = [span for span in took.values() if span is not image]
+        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), "alone"
     assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
 
 
 def test_a_bug_keeps_its_exception_and_where_it_was(beside, tmp_path):
+    """One that cannot be sent, its words."""
+    bug = [stage_of("mesh", name) for name in ("a", "bug", "b")]
     with pytest.raises(ZeroDivisionError, match="a bug") as caught:
-        performed(beside, spans, tmp_path, [stage_of("mesh", name) for name in ("a", "bug", "b")])
+        performed(beside, spans, tmp_path, bug)
     assert "in spans" in str(caught.value.__cause__)
-
-
-def test_a_bug_that_cannot_be_sent_is_told_all_the_same(beside, tmp_path):
     with pytest.raises(RuntimeError, match="LockedError: held"):
-        performed(beside, stuck, tmp_path, [stage_of("mesh", "a"), stage_of("mesh", "bug")])
+        performed(beside, stuck, tmp_path, bug)
 
 
 def _slowly(root: Path) -> None:
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # ignored where a shell started the tests in background
-    with ProcessExecutor(min(len(os.sched_getaffinity(0)), 2)) as beside:
+    # ignored where a shell started the tests in background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with Processes(min(len(os.sched_getaffinity(0)), 2)) as beside:
         performed(beside, slow, root, [stage_of("mesh", "a"), stage_of("mesh", "b")])
-
-
-def _lives(pid: int) -> bool:
-    try:
-        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
 
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
@@ -90,9 +77,10 @@ def test_no_process_outlives_a_killed_run(tmp_path, sign):
         assert time.monotonic() < guard_s
         pids = [int(text) for file in tmp_path.iterdir() if (text := file.read_text())]
         time.sleep(0.05)
+    left = [psutil.Process(pid) for pid in pids]
     os.kill(parent.pid, sign)
     parent.join()
-    while any(map(_lives, pids)):
+    while any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in left):
         assert time.monotonic() < guard_s
         time.sleep(0.05)
 
@@ -105,8 +93,7 @@ def test_a_stage_that_ends_its_process_fails_alone(beside, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("count", "core_s", "kind"),
-    [(1, 1e9, LocalExecutor), (2, 1.0, LocalExecutor), (2, 1e9, ProcessExecutor)],
+    ("count", "core_s", "kind"), [(1, 1e9, Here), (2, 1.0, Here), (2, 1e9, Processes)]
 )
 def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, core_s, kind):
     monkeypatch.setattr(executors, "room", lambda *_: count)
@@ -116,20 +103,15 @@ def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, c
 
 def test_results_are_those_of_one_process(small_bench, tmp_path, monkeypatch):
     """The reference is the same code in one process."""
-    scene = small_bench.parent / "ball.toml"
-    (small_bench.parent / "other.toml").write_text(
-        scene.read_text().replace('"ball"', '"other"').replace("0.30", "0.29")
-    )
-    second = '[[capture]]\nscene = "other.toml"\n[[method]]'
-    one_method = small_bench.read_text().rpartition("[[method]]")[0]
-    small_bench.write_text(one_method.replace("[[method]]", second))
+    several(small_bench)
+    small_bench.write_text(small_bench.read_text().rpartition("[[method]]")[0])
     bench, base = load_benchmark(str(small_bench))
     monkeypatch.setattr(executors, "room", lambda *_: 2)
-    made = {}
-    for name, worth_s in {"here": 1e9, "beside": 0.0}.items():
+    tables = []
+    for worth_s in (1e9, 0.0):
         monkeypatch.setattr(executors, "WORTH_S", worth_s)
-        made[name] = run(bench, base, tmp_path / name)
-    here, beside = made["here"], made["beside"]
-    untimed = here.table.metric != "seconds"
-    assert here.table[untimed].equals(beside.table[untimed]) and not beside.about.failures
-    assert beside.tasks.gemm_gflops.nunique() == 1, "measured once, before anything runs beside it"
+        made = run(bench, base, tmp_path / str(worth_s))
+        tables.append(made.table[made.table.metric != "seconds"])
+        assert not made.about.failures
+    assert tables[0].equals(tables[1])
+    assert made.tasks.gemm_gflops.nunique() == 1, "measured once, before anything runs beside it"

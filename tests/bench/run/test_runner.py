@@ -1,13 +1,10 @@
 """The runner: complete result folders, resumed after a kill, never mixed and never stale."""
 
-import csv
 import json
 import os
-import re
 import shutil
 import signal
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +19,7 @@ from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
-from handbench.support.folder import locked
+from tests.bench.run.faults import content
 from tests.faults.processes import Runs
 
 
@@ -40,303 +37,172 @@ def figures(folder: Path) -> list[str]:
     ]
 
 
-def test_result_folder_is_complete_and_plausible(small_result):
+def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
     result = results.load(small_result)
     mae = result.table[result.table.metric == "mae_mm"].set_index("method").value
     assert set(mae.index) == {"2fsk", "narrowband"}
     assert 0 < mae["2fsk"] < 10  # σ_z is 3.6 mm at the strongest pixel and 11 mm at the threshold
-    assert result.row("precision_mm", "2fsk", "truth").value > 0
+    assert result.row("precision_mm", "2fsk", "truth").value > 0 and len(result.repeats) == 3
     assert result.row("precision_mm", "narrowband", "truth") is None
-    assert len(result.repeats) == 3
     assert set(result.tasks.stage) == {"simulate", "inspect", "reconstruct", "repeat", "score"}
-    assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(
-        axis=None
-    ) and not result.tasks.cached.any()
-    by_amplitude = (
-        result.causes[result.causes.cause == "below_maximum_db"].groupby("method").n_pixels.sum()
-    )
+    assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None)
+    assert not result.tasks.cached.any()
+    by_amplitude = result.causes[result.causes.cause == "below_maximum_db"].groupby("method")
     observed = result.table[result.table.metric == "n_observed"].set_index("method").value
-    assert by_amplitude.to_dict() == observed.to_dict() and (result.causes.n_captures == 1).all()
+    assert by_amplitude.n_pixels.sum().to_dict() == observed.to_dict()
     assert set(result.reliability.method) == {"2fsk"}  # a projection tells no σ
+    about = json.loads((small_result / "result.json").read_text())
+    assert about["protocol"]["id"] == "paper" and about["inputs"].keys() == {"ball"}
+    assert "numpy" in about["versions"] and about["metrics"]["mae_mm"]["definition"]
+    assert about["machine"]["imaging_device"] == "cpu"
+    assert set(result.tasks.host) == {about["machine"]["host"]}
 
 
-def test_second_run_is_cached_and_gives_the_same_table(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    before = (tmp_path / "out" / "table.csv").read_text()
-    again = execute(small_bench, tmp_path / "out")
-    assert again.tasks.cached.all()
-    assert (tmp_path / "out" / "table.csv").read_text() == before
-
-
-def test_a_changed_input_is_never_taken_from_the_cache(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
+def test_what_is_the_same_is_taken_from_before_and_nothing_else_is(
+    small_bench, small_result, tmp_path
+):
+    out = tmp_path / "out"
+    shutil.copytree(small_result, out)
+    before = (out / "table.csv").read_text()
+    assert execute(small_bench, out).tasks.cached.all()
+    assert (out / "table.csv").read_text() == before
+    bench = small_bench.read_text()
+    small_bench.write_text(bench.replace("seed = 1", "seed = 2"))
+    with pytest.raises(HandbenchError, match="another configuration"):
+        execute(small_bench, out)
+    assert (out / "table.csv").read_text() == before
+    execute(small_bench, out, overwrite=True)
+    assert "seed = 2" in (out / "config.toml").read_text()
+    small_bench.write_text(bench)
     scene = small_bench.parent / "ball.toml"
     scene.write_text(scene.read_text().replace("seed = 3", "seed = 4"))
-    again = execute(small_bench, tmp_path / "out")
-    assert not again.tasks.cached.any()
+    assert not execute(small_bench, out, overwrite=True).tasks.cached.any()
 
 
-def test_another_configuration_is_refused_unless_asked_for(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    kept = figures(tmp_path / "out")
-    small_bench.write_text(small_bench.read_text().replace("seed = 1", "seed = 2"))
-    with pytest.raises(HandbenchError, match="another configuration"):
-        execute(small_bench, tmp_path / "out")
-    assert figures(tmp_path / "out") == kept
-    execute(small_bench, tmp_path / "out", overwrite=True)
-
-
-def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.tex").write_text("mine")
+@pytest.mark.parametrize("name", ["thesis.tex", "photos/hand.jpg"])
+def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path, name):
+    file = tmp_path / "out" / name
+    file.parent.mkdir(parents=True)
+    file.write_text("mine")
+    before = sorted((tmp_path / "out").rglob("*"))
     with pytest.raises(HandbenchError, match="no run wrote"):
         execute(small_bench, tmp_path / "out")
-    assert (tmp_path / "out" / "thesis.tex").read_text() == "mine"
-
-
-def test_a_folder_of_photographs_is_not_taken_for_a_result(small_bench, tmp_path):
-    (tmp_path / "session" / "photos").mkdir(parents=True)
-    (tmp_path / "session" / "photos" / "hand.jpg").write_text("mine")
-    with pytest.raises(HandbenchError, match="no run wrote"):
-        execute(small_bench, tmp_path / "session")
-    assert [p.name for p in (tmp_path / "session").rglob("*")] == ["photos", "hand.jpg"]
-
-
-def test_two_runs_do_not_share_a_folder(small_bench, tmp_path):
-    with locked(tmp_path / "out"), pytest.raises(HandbenchError, match="another run"):
-        execute(small_bench, tmp_path / "out")
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    """Every file of a result folder, those of its stages too, without times: the rows and columns
-    that hold them, the machine's rate, and whether a stage was cached."""
-    times = {
-        "table.csv": rb"(?m)^seconds,.*$",
-        "scores.csv": rb"(?m)^.*,seconds,.*$",
-        "result.json": rb'"(gemm_gflops|seconds)":.*',
-        "capture.toml": rb"(?m)^seconds = .*$",
-        "stage.json": rb"(?s).*",
-        "timing.json": rb"(?s).*",
-        "tasks.csv": rb"[0-9.]+,[0-9.]+,[0-9.]+,.*",
-        "manifest.json": rb"(?s).*",  # the checksums of these too
-    }
-    files = [path for path in folder.rglob("*") if path.is_file()]
-    return {
-        str(path.relative_to(folder)): re.sub(times[path.name], b"", path.read_bytes())
-        if path.name in times
-        else path.read_bytes()
-        for path in files
-    }
+    assert sorted((tmp_path / "out").rglob("*")) == before and file.read_text() == "mine"
 
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
-    """Killed once the first stage is done; HANDBENCH_KILLS=10 adds as many runs, killed at random
-    moments. Each run is a process of its own, forked from one that has imported what it needs."""
-    runs = Runs(small_bench, tmp_path, photographs=False)
+    """Killed once the first stage is done. Each run is a process of its own, forked from one that
+    has imported what it needs."""
+    runs, out = Runs(small_bench, tmp_path, photographs=False), tmp_path / "out"
     assert runs.run(tmp_path / "whole")[0] == 0
-    whole_s, expected = runs.seconds, content(tmp_path / "whole")
-
-    def killed_and_resumed(out: Path, wait: Callable[[], None]) -> bool:
-        process = runs.started(out)
-        wait()
-        os.kill(process, signal.SIGKILL)
-        killed = (
-            int(runs.forks.stdout.readline()) == -signal.SIGKILL
-            and not (out / "result.json").exists()
-        )
-        if killed and (out / "work").exists():
-            (
-                out / "work" / ".reconstruct-abc-half"
-            ).mkdir()  # what a kill inside a stage leaves behind
-        assert runs.run(out)[0] == 0
-        assert content(out) == expected
-        return killed
-
-    def first_stage() -> None:
-        deadline = time.monotonic() + 600  # a hang
-        while (
-            not list((tmp_path / "first" / "work").glob("simulate-*"))
-            and time.monotonic() < deadline
-        ):
-            time.sleep(0.01)
-
-    assert killed_and_resumed(tmp_path / "first", first_stage)
-    assert results.load(tmp_path / "first").tasks.cached[0]
-    moments_s = (
-        np.random.default_rng(0).uniform(0.3, 0.85, int(os.environ.get("HANDBENCH_KILLS", "0")))
-        * whole_s
-    )
-    killed = [
-        killed_and_resumed(tmp_path / f"{m:.3f}", lambda m=m: time.sleep(m)) for m in moments_s
-    ]
-    print(
-        f"{sum(killed)} of {len(killed)} runs had not ended when they were killed, after "
-        f"{moments_s.round(2)} s"
-    )
+    process, deadline = runs.started(out), time.monotonic() + 600  # a hang
+    while not list(out.glob("work/simulate-*")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.kill(process, signal.SIGKILL)
+    assert int(runs.forks.stdout.readline()) == -signal.SIGKILL
+    assert not (out / "result.json").exists()
+    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
+    assert runs.run(out)[0] == 0
+    assert content(out) == content(tmp_path / "whole")
+    assert results.load(out).tasks.cached[0]
     runs.end()
 
 
 @pytest.fixture
-def recorded(small_bench, small_result, tmp_path) -> Path:
-    """The benchmark's capture as a folder, "ball"."""
-    shutil.copytree(small_result, tmp_path / "simulated")
+def recorded(small_bench, small_result) -> Path:
+    """The benchmark's capture as a folder, "ball", of a benchmark of that folder."""
     folder = small_bench.parent / "ball"
-    shutil.copytree(next((tmp_path / "simulated" / "work").glob("simulate-*")) / "capture", folder)
+    shutil.copytree(next((small_result / "work").glob("simulate-*")) / "capture", folder)
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', 'path = "ball"'))
     return folder
 
 
-def with_another(small_bench: Path, recorded: Path, frequencies: int) -> None:
-    """Benchmark both the recorded capture and a copy, "other", that keeps its highest
-    frequencies."""
-    other = recorded.parent / "other"
+@pytest.fixture
+def other(small_bench, recorded) -> Path:
+    """A copy of it, "other", in the benchmark before it."""
+    other = recorded.with_name("other")
     shutil.copytree(recorded, other)
-    description = (other / "capture.toml").read_text()
-    (other / "capture.toml").write_text(description.replace('name = "ball"', 'name = "other"'))
-    echoes = load_capture(recorded / "echoes.h5")
-    kept = slice(-frequencies, None)
-    echoes = replace(
-        echoes, samples=echoes.samples[:, kept], frequencies_hz=echoes.frequencies_hz[kept]
-    )
-    save_capture(other / "echoes.h5", echoes)
+    about = (other / "capture.toml").read_text()
+    (other / "capture.toml").write_text(about.replace('name = "ball"', 'name = "other"'))
     both = 'path = "other"\n[[capture]]\npath = "ball"'
-    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', both))
+    small_bench.write_text(small_bench.read_text().replace('path = "ball"', both))
+    return other
 
 
 def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
-    small_bench, recorded, tmp_path, capsys, monkeypatch
+    small_bench, small_result, other, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(
-        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
-    )  # takes long with two tones
-    with_another(small_bench, recorded, frequencies=2)  # enough for 2-FSK alone
+    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    echoes = load_capture(other / "echoes.h5")
+    two = {"samples": echoes.samples[:, -2:], "frequencies_hz": echoes.frequencies_hz[-2:]}
+    save_capture(other / "echoes.h5", replace(echoes, **two))  # enough for 2-FSK alone
     result = execute(small_bench, tmp_path / "out")
     [failure] = result.about.failures
-    assert (failure.capture, failure.method, failure.stage) == (
-        "other",
-        "narrowband",
-        "reconstruct",
-    )
+    what = failure.capture, failure.method, failure.stage
+    assert what == ("other", "narrowband", "reconstruct")
     assert failure.line in capsys.readouterr().err.splitlines()
     assert result.about.protocol["basis"].startswith("1 of 2 captures")
-    assert figures(tmp_path / "out") == figures(tmp_path / "simulated")
-    assert [c.name for c in result.about.captures] == ["ball"] and set(result.repeats.capture) == {
-        "ball"
-    }
+    assert figures(tmp_path / "out") == figures(small_result)
+    assert [c.name for c in result.about.captures] == ["ball"]
+    assert set(result.repeats.capture) == {"ball"}
     assert set(result.tasks.capture) == {"ball", "other"}
 
 
-def test_a_broken_capture_does_not_sink_the_run(small_bench, recorded, tmp_path):
-    with_another(small_bench, recorded, frequencies=3)
-    broken = recorded.parent / "other"
-    (broken / "echoes.h5").write_bytes((recorded / "echoes.h5").read_bytes()[:5000])
-    assert {f.method for f in execute(small_bench, tmp_path / "echoes").about.failures} == {
-        "2fsk",
-        "narrowband",
-    }
-    (broken / "capture.toml").unlink()
+def test_a_broken_capture_does_not_sink_the_run(
+    small_bench, small_result, recorded, other, tmp_path
+):
+    (other / "echoes.h5").write_bytes((recorded / "echoes.h5").read_bytes()[:5000])
+    failures = execute(small_bench, tmp_path / "echoes").about.failures
+    assert {f.method for f in failures} == {"2fsk", "narrowband"}
+    (other / "capture.toml").unlink()
     result = execute(small_bench, tmp_path / "description")
     assert [(f.capture, f.stage) for f in result.about.failures] == [("other", "open")]
     for name in ("echoes", "description"):
-        assert figures(tmp_path / name) == figures(tmp_path / "simulated")
+        assert figures(tmp_path / name) == figures(small_result)
     (recorded / "truth.ply").unlink()
     with pytest.raises(HandbenchError, match=r"every capture failed; the first: .*other"):
         execute(small_bench, tmp_path / "none")
 
 
-def test_captures_as_folders_score_as_simulated_ones(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    capture = next((tmp_path / "out" / "work").glob("simulate-*")) / "capture"
-    shutil.copytree(capture, small_bench.parent / "recorded")
-    small_bench.write_text(
-        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
-    )
-    execute(small_bench, tmp_path / "recorded")
-    assert figures(tmp_path / "recorded") == figures(tmp_path / "out")
-
-
-def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    recorded = small_bench.parent / "recorded"
-    shutil.copytree(next((tmp_path / "out" / "work").glob("simulate-*")) / "capture", recorded)
+def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
+    small_bench, small_result, recorded, tmp_path
+):
+    """And as the simulated capture does; without any surface there is nothing to score."""
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = (
-        Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix(),
-        (0.1, 0.2, 0.5),
-    )
-    radar_from_photo = Transform("photo", "radar", matrix)
+    matrix[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    matrix[:3, 3] = 0.1, 0.2, 0.5
+    radar_from_photo, file = Transform("photo", "radar", matrix), recorded / "radar_from_photo.json"
     surface = read_mesh(recorded / "truth.ply")
     write_mesh(recorded / "mesh.ply", surface.transform(radar_from_photo.inverse().matrix))
-    radar_from_photo.save(recorded / "radar_from_photo.json")
-    small_bench.write_text(
-        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
-    )
-    result = execute(small_bench, tmp_path / "recorded")
+    radar_from_photo.save(file)
+    result, simulated = execute(small_bench, tmp_path / "out"), results.load(small_result)
     for method in ("2fsk", "narrowband"):
-        values = [result.row("mae_mm", method, r).value for r in ("photogrammetry", "truth")]
-        assert values[0] == pytest.approx(
-            values[1], abs=1e-3
-        )  # the mesh is stored in float32: 1e-7 of 0.5 m
-    radar_from_photo.inverse().save(recorded / "radar_from_photo.json")
+        found = {r: result.row("mae_mm", method, r).value for r in ("photogrammetry", "truth")}
+        assert found["truth"] == simulated.row("mae_mm", method, "truth").value
+        # the mesh is stored in float32: 1e-7 of 0.5 m
+        assert found["photogrammetry"] == pytest.approx(found["truth"], abs=1e-3)
+    radar_from_photo.inverse().save(file)
     with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
         execute(small_bench, tmp_path / "inverted")
-
-
-def test_a_capture_without_any_reference_is_an_error(small_bench, small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    capture = next((tmp_path / "out" / "work").glob("simulate-*")) / "capture"
-    recorded = small_bench.parent / "recorded"
-    shutil.copytree(capture, recorded)
-    (recorded / "truth.ply").unlink()
-    description = (recorded / "capture.toml").read_text()
-    (recorded / "capture.toml").write_text(description.replace('"truth.ply", ', ""))
-    small_bench.write_text(
-        small_bench.read_text().replace('scene = "ball.toml"', 'path = "recorded"')
-    )
+    for name in ("truth.ply", "mesh.ply", file.name):
+        (recorded / name).unlink()
+    about = recorded / "capture.toml"
+    about.write_text(about.read_text().replace('"truth.ply", ', ""))
     with pytest.raises(HandbenchError, match="nothing to score against"):
-        execute(small_bench, tmp_path / "recorded")
-
-
-def test_paths_do_not_leave_the_benchmark_s_folder(small_bench, tmp_path):
-    small_bench.write_text(small_bench.read_text().replace('"ball.toml"', '"../../etc/passwd"'))
-    with pytest.raises(HandbenchError, match="leaves the folder"):
-        execute(small_bench, tmp_path / "out")
-
-
-def test_result_json_says_how_it_came_about(small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    about = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert about["protocol"]["id"] == "paper"
-    assert about["inputs"].keys() == {"ball"}
-    assert "numpy" in about["versions"]
-    assert about["machine"]["cores"] >= 1
-    assert about["machine"]["imaging_device"] == "cpu"
-    assert about["machine"]["gemm_gflops"] > 0
-    assert about["metrics"]["mae_mm"]["definition"]
-    assert about["failures"] == [] and about["protocol"]["basis"].startswith("1 of 1 captures")
-    with (tmp_path / "out" / "tasks.csv").open() as stream:
-        assert {(t["host"], float(t["gemm_gflops"])) for t in csv.DictReader(stream)} == {
-            (about["machine"]["host"], about["machine"]["gemm_gflops"])
-        }
+        execute(small_bench, tmp_path / "none")
 
 
 def test_results_of_before_failures_and_machines_are_read(small_result, tmp_path):
-    shutil.copytree(small_result, tmp_path / "out")
-    about, tasks = tmp_path / "out" / "result.json", tmp_path / "out" / "tasks.csv"
-    about.write_text(
-        json.dumps({k: v for k, v in json.loads(about.read_text()).items() if k != "failures"})
-    )
-    tasks.write_text(
-        "".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks.read_text().splitlines())
-    )
-    result = results.load(tmp_path / "out")
-    assert (
-        result.about.failures == ()
-        and np.isnan(result.tasks.gemm_gflops[0])
-        and result.tasks.seconds[0] > 0
-    )
-    tasks.write_text(
-        "".join(f"{line.rsplit(',', 1)[0]}\n" for line in tasks.read_text().splitlines())
-    )
+    out = tmp_path / "out"
+    shutil.copytree(small_result, out)
+    about = json.loads((out / "result.json").read_text())
+    (out / "result.json").write_text(json.dumps({k: about[k] for k in about.keys() - {"failures"}}))
+    tasks = (out / "tasks.csv").read_text().splitlines()
+    (out / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
+    result = results.load(out)
+    assert result.about.failures == () and result.tasks.seconds[0] > 0
+    assert np.isnan(result.tasks.gemm_gflops[0])
+    (out / "tasks.csv").write_text("".join(f"{line.rsplit(',', 6)[0]}\n" for line in tasks))
     with pytest.raises(HandbenchError, match="the columns are"):
-        results.load(tmp_path / "out")
+        results.load(out)

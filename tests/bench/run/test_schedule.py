@@ -17,7 +17,7 @@ import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.executors import HASH, DaskExecutor, LocalExecutor, elsewhere
+from handbench.bench.run.executors import HASH, Cluster, Here, elsewhere
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
 from handbench.support.store import Stage, cached
@@ -27,24 +27,16 @@ CAPTURES = 2
 ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
 
 
-@pytest.fixture
-def balls(small_bench) -> Path:
-    """See `several`."""
-    return several(small_bench)
-
-
 def several(small_bench: Path) -> Path:
     """The small benchmark with several captures, which differ in distance and noise."""
-    scene = (small_bench.parent / "ball.toml").read_text()
+    scene, names = (small_bench.parent / "ball.toml").read_text(), []
     for k in range(CAPTURES):
         changed = scene.replace('"ball"', f'"ball{k}"').replace("0.30", f"{0.295 + 0.002 * k:.3f}")
-        (small_bench.parent / f"ball{k}.toml").write_text(
-            changed.replace("seed = 3", f"seed = {k}")
-        )
-    captures = "[[capture]]\n".join(["", *(f'scene = "ball{k}.toml"\n' for k in range(CAPTURES))])
-    small_bench.write_text(
-        small_bench.read_text().replace('[[capture]]\nscene = "ball.toml"\n', captures)
-    )
+        names.append(f'scene = "ball{k}.toml"')
+        file = small_bench.parent / f"ball{k}.toml"
+        file.write_text(changed.replace("seed = 3", f"seed = {k}"))
+    captures = "\n[[capture]]\n".join(names)
+    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', captures))
     return small_bench
 
 
@@ -61,11 +53,9 @@ class Workers:
 
     def start(self, command: str, *options: str) -> subprocess.Popen:
         with (self.folder / f"{command}.log").open("a") as log:
-            return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.{command}", "--scheduler-file", str(self.file),
-                 "--host", "127.0.0.1", *options],
-                stdout=log, stderr=log, env=ENVIRONMENT, cwd=self.folder,
-            )  # fmt: skip
+            words = [sys.executable, "-m", f"distributed.cli.{command}", "--host", "127.0.0.1"]
+            words += ["--scheduler-file", str(self.file), *options]
+            return subprocess.Popen(words, stdout=log, stderr=log, env=ENVIRONMENT, cwd=self.folder)
 
     @property
     def address(self) -> str:
@@ -84,16 +74,6 @@ class Workers:
             process.wait()
 
 
-@pytest.fixture
-def workers(tmp_path) -> Iterator[Workers]:
-    pytest.importorskip(
-        "distributed", reason="dask.distributed is not installed: pip install 'handbench[cluster]'"
-    )
-    started = Workers(tmp_path)
-    yield started
-    started.stop()
-
-
 def table(folder: Path) -> list[str]:
     """The table without its times."""
     return [
@@ -107,35 +87,6 @@ def finished(work: Path) -> int:
     return len(list(work.glob("[!.]*-*")))
 
 
-@pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_gives_the_serial_table(balls, workers, tmp_path):
-    bench, base = load_benchmark(str(balls))
-    run(bench, base, tmp_path / "serial")
-    work, stages = tmp_path / "cluster" / "work", 6 * CAPTURES
-    killed_at: list[int] = []
-
-    def kill_in_the_middle() -> None:
-        while finished(work) < 2:
-            time.sleep(0.005)
-        os.kill(workers.workers[0].pid, signal.SIGKILL)
-        killed_at.append(finished(work))
-
-    address = workers.address
-    killer = threading.Thread(target=kill_in_the_middle, daemon=True)
-    killer.start()
-    result = run(bench, base, tmp_path / "cluster", scheduler=address)
-    assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
-    assert table(tmp_path / "cluster") == table(tmp_path / "serial")
-    for path in (tmp_path / "serial").glob("*/*.npz"):
-        assert (
-            path.read_bytes()
-            == (tmp_path / "cluster" / path.relative_to(tmp_path / "serial")).read_bytes()
-        )
-    assert len(result.tasks) == stages and result.about.failures == ()
-    again = run(bench, base, tmp_path / "cluster", scheduler=address)
-    assert again.tasks.cached.all()
-
-
 def _fails_or_ends(root: Path, job: Stage) -> str:
     if job.capture == "bug":
         raise ZeroDivisionError("a bug")
@@ -144,79 +95,45 @@ def _fails_or_ends(root: Path, job: Stage) -> str:
     return job.capture
 
 
+@pytest.mark.slow
+def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_path):
+    pytest.importorskip("distributed")
+    bench, base = load_benchmark(str(several(small_bench)))
+    serial, cluster = tmp_path / "serial", tmp_path / "cluster"
+    run(bench, base, serial)
+    stages, killed_at, workers = 6 * CAPTURES, list[int](), Workers(tmp_path)
+
+    def kill_in_the_middle() -> None:
+        while finished(cluster / "work") < 2:
+            time.sleep(0.005)
+        os.kill(workers.workers[0].pid, signal.SIGKILL)
+        killed_at.append(finished(cluster / "work"))
+
+    try:
+        address = workers.address
+        threading.Thread(target=kill_in_the_middle, daemon=True).start()
+        result = run(bench, base, cluster, scheduler=address)
+        assert run(bench, base, cluster, scheduler=address).tasks.cached.all()
+        assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
+    finally:
+        workers.stop()
+    assert table(cluster) == table(serial)
+    for path in serial.glob("*/*.npz"):
+        assert path.read_bytes() == (cluster / path.relative_to(serial)).read_bytes()
+    assert len(result.tasks) == stages and result.about.failures == ()
+
+
 @pytest.fixture(params=["in place", "cluster"])
 def executor(request, tmp_path) -> Iterator[Executor]:
     if request.param == "in place":
-        yield LocalExecutor()
+        yield Here()
         return
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     # Threads of this process: what is tested is the client's side.
     with distributed.Client(
         processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
     ) as client:
-        yield DaskExecutor(client)
-
-
-def test_every_job_comes_back_once_with_its_number(executor, tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "IN_FLIGHT", 5)
-    names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
-    ended = performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in names])
-    found = [done.key if done.failure is None else done.failure.message for done in ended]
-    assert found == [name.replace("bad", "mend me") for name in names]
-    assert performed(executor, _fails_or_ends, tmp_path, []) == []
-
-
-def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
-    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits
-    there.)"""
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    import dask
-
-    names = ["a", "b", "deadly", "c", "d", "e", "f", "g"]
-    with (
-        dask.config.set(
-            {
-                "distributed.scheduler.allowed-failures": 0,
-                "distributed.scheduler.worker-saturation": 1.0,
-            }
-        ),
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        ended = performed(
-            DaskExecutor(client), deadly, tmp_path, [stage_of(HASH, name) for name in names]
-        )
-    assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
-    assert ended[2].failure.message == "1 workers died over it; give the workers more memory"
-
-
-def test_a_bug_keeps_its_exception(executor, tmp_path):
-    with pytest.raises(ZeroDivisionError, match="a bug"):
-        performed(
-            executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in ("a", "bug", "b")]
-        )
-
-
-def test_no_scheduler_is_one_line(monkeypatch):
-    monkeypatch.setattr(executors, "CONNECT_S", 0.5)
-    pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
-        with (
-            pytest.raises(HandbenchError, match="no Dask scheduler answers"),
-            executors.executor(address),
-        ):
-            pass
-
-
-def test_a_missing_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with (
-        pytest.raises(HandbenchError, match=r"handbench\[cluster\]"),
-        executors.executor("tcp://127.0.0.1:1"),
-    ):
-        pass
+        yield Cluster(client)
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
@@ -226,3 +143,49 @@ def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
     object.__setattr__(known, "code", "0" * 64)
     with pytest.raises(HandbenchError, match="differ from the client's"):
         elsewhere({}, cached, tmp_path, known)
+
+
+def test_every_job_comes_back_once_with_its_number_and_a_bug_with_its_exception(
+    executor, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(executors, "IN_FLIGHT", 5)
+    names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
+    ended = performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in names])
+    found = [done.key if done.failure is None else done.failure.message for done in ended]
+    assert found == [name.replace("bad", "mend me") for name in names]
+    assert performed(executor, _fails_or_ends, tmp_path, []) == []
+    stages = [stage_of(HASH, name) for name in ("a", "bug", "b")]
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        performed(executor, _fails_or_ends, tmp_path, stages)
+
+
+def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
+    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits
+    there.)"""
+    distributed = pytest.importorskip("distributed")
+    import dask
+
+    names, scheduler = ["a", "b", "deadly", "c", "d"], "distributed.scheduler."
+    limits = {f"{scheduler}allowed-failures": 0, f"{scheduler}worker-saturation": 1.0}
+    one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
+    with (
+        dask.config.set(limits),
+        distributed.LocalCluster(**one) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        stages = [stage_of(HASH, name) for name in names]
+        ended = performed(Cluster(client), deadly, tmp_path, stages)
+    assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
+    assert ended[2].failure.message == "1 workers died over it; give the workers more memory"
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "without the extra"])
+def test_no_scheduler_is_one_line(monkeypatch, address):
+    monkeypatch.setattr(executors, "CONNECT_S", 0.5)
+    pytest.importorskip("distributed")
+    words = "no Dask scheduler answers"
+    if " " in address:
+        monkeypatch.setitem(sys.modules, "distributed", None)
+        words = r"handbench\[cluster\]"
+    with pytest.raises(HandbenchError, match=words), executors.executor(address):
+        pass

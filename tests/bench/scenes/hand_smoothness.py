@@ -2,7 +2,9 @@
 subdivision of the mesh onto the true surface changes in the echoes and in the depths that three
 tones tell.
 
-    python -m tests.bench.scenes.hand_smoothness [LETTERS]   # the table of docs/measurements/hand.md
+    python -m tests.bench.scenes.hand_smoothness [LETTERS]
+
+prints the table of docs/measurements/hand.md.
 """
 
 import sys

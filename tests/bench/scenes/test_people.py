@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handbench.bench.scenes.bones import person_pose, radii_m, skeleton
+from handbench.bench.scenes.bones import held, radii_m, skeleton
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.implicit import Field, zero_set
 from handbench.bench.scenes.people import LENGTHS_MM, MEAN, MOST_PEOPLE, person, placement
-from handbench.bench.scenes.textures import Skin
 from tests.bench.scenes.hand_field import hand_field
 
 COARSE_M = 5e-3
@@ -29,7 +28,7 @@ MEAN_FIELD_M = [
 
 
 def test_the_mean_hand_is_what_it_was() -> None:
-    assert person(0) is MEAN and person_pose(POSES["F"], 0) is POSES["F"]
+    assert person(0) is MEAN and held(POSES["F"], 0) is POSES["F"]
     points_m = np.random.default_rng(0).uniform((-0.06, -0.09, -0.04), (0.06, 0.12, 0.03), (12, 3))
     for field in (hand_field(POSES["F"]), hand_field(POSES["F"], person(0))):
         assert (
@@ -45,6 +44,8 @@ def test_a_person_is_a_person_again_and_no_other(number: int) -> None:
 
 
 def test_sizes_and_proportions_are_the_published_ones() -> None:
+    """Both sexes of the 1988 survey together; the tails that are cut take a tenth of the deviation
+    within each. Bones as Buryanov & Kotiuk: 0.08 to 0.15, with the radiographs' error."""
     people = [person(number) for number in range(1, 801)]
     bones = {
         name: np.array(own) * [p.bones[name] for p in people] for name, own in LENGTHS_MM.items()
@@ -52,50 +53,26 @@ def test_sizes_and_proportions_are_the_published_ones() -> None:
     palm_mm = 189.2 - sum(LENGTHS_MM["middle"][1:])
     length_mm = palm_mm * np.array([p.palm[1] for p in people]) + bones["middle"][:, 1:].sum(axis=1)
     breadth_mm = 83.4 * np.array([p.palm[0] for p in people])
-    # Both sexes of the 1988 survey together; the tails that are cut take a tenth of the deviation
-    # within each.
     assert length_mm.mean() == pytest.approx((193.8 + 180.5) / 2, abs=1.5)
     assert np.hypot(9.75 * 0.9, 6.65) == pytest.approx(length_mm.std(), rel=0.12)
     assert breadth_mm.mean() == pytest.approx((90.4 + 79.4) / 2, abs=1)
     assert np.hypot(4.0 * 0.9, 5.5) == pytest.approx(breadth_mm.std(), rel=0.1)
     assert 0.6 < np.corrcoef(length_mm, breadth_mm)[0, 1] < 0.9
-    ratio = bones["index"][:, 1:].sum(axis=1) / bones["ring"][:, 1:].sum(axis=1)
-    assert 0.02 < ratio.std() < 0.04  # of index and ring finger, Manning et al.
     spread = np.concatenate([own.std(axis=0) / own.mean(axis=0) for own in bones.values()])
-    assert (
-        spread.min() > 0.05 and spread.max() < 0.12
-    )  # Buryanov & Kotiuk: 0.08 to 0.15, with the radiographs' error
+    assert spread.min() > 0.05 and spread.max() < 0.12
 
 
 @settings(max_examples=4, deadline=None)
 @given(NUMBERS, st.sampled_from("BFUAY"))
 def test_every_person_has_one_sound_hand(number: int, letter: str) -> None:
-    own = person(number)
-    pose = person_pose(POSES[letter], number)
+    own, pose = person(number), held(POSES[letter], number)
     surface = hand_mesh(pose, COARSE_M, own)
     assert surface.is_edge_manifold(allow_boundary_edges=False)
     assert len(surface.cluster_connected_triangles()[1]) == 1
-    vertices = np.asarray(surface.vertices)
-    triangles = vertices[np.asarray(surface.triangles)]
-    volume = (
-        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
-    )
-    assert 1.5e-4 < volume < 7e-4
-    joints = np.array(
-        [p for digit in skeleton(pose, own).values() for b in digit for p in (b.start_m, b.end_m)]
-    )
+    assert 1.5e-4 < surface.get_volume() < 7e-4
+    digits = skeleton(pose, own).values()
+    joints = np.array([p for digit in digits for b in digit for p in (b.start_m, b.end_m)])
     assert hand_field(pose, own)(joints).max() < -5e-4
-
-
-@settings(max_examples=2, deadline=None)
-@given(NUMBERS)
-def test_an_open_hand_is_of_human_length_and_breadth(number: int) -> None:
-    own = person(number)
-    vertices = np.asarray(hand_mesh(Pose(), COARSE_M, own).vertices)
-    assert 0.150 < vertices[:, 1].max() + 0.050 * own.palm[1] < 0.230  # from the wrist's crease
-    at_knuckles = np.abs(vertices[:, 1] - 0.040 * own.palm[1]) < 0.006
-    knuckles = vertices[at_knuckles & (vertices[:, 0] > -0.045 * own.palm[0])]
-    assert 0.065 < np.ptp(knuckles[:, 0]) < 0.105
 
 
 def depth_of_contact_m(pose: Pose, one: str, other: str, number: int) -> float:
@@ -120,7 +97,7 @@ def test_digits_that_touch_in_a_letter_touch_in_every_hand(
     letter: str, finger: str, number: int
 ) -> None:
     mean_m = depth_of_contact_m(POSES[letter], "thumb", finger, 0)
-    own_m = depth_of_contact_m(person_pose(POSES[letter], number), "thumb", finger, number)
+    own_m = depth_of_contact_m(held(POSES[letter], number), "thumb", finger, number)
     assert own_m == pytest.approx(mean_m, abs=1e-3)
 
 
@@ -139,12 +116,3 @@ def test_a_hand_that_is_larger_by_one_factor_is_the_mean_hand_scaled() -> None:
 
 def vertices_of(field: Field) -> np.ndarray:
     return zero_set(field, np.array([-0.12, -0.11, -0.08]), np.array([0.09, 0.17, 0.05]), 6e-3)[0]
-
-
-def test_marks_follow_the_person() -> None:
-    own = person(11)
-    vertices = np.asarray(hand_mesh(POSES["B"], COARSE_M, own).vertices)
-    marks = Skin(POSES["B"], 1.0, 3, own)(vertices)
-    assert (
-        np.isfinite(marks).all() and np.abs(marks - Skin(POSES["B"], 1.0, 3)(vertices)).max() > 0.05
-    )

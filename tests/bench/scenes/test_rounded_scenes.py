@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.bench.scenes.bones import palmar
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echo_scene
-from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.mesh.mesh_files import load_open3d
 from handbench.radar.data.arrays import AntennaArray
@@ -92,15 +90,3 @@ def test_rounding_stays_rounding_with_each_effect(name):
         )
         bound = ONE_RAY if effect in (*CASTING, "all") else ROUNDING
         assert relative_error(other, one) < bound, effect
-
-
-@pytest.mark.parametrize("letter", ["A", "B", "F", "T", "U", "X"])
-def test_rounding_does_not_decide_what_is_palm(letter):
-    """Points all around a hand: outside bent joints two bones are as near, and rounding once told
-    which was nearer."""
-    points_m = np.random.default_rng(0).uniform(
-        [-0.08, -0.12, -0.08], [0.08, 0.13, 0.08], (20_000, 3)
-    )
-    assert np.array_equal(
-        palmar(POSES[letter], points_m), palmar(POSES[letter], points_m * (1 + SHARE))
-    )

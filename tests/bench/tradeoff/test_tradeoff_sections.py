@@ -4,7 +4,7 @@ small real run."""
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,17 +14,16 @@ import pytest
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.run.benchmark_file import BenchFile, Source
-from handbench.bench.run.outcome import Outcome, RunCapture
-from handbench.bench.run.sweep import ORDINARY, SimulationKnobs, TradeoffSweep
+from handbench.bench.run.outcome import Capture, Outcome
+from handbench.bench.run.sweep import SimulationKnobs, Sweep
 from handbench.bench.scenes.build import build, load_scene
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.scenes.target_placements import placements
 from handbench.bench.tradeoff import groundtruth, simulated_sections
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
-from handbench.bench.tradeoff.settings import TradeoffInputs
+from handbench.bench.tradeoff.settings import Inputs
 from handbench.bench.tradeoff.simulated_sections import (
-    SimulationVariant,
+    Way,
     measure_registration,
     measure_simulation,
 )
@@ -34,7 +33,6 @@ from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
@@ -53,18 +51,18 @@ BALL = {
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory) -> RunCapture:
+def ball(tmp_path_factory) -> Capture:
     """A capture without echoes: photographs, truth and description."""
     folder = tmp_path_factory.mktemp("ball") / "capture"
     write_photos(build(parse(SceneFile, BALL, "the ball")), folder)
-    return RunCapture(folder, "", open_capture(folder).about)
+    return Capture(folder, "", open_capture(folder).about)
 
 
 def inputs(
-    folder: Path, *captures: RunCapture, seed: int = 1, repeats: int = 1, **knobs: dict
-) -> TradeoffInputs:
+    folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict
+) -> Inputs:
     """The inputs of a section with these knobs; every capture has a true surface."""
-    sweep = parse(TradeoffSweep, {"repeats": repeats, **knobs}, "tradeoff")
+    sweep = parse(Sweep, {"repeats": repeats, **knobs}, "tradeoff")
     known = {
         "version": 1,
         "name": "swept",
@@ -75,15 +73,10 @@ def inputs(
     references = {
         capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures
     }
-    return TradeoffInputs(
-        bench, folder, folder, Outcome(bench, list(captures), [], references=references)
-    )
+    return Inputs(bench, folder, folder, Outcome(bench, list(captures), [], references=references))
 
 
-# --- ground truth
-# ---------------------------------------------------------------------------------------------------
-
-
+@pytest.mark.slow
 def test_a_ball_is_photographed_and_measured(ball, tmp_path):
     knobs = {
         "views": (4, 9),
@@ -126,7 +119,7 @@ def shifted(monkeypatch):
     return reconstruct
 
 
-def too_small(ball: RunCapture) -> Surface:
+def too_small(ball: Capture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
     scene = build(
         parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball")
@@ -139,70 +132,7 @@ def too_small(ball: RunCapture) -> Surface:
     return Surface(photo_from_radar.points(vertices_m), faces, np.full(len(seen), 1e-4), seen)
 
 
-def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path):
-    shifted.surface = too_small(ball)
-    knobs = {"views": (3, 4), "long_px": (300, 600), "quality": ("draft", "normal")}
-    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
-    section, settings = found.section, found.lines
-    assert [s.name for s in settings] == [
-        f"{n}-views-{px}-px-{q}" for n in (3, 4) for px in (300, 600) for q in ("draft", "normal")
-    ]
-    assert section.reference == settings[-1].name
-    for setting in settings:
-        assert setting.error == pytest.approx(
-            0.2, abs=0.06
-        )  # the true surface has edges of 4 mm: flat to 0.06 mm
-        share = setting.seen_percent
-        assert share == pytest.approx(49, abs=2)  # half the disc, less the rim
-    assert all(
-        s.seconds == 5.5 for s in settings
-    )  # with the cameras' poses, which two qualities share:
-    assert len({asked.work for asked in shifted.asked}) == 4
-
-
-def test_pictures_shrink_with_their_cameras(ball, shifted, tmp_path):
-    shifted.surface = too_small(ball)
-    knobs = {"views": (3,), "long_px": (300,), "quality": ("draft",)}
-    measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
-    [timed] = shifted.asked
-    assert [photo.name for photo in timed.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
-    assert {(photo.width, photo.height) for photo in timed.photos} == {(300, 200)}
-    whole = {
-        camera.name: camera for camera in load_cameras(ball.folder / "photos" / "cameras.json")
-    }
-    for camera in timed.cameras:
-        before = whole[camera.name]
-        assert (camera.width, camera.height) == (300, 200)
-        np.testing.assert_allclose(camera.params[:4], np.array(before.params[:4]) / 2)
-        np.testing.assert_allclose(camera.params[4:], before.params[4:])
-
-
-def test_what_is_refused_has_no_figures(ball, shifted, tmp_path, capsys):
-    shifted.surface, shifted.refuse = too_small(ball), True
-    knobs = {"views": (4,), "long_px": (600,), "quality": ("draft", "normal")}
-    draft, normal = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs)).lines
-    assert draft.error is None and draft.seconds is None and draft.title.endswith("(refused)")
-    assert normal.error is not None and normal.seconds == 5.5
-    assert "too blurred" in capsys.readouterr().err
-
-
-def test_without_a_known_surface_there_is_nothing_to_measure(tmp_path):
-    with pytest.raises(HandbenchError, match=r"no capture has photographs, truth\.ply"):
-        measure_groundtruth(inputs(tmp_path))
-
-
-def test_views_are_spread_over_the_rig(ball):
-    photos = find_photos(ball.folder / "photos") * 2
-    assert [photo.name for photo in groundtruth.spread(photos, 5)] == [
-        f"cam0{i}.jpg" for i in (0, 1, 3, 0, 2)
-    ]
-    assert groundtruth.spread(photos, 8) == photos
-
-
-# --- simulation
-# -----------------------------------------------------------------------------------------------------
-
-
+@pytest.mark.slow
 def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
     """Of a sphere of metal, two bounces change nothing and shadows little."""
     knobs = {
@@ -232,25 +162,13 @@ def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
     assert all(s.seconds_low <= s.seconds <= s.seconds_high and s.low is None for s in settings)
 
 
-def test_sampling_is_of_facets(small_bench):
-    scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
-    sampled = [replace(scene, coarser=ORDINARY / n) for n in (1.0, 4.0, 8.0)]
-    counts = [len(bare_echoes(one).surface.facets) for one in sampled]
-    assert counts[1] == len(bare_echoes(scene).surface.facets)
-    assert counts[0] < counts[1] < counts[2]
-
-
 def test_what_another_does_is_not_listed_beside_it(small_bench):
     """Diffracted shadows contain each antenna's sharp ones, and these the centre's, which are on
     where the former are left out."""
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
-        return {
-            choice.effect
-            for choice in SimulationVariant(without=without).choices(scene)
-            if choice.on
-        }
+        return {choice.effect for choice in Way(without=without).choices(scene) if choice.on}
 
     shadows = set(NO_SHADOWS)
     assert on() & shadows == {"shadow_diffraction"}
@@ -258,64 +176,6 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
     assert on("shadow_diffraction", "shadow_antennas") & shadows == {"shadow_centre"}
     assert not on(*NO_SHADOWS) & shadows
     assert "noise" not in on()  # the scene has no cause for it
-
-
-def test_pixels_that_one_map_has_are_told():
-    ours, exact = np.array([1.0, 2.0, np.nan, 4.0]), np.array([1.001, np.nan, 3.0, 4.003])
-    error_mm, both = simulated_sections.map_difference(ours, exact)
-    assert error_mm == pytest.approx(2.0) and both == 0.5
-    assert simulated_sections.map_difference(ours, np.full(4, np.nan)) == (np.inf, 0.0)
-
-
-def test_an_unknown_scene_is_refused():
-    with pytest.raises(
-        HandbenchError, match="no scene of fingers; did you mean 'one finger, skin'"
-    ):
-        parse(SimulationKnobs, {"scenes": ["one fingr, skin"]}, "tradeoff.simulation")
-
-
-def test_an_unknown_effect_is_refused():
-    with pytest.raises(
-        HandbenchError, match="'multipth' is not an effect; did you mean 'multipath'"
-    ):
-        parse(SimulationKnobs, {"without": [["multipth"]]}, "tradeoff.simulation")
-
-
-# --- registration
-# ---------------------------------------------------------------------------------------------------
-
-
-def test_the_target_is_registered(tmp_path, monkeypatch):
-    """With the echoes' first, coarse centres: fitting them to the samples takes most of the
-    time."""
-    monkeypatch.setattr(
-        "handbench.calibration.registration.register.fit_balls",
-        lambda capture, target, found, balls: found,
-    )
-    found = measure_registration(inputs(tmp_path, registration={"captures": (1,), "trials": 1}))
-    [setting] = found.lines
-    assert setting.name == found.section.reference == "1-capture"
-    assert 0.005 < setting.error < 2  # mm
-    assert (setting.low, setting.high) == (None, None)  # one rig tells of no other
-    assert setting.acquisition_s == pytest.approx(0.128)  # 128 tones
-    assert setting.seconds > 0
-    assert not any(tmp_path.iterdir())
-
-
-def test_the_rig_stands_still_while_the_target_moves(tmp_path):
-    first, *others = placements(300, 3, tmp_path)
-    for case in others:
-        scene = case.scene
-        np.testing.assert_array_equal(
-            scene.radar_from_photo.matrix, first.scene.radar_from_photo.matrix
-        )
-        assert scene.target == first.scene.target  # made once
-        assert scene.file.sensor == first.scene.file.sensor
-        shift_m = (
-            scene.radar_from_target.matrix[:3, 3] - first.scene.radar_from_target.matrix[:3, 3]
-        )
-        assert np.linalg.norm(shift_m) > 1e-3
-        assert scene.file.seed != first.scene.file.seed  # for its noise
 
 
 @pytest.fixture
@@ -337,45 +197,10 @@ def drawn(monkeypatch):
             ]
             for side in (photo_m, radar_m)
         )
-        return simulated_sections.TargetMeasurement(
-            case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S
-        )
+        return simulated_sections.Registered(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
 
-    monkeypatch.setattr(simulated_sections, "measure_placement", registered)
+    monkeypatch.setattr(simulated_sections, "registered", registered)
     return refused
-
-
-def test_independent_errors_average_out(drawn, tmp_path):
-    found = measure_registration(
-        inputs(tmp_path, registration={"captures": (1, 4, 16), "trials": 6})
-    )
-    section, settings = found.section, found.lines
-    one, four, sixteen = (setting.error for setting in settings)
-    assert section.reference == "1-capture"
-    assert one / four == pytest.approx(2, rel=0.25)
-    assert four / sixteen == pytest.approx(2, rel=0.5)  # six combinations alone
-    assert [round(setting.seconds / MEASURED_S) for setting in settings] == [1, 4, 16]
-    assert [setting.acquisition_s for setting in settings] == pytest.approx([0.128, 0.512, 2.048])
-    assert all(setting.low < setting.error < setting.high for setting in settings)
-
-
-def test_the_same_seed_gives_the_same_errors(drawn, tmp_path):
-    knobs = {"captures": (2,), "trials": 2}
-    once, again, other = (
-        measure_registration(inputs(tmp_path, seed=seed, registration=knobs)).lines[0].error
-        for seed in (1, 1, 2)
-    )
-    assert once == again != other
-
-
-def test_refused_captures_are_done_without(drawn, tmp_path):
-    first = 100 * 100
-    drawn |= {first, first + 1, first + 2}
-    one, four = measure_registration(
-        inputs(tmp_path, registration={"captures": (1, 4), "trials": 1})
-    ).lines
-    assert one.error is not None
-    assert four.error is None and four.seconds is None
 
 
 def test_the_interval_of_a_root_mean_square_holds_it():
@@ -388,3 +213,66 @@ def test_the_interval_of_a_root_mean_square_holds_it():
         held += interval.low < 1 < interval.high
     assert 0.89 < held / 2000 < 0.97
     assert simulated_sections.rms_interval_mm(np.array([1e-6])) is None
+
+
+def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path, capsys):
+    """Of pictures that shrink with their cameras; what is refused has no figures."""
+    shifted.surface, shifted.refuse = too_small(ball), True
+    knobs = {"views": (3, 4), "long_px": (300, 600), "quality": ("draft", "normal")}
+    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
+    every = product(knobs["views"], knobs["long_px"], knobs["quality"])
+    assert [s.name for s in found.lines] == [f"{n}-views-{px}-px-{q}" for n, px, q in every]
+    assert found.section.reference == found.lines[-1].name
+    for draft, normal in zip(found.lines[::2], found.lines[1::2], strict=True):
+        assert draft.error is None and draft.seconds is None and draft.title.endswith("(refused)")
+        # the true surface has edges of 4 mm: flat to 0.06 mm; half the disc, less the rim
+        assert normal.error == pytest.approx(0.2, abs=0.06)
+        assert normal.seen_percent == pytest.approx(49, abs=2)
+        assert normal.seconds == 5.5  # with the cameras' poses, which two qualities share
+    assert "too blurred" in capsys.readouterr().err
+    assert len({asked.work for asked in shifted.asked}) == 4
+    small = shifted.asked[0]
+    assert [photo.name for photo in small.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
+    assert {(photo.width, photo.height) for photo in small.photos} == {(300, 200)}
+    whole = {c.name: c.params for c in load_cameras(ball.folder / "photos" / "cameras.json")}
+    for camera in small.cameras:
+        half = np.r_[np.array(whole[camera.name][:4]) / 2, whole[camera.name][4:]]
+        np.testing.assert_allclose(camera.params, half)
+        assert (camera.width, camera.height) == (300, 200)
+    with pytest.raises(HandbenchError, match=r"no capture has photographs, truth\.ply"):
+        measure_groundtruth(inputs(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("knobs", "words"),
+    [
+        ({"scenes": ["one fingr, skin"]}, "no scene of fingers; did you mean 'one finger, skin'"),
+        ({"without": [["multipth"]]}, "'multipth' is not an effect; did you mean 'multipath'"),
+    ],
+)
+def test_unknown_scenes_and_effects_are_refused(knobs, words):
+    with pytest.raises(HandbenchError, match=words):
+        parse(SimulationKnobs, knobs, "tradeoff.simulation")
+
+
+@pytest.mark.slow
+def test_independent_errors_average_out(drawn, tmp_path):
+    """By the seed; and refused captures are done without."""
+
+    def measured(seed=1, **knobs):
+        return measure_registration(inputs(tmp_path, seed=seed, registration=knobs))
+
+    found = measured(captures=(1, 4, 16), trials=6)
+    one, four, sixteen = (setting.error for setting in found.lines)
+    assert found.section.reference == "1-capture"
+    assert one / four == pytest.approx(2, rel=0.25)
+    assert four / sixteen == pytest.approx(2, rel=0.5)  # six combinations alone
+    assert [round(setting.seconds / MEASURED_S) for setting in found.lines] == [1, 4, 16]
+    acquired_s = [setting.acquisition_s for setting in found.lines]
+    assert acquired_s == pytest.approx([0.128, 0.512, 2.048])  # of 128 tones each
+    assert all(setting.low < setting.error < setting.high for setting in found.lines)
+    once, again, other = (measured(k, captures=(2,), trials=2).lines[0].error for k in (1, 1, 2))
+    assert once == again != other
+    drawn |= {100 * 100 + k for k in range(3)}
+    one, four = measured(captures=(1, 4), trials=1).lines
+    assert one.error is not None and four.error is None and four.seconds is None

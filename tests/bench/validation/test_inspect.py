@@ -6,14 +6,19 @@ are put into the files: nothing is shared with the check."""
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 
+from handbench.bench.datasets.simulated import write_photos
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation import checks
-from handbench.bench.validation.mistakes import conjugation_warnings
+from handbench.bench.validation.mistakes import conjugated
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
@@ -22,139 +27,115 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Planar
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
-from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
+from handbench.support.config import parse
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
 CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
 Z_M = 0.29
-
-
-def on_the_plate(count: int) -> np.ndarray:
-    """Points [n, 3], evenly spread over an L that leans."""
-    x, y = np.random.default_rng(1).uniform(-0.04, 0.04, (2, 20 * count))
-    inside = (x > -0.03) & (x < 0.02) & ((y < -0.02) | (x < -0.01))
-    x, y = x[inside][:count], y[inside][:count]
-    return np.stack([x, y, depth_m(x, y)], axis=1)
+ONE = np.eye(3)
+X, Y, Z = (np.diag(1 - 2 * row) for row in ONE)
 
 
 def depth_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     return Z_M + 0.1 * x_m + 0.15 * y_m
 
 
+def points_before(
+    array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray, share: float = 1.0
+) -> RadarCapture:
+    """The echoes of points. share: of the way there and back that the phases count."""
+    wave = -2j * np.pi / SPEED_OF_LIGHT_M_S * share * tones_hz[:, None, None]
+    legs = (
+        np.exp(wave * np.linalg.norm(points_m[:, None] - places_m, axis=2))
+        for places_m in (array.tx_m, array.rx_m)
+    )
+    samples = np.einsum("fpt,fpr->ftr", *legs, optimize=True)
+    return RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
+
+
+def plate_echoes(share: float = 1.0) -> RadarCapture:
+    """Of 150 points, evenly spread over an L that leans, before every second antenna."""
+    x, y = np.random.default_rng(1).uniform(-0.04, 0.04, (2, 3000))
+    inside = (x > -0.03) & (x < 0.02) & ((y < -0.02) | (x < -0.01))
+    x, y = x[inside][:150], y[inside][:150]
+    array = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
+    return points_before(array, TONES_HZ, np.stack([x, y, depth_m(x, y)], axis=1), share)
+
+
 @pytest.fixture(scope="module")
 def right() -> RadarCapture:
-    """The echoes of 150 points of the plate before every second antenna."""
-    array = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
-    return RadarCapture(echoes_of(array)[None], TONES_HZ, array)
+    return plate_echoes()
 
 
-def echoes_of(array: AntennaArray, share: float = 1.0) -> np.ndarray:
-    """Samples [f, t, r] of 150 points of the plate. share: of the way there and back that the
-    phases count."""
-    samples = np.zeros((len(TONES_HZ), len(array.tx_m), len(array.rx_m)), complex)
-    for point_m in on_the_plate(150):
-        path_m = np.linalg.norm(point_m - array.tx_m, axis=1)[:, None] + np.linalg.norm(
-            point_m - array.rx_m, axis=1
-        )
-        samples += np.exp(
-            -2j * np.pi * TONES_HZ[:, None, None] * share * path_m / SPEED_OF_LIGHT_M_S
-        )
-    return samples.astype(np.complex64)
-
-
-def written(
-    folder: Path,
-    capture: RadarCapture,
-    scale: float = 1.0,
-    turned: tuple[int, int, int] = (1, 1, 1),
-) -> Path:
+def written(folder: Path, capture: RadarCapture, change: np.ndarray = ONE) -> Path:
     """A capture's folder, with the plate's surface scaled and mirrored."""
     folder.mkdir(parents=True)
     save_capture(folder / "echoes.h5", capture)
     (folder / "capture.toml").write_text('version = 1\nname = "plate"\nkind = "other"\n')
-    vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)]) * turned * scale
-    write_mesh(
-        folder / "truth.ply",
-        mesh(vertices_m, np.array([(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)])),
-    )
+    vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)]) @ change
+    faces = [(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)]
+    write_mesh(folder / "truth.ply", mesh(vertices_m, np.array(faces)))
     return folder
 
 
 def placed(capture: RadarCapture, change: np.ndarray) -> RadarCapture:
     """The capture with its antennas elsewhere."""
+    legs_m = capture.aperture.tx_m, capture.aperture.rx_m
+    return replace(capture, aperture=AntennaArray(*(leg_m @ change for leg_m in legs_m)))
+
+
+def swapped(capture: RadarCapture) -> RadarCapture:
     array = capture.aperture
-    return replace(capture, aperture=AntennaArray(array.tx_m @ change.T, array.rx_m @ change.T))
+    return replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
 
 
-MISTAKES = {
-    "conjugated": (lambda c: replace(c, samples=c.samples.conj()), "m, conjugate the samples"),
-    "tones": (
-        lambda c: replace(c, frequencies_hz=c.frequencies_hz[::-1]),
-        "reverse frequencies_hz",
-    ),
-    "swapped": (
-        lambda c: replace(c, aperture=AntennaArray(c.aperture.rx_m, c.aperture.tx_m)),
-        "exchange tx_m and rx_m",
-    ),
-    "x negated": (
-        lambda c: placed(c, np.diag([-1.0, 1, 1])),
-        "mirrored in x: undone, the median error falls from",
-    ),
-    "millimetres": (lambda c: placed(c, 1e3 * np.eye(3)), "multiply them by 1e-3"),
-    "centimetres": (lambda c: placed(c, 1e2 * np.eye(3)), "multiply them by 1e-2"),
-    "y and z": (lambda c: placed(c, np.eye(3)[[0, 2, 1]]), "looks along y"),
-    "gigahertz": (
-        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e9),
-        "multiply them by 1e9",
-    ),
-    "megahertz": (
-        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e6),
-        "multiply them by 1e6",
-    ),
-    "kilohertz": (
-        lambda c: replace(c, frequencies_hz=c.frequencies_hz / 1e3),
-        "kilohertz? multiply them by 1e3",
-    ),
-    "kilometres": (lambda c: placed(c, 1e-3 * np.eye(3)), "kilometres? multiply them by 1e3"),
-    "one way": (
-        lambda c: replace(c, samples=echoes_of(c.aperture, 0.5)[None]),
-        "one way only the median error falls",
-    ),
-    "twice": (
-        lambda c: replace(c, frequencies_hz=np.r_[c.frequencies_hz[1], c.frequencies_hz[1:]]),
-        "there twice",
-    ),
+def conjugate(capture: RadarCapture) -> RadarCapture:
+    return replace(capture, samples=capture.samples.conj())
+
+
+def tones(capture: RadarCapture, tones_hz: np.ndarray) -> RadarCapture:
+    return replace(capture, frequencies_hz=tones_hz)
+
+
+ECHOES = {
+    "conjugated": (conjugate, "m, conjugate the samples"),
+    "tones": (lambda c: tones(c, TONES_HZ[::-1]), "reverse frequencies_hz"),
+    "swapped": (swapped, "exchange tx_m and rx_m"),
+    "x negated": (lambda c: placed(c, X), "mirrored in x: undone, the median error falls from"),
+    "millimetres": (lambda c: placed(c, 1e3 * ONE), "multiply them by 1e-3"),
+    "centimetres": (lambda c: placed(c, 1e2 * ONE), "multiply them by 1e-2"),
+    "kilometres": (lambda c: placed(c, 1e-3 * ONE), "kilometres? multiply them by 1e3"),
+    "y and z": (lambda c: placed(c, ONE[[0, 2, 1]]), "looks along y"),
+    "gigahertz": (lambda c: tones(c, TONES_HZ / 1e9), "multiply them by 1e9"),
+    "megahertz": (lambda c: tones(c, TONES_HZ / 1e6), "multiply them by 1e6"),
+    "kilohertz": (lambda c: tones(c, TONES_HZ / 1e3), "kilohertz? multiply them by 1e3"),
+    "one way": (lambda _: plate_echoes(0.5), "one way only the median error falls"),
+    "twice": (lambda c: tones(c, np.r_[TONES_HZ[1], TONES_HZ[1:]]), "there twice"),
+    "nothing": (lambda c: c, "nothing looks wrong"),
 }
 SURFACES = {
-    "upside down": ({"turned": (-1, -1, 1)}, "upside down"),
-    "mirrored in y": ({"turned": (1, -1, 1)}, "mirrored in y"),
-    "behind": ({"turned": (1, 1, -1)}, "mirrored in z"),
-    "inches": ({"scale": 1 / 0.0254}, "in inches"),
-    "millimetres": ({"scale": 1e3}, "in millimetres"),
-    "ten times": ({"scale": 10.0}, "ten times too large"),
+    "upside down": (X @ Y, "upside down"),
+    "mirrored in y": (Y, "mirrored in y"),
+    "behind": (Z, "mirrored in z"),
+    "inches": (ONE / 0.0254, "in inches"),
+    "millimetres": (1e3 * ONE, "in millimetres"),
+    "ten times": (10 * ONE, "ten times too large"),
 }
 
 
-def said(capsys, *words: str) -> str:
-    main(["inspect", *words])
+def inspected(capsys, *words: object) -> str:
+    main(["inspect", *map(str, words)])
     return capsys.readouterr().out
 
 
-def test_what_is_right_is_not_doubted(right, tmp_path, capsys):
-    assert main(["inspect", str(written(tmp_path / "plate", right))]) == 0
-    assert "nothing looks wrong" in capsys.readouterr().out
+@pytest.mark.parametrize(("change", "cure"), ECHOES.values(), ids=ECHOES)
+def test_echoes_with_a_mistake_are_doubted_with_its_cure(right, tmp_path, capsys, change, cure):
+    assert cure in inspected(capsys, written(tmp_path / "plate", change(right)))
 
 
-@pytest.mark.parametrize("name", MISTAKES)
-def test_echoes_with_a_mistake_are_doubted_with_its_cure(right, tmp_path, capsys, name):
-    change, cure = MISTAKES[name]
-    assert cure in said(capsys, str(written(tmp_path / "plate", change(right))))
-
-
-@pytest.mark.parametrize("name", SURFACES)
-def test_a_surface_in_another_frame_or_unit_is_doubted(right, tmp_path, capsys, name):
-    change, cure = SURFACES[name]
-    assert cure in said(capsys, str(written(tmp_path / "plate", right, **change)))
+@pytest.mark.parametrize(("change", "cure"), SURFACES.values(), ids=SURFACES)
+def test_a_surface_in_another_frame_or_unit_is_doubted(right, tmp_path, capsys, change, cure):
+    assert cure in inspected(capsys, written(tmp_path / "plate", right, change))
 
 
 CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
@@ -168,71 +149,38 @@ BANDS_HZ = {
 }
 
 
-def points_before(
-    array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray, noise: float = 0.0
-) -> RadarCapture:
-    """The echoes of points, in noise over the strongest sample."""
-    path_m = [
-        np.linalg.norm(points_m[:, None] - places_m, axis=2)
-        for places_m in (array.tx_m, array.rx_m)
-    ]
-    waves = [
-        np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None] * length_m)
-        for length_m in path_m
-    ]
-    samples = np.einsum("fpt,fpr->ftr", *waves)
-    draws = np.random.default_rng(1).standard_normal((2, *samples.shape))
-    samples += noise * np.abs(samples).max() * (draws[0] + 1j * draws[1])
-    return RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
-
-
 @pytest.mark.parametrize("band", BANDS_HZ)
 def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
     draw = np.random.default_rng(2)
     for number in range(8):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
-        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m + [
-            0,
-            0,
-            distance_m,
-        ]
-        capture = points_before(CROSS, BANDS_HZ[band], points_m, noise=0.1 * (number % 2))
-        assert conjugation_warnings(capture) == []
+        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m
+        capture = points_before(CROSS, BANDS_HZ[band], points_m + [0, 0, distance_m])
+        noise = np.random.default_rng(1).standard_normal((2, *capture.samples.shape))
+        noise *= 0.1 * (number % 2)
+        noise *= np.abs(capture.samples).max()
+        noisy = (capture.samples + noise[0] + 1j * noise[1]).astype(np.complex64)
+        assert conjugated(replace(capture, samples=noisy)) == []
 
 
-def test_arrays_with_missing_columns_and_scans_are_looked_at():
+def scan_of(point_m: np.ndarray) -> RadarCapture:
+    """The echoes of a point of a transceiver that is moved over a square."""
+    along_m, tones_hz = np.linspace(-0.05, 0.05, 30), BANDS_HZ["26 GHz"]
+    places_m = np.stack(np.meshgrid(along_m, along_m, [0.0]), axis=-1).reshape(-1, 3)
+    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
+    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)[None]
+    return RadarCapture(samples.astype(np.complex64), tones_hz, PlanarScan(places_m))
+
+
+def test_missing_columns_scans_and_single_tones_tell_their_sign(right):
     point_m = np.array([[-0.03, 0.0, 0.3]])
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
-    right = points_before(array, BANDS_HZ["wide"], point_m)
-    right.samples[:, :, ::2] = 0
-    [text] = conjugation_warnings(replace(right, samples=right.samples.conj()))
-    assert conjugation_warnings(right) == [] and "conjugate" in text
-    places_m = np.stack(np.meshgrid(*[np.linspace(-0.05, 0.05, 30)] * 2, [0.0]), axis=-1).reshape(
-        -1, 3
-    )
-    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
-    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * BANDS_HZ["26 GHz"][:, None] * path_m)[None]
-    scan = RadarCapture(samples.astype(np.complex64), BANDS_HZ["26 GHz"], PlanarScan(places_m))
-    [text] = conjugation_warnings(replace(scan, samples=scan.samples.conj()))
-    assert conjugation_warnings(scan) == [] and "conjugate" in text
-
-
-def test_echoes_alone_and_folders_of_captures_are_inspected(right, tmp_path, capsys):
-    alone = written(tmp_path / "all" / "alone", replace(right, samples=right.samples.conj()))
-    (alone / "truth.ply").unlink()
-    written(tmp_path / "all" / "plate", right)
-    assert main(["inspect", str(alone)]) == 0
-    assert "conjugate the samples" in capsys.readouterr().out
-    assert main(["inspect", str(tmp_path / "all")]) == 0
-    lines = capsys.readouterr().out
-    assert "alone: warning: the echoes focus better" in lines and "plate: " not in lines
-
-
-def test_a_single_tone_tells_its_sign(right):
+    columns = points_before(array, BANDS_HZ["wide"], point_m)
+    columns.samples[:, :, ::2] = 0
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
-    assert conjugation_warnings(one) == []
-    [text] = conjugation_warnings(replace(one, samples=one.samples.conj()))
-    assert "conjugate" in text
+    for capture in (columns, scan_of(point_m), one):
+        [text] = conjugated(conjugate(capture))
+        assert conjugated(capture) == [] and "conjugate" in text
 
 
 def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
@@ -240,70 +188,63 @@ def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
     z_m = np.full((11, 11), 0.3)
     full = DepthMap(axis, axis, z_m, np.zeros_like(z_m), "m", p_gross=np.full_like(z_m, 0.9))
     assert [text.split()[0:2] for text in checks.map_warnings(full)] == [["100", "%"], ["100", "%"]]
-    z_m[:, 3:] = np.nan
-    assert list(checks.map_warnings(replace(full, z_m=z_m, p_gross=np.full_like(z_m, 0.1)))) == []
-    cropped = replace(
-        full,
-        x_m=axis / 10,
-        y_m=axis / 10,
-        z_m=np.full_like(z_m, 0.3),
-        p_gross=np.full_like(z_m, 0.1),
-    )
-    assert list(checks.map_warnings(cropped)) == []
+    sure = replace(full, p_gross=np.full_like(z_m, 0.1))
+    for right in (
+        replace(sure, z_m=np.where(np.arange(11) < 3, z_m, np.nan)),
+        replace(sure, x_m=axis / 10, y_m=axis / 10),  # cropped
+    ):
+        assert list(checks.map_warnings(right)) == []
 
 
-def test_a_depth_map_is_held_against_a_mesh(right, tmp_path, capsys):
-    folder = written(tmp_path / "plate", right)
-    assert (
-        main(["reconstruct", str(folder), "--method", "3fsk", "-o", str(tmp_path / "depth.npz")])
-        == 0
-    )
-    assert "nothing looks wrong" in said(
-        capsys, str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")
-    )
-    wrong = written(tmp_path / "wrong", right, turned=(-1, 1, 1))
-    assert "mirrored in x" in said(
-        capsys, str(tmp_path / "depth.npz"), "--mesh", str(wrong / "truth.ply")
-    )
+def test_imaging_and_scoring_say_what_they_doubt_and_inspect_does(right, tmp_path, capsys):
+    depth = tmp_path / "depth.npz"
+    image = "--method", "3fsk", "-o", str(depth), "--overwrite"
+    surfaces = {}
+    for name, capture, change in (
+        ("conjugated", conjugate(right), ONE),
+        ("right", right, ONE),
+        ("behind", right, Z),
+        ("mirrored", right, X),
+    ):
+        folder = written(tmp_path / name, capture, change)
+        surfaces[name] = str(folder / "truth.ply")
+        if change is ONE:
+            assert main(["reconstruct", str(folder), *image]) == 0
+            assert ("conjugate the samples" in capsys.readouterr().err) == (name == "conjugated")
+    assert main(["evaluate", str(depth), "--mesh", surfaces["behind"]]) == 0
+    found = capsys.readouterr()
+    assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
+    assert main(["evaluate", str(depth), "--mesh", surfaces["right"]]) == 0
+    assert "doubts" not in json.loads(capsys.readouterr().out)
+    assert "nothing looks wrong" in inspected(capsys, depth, "--mesh", surfaces["right"])
+    assert "mirrored in x" in inspected(capsys, depth, "--mesh", surfaces["mirrored"])
     (tmp_path / "t.json").write_text('{"from": "photo"}')
-    command = ["inspect", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]
-    assert main([*command, "--transform", str(tmp_path / "t.json")]) == 2
-    assert f"{tmp_path / 't.json'}: " in capsys.readouterr().out
-    assert main(["inspect", str(folder), "--mesh", str(folder / "truth.ply")]) == 2
+    words = depth, "--mesh", surfaces["right"], "--transform", tmp_path / "t.json"
+    assert f"{tmp_path / 't.json'}: " in inspected(capsys, *words)
+    assert main(["inspect", str(tmp_path / "right"), "--mesh", surfaces["right"]]) == 2
     assert "capture has its own surface" in capsys.readouterr().err
 
 
-def test_imaging_and_scoring_say_what_they_doubt(right, tmp_path, capsys):
-    mistaken = written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
-    depth = tmp_path / "depth.npz"
-    assert main(["reconstruct", str(mistaken), "--method", "3fsk", "-o", str(depth)]) == 0
-    assert "conjugate the samples" in capsys.readouterr().err
-    again = [
-        str(written(tmp_path / "right", right)),
-        "--method",
-        "3fsk",
-        "-o",
-        str(depth),
-        "--overwrite",
-    ]
-    assert main(["reconstruct", *again]) == 0
-    assert "sharper" not in capsys.readouterr().err
-    behind = written(tmp_path / "behind", right, turned=(1, 1, -1))
-    assert main(["evaluate", str(depth), "--mesh", str(behind / "truth.ply")]) == 0
-    found = capsys.readouterr()
-    assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
-    assert main(["evaluate", str(depth), "--mesh", str(tmp_path / "right" / "truth.ply")]) == 0
-    assert "doubts" not in json.loads(capsys.readouterr().out)
-
-
-@pytest.mark.parametrize("name", PHOTO_MISTAKES)
-def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, capsys, name):
-    text = said(capsys, str(photographs(tmp_path, 3, name)))
-    assert (
-        PHOTO_MISTAKES[name] in text
-        if PHOTO_MISTAKES[name]
-        else text.strip() == f"{tmp_path}: nothing looks wrong"
-    )
+def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, capsys):
+    photos = {"cameras": 3, "width": 900, "height": 600}
+    scene = {"version": 1, "name": "ball", "target": {"kind": "sphere"}, "photos": photos}
+    write_photos(build(parse(SceneFile, scene, "the ball")), tmp_path)
+    folder = tmp_path / "photos"
+    (folder / "truth_cameras.json").unlink()
+    assert inspected(capsys, folder).strip() == f"{folder}: nothing looks wrong"
+    file, board = folder / "cameras.json", folder / "board.toml"
+    right = file.read_text()
+    content = json.loads(right)
+    for camera in content["cameras"]:
+        camera["width"], camera["height"] = camera["height"], camera["width"]
+    file.write_text(json.dumps(content))
+    assert "exchange width and height" in inspected(capsys, folder)
+    file.write_text(right)
+    content = tomllib.loads(board.read_text())
+    for marker in content["marker"]:
+        marker["corners_m"] = (10 * np.array(marker["corners_m"])).tolist()
+    board.write_text(tomlkit.dumps(content))
+    assert "ten times too large" in inspected(capsys, folder)
 
 
 def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
@@ -312,28 +253,31 @@ def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
     for name, faces, words in (
         ("right", outside, "nothing looks wrong"),
         ("turned", outside[:, ::-1], "inside out"),
-        ("open", outside[:2], "belong to only one triangle"),
+        ("open", outside[:2], "belong to one triangle alone"),
     ):
         write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
-        assert words in said(capsys, str(tmp_path / f"{name}.ply"))
+        assert words in inspected(capsys, tmp_path / f"{name}.ply")
 
 
 def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, capsys):
-    written(tmp_path / "plate", replace(right, samples=right.samples.conj()))
-    table = (
-        'version = 1\nname = "b"\n[[capture]]\npath = "plate"\nmeasures = '
-        '["accuracy"]\n[[method]]\nid = "2fsk"\n'
-    )
-    (tmp_path / "bench.toml").write_text(table)
+    """So do the folder of captures and the echoes alone."""
+    plate = written(tmp_path / "all" / "plate", conjugate(right))
+    bench, out = tmp_path / "all" / "bench.toml", tmp_path / "out"
+    capture = '[[capture]]\npath = "plate"\nmeasures = ["accuracy"]\n'
+    bench.write_text(f'version = 1\nname = "b"\n{capture}[[method]]\nid = "2fsk"\n')
     for seen in (True, False):  # a resumed run does not look again
-        assert main(["run", str(tmp_path / "bench.toml"), "-o", str(tmp_path / "out")]) == 0
+        assert main(["run", str(bench), "-o", str(out)]) == 0
         assert ("conjugate the samples" in capsys.readouterr().err) == seen
-        [told] = json.loads((tmp_path / "out" / "result.json").read_text())["facts"]["doubts"][
-            "plate"
-        ]
-        assert "conjugate the samples" in told
-    assert "plate: the echoes focus better" in said(capsys, str(tmp_path / "out"))
-    assert "conjugate the samples" in said(capsys, str(tmp_path / "bench.toml"))
+        doubts = json.loads((out / "result.json").read_text())["facts"]["doubts"]["plate"]
+        assert len(doubts) == 1 and "conjugate the samples" in doubts[0]
+    assert "plate: the echoes focus better" in inspected(capsys, out)
+    assert "conjugate the samples" in inspected(capsys, bench)
+    (plate / "truth.ply").unlink()
+    bench.unlink()
+    written(tmp_path / "all" / "right", right)
+    assert "conjugate the samples" in inspected(capsys, plate)
+    lines = inspected(capsys, tmp_path / "all")
+    assert "plate: warning: the echoes focus better" in lines and "right: " not in lines
 
 
 def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monkeypatch):
@@ -343,15 +287,9 @@ def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monk
     surface = read_surface(written(tmp_path / "plate", right) / "truth.ply")
     depth = DepthMap(np.arange(3.0), np.arange(2.0), np.full((2, 3), 0.3), np.zeros((2, 3)), "3fsk")
     figures = {"mae_mm": 1.0, "relative_accuracy_percent": 99.0}
-    said = [
-        *checks.array_warnings(right),
-        *checks.pair_warnings(right),
-        *checks.surface_warnings(surface),
-        *checks.mesh_warnings(surface),
-        *checks.transform_warnings(Transform("photo", "radar", np.eye(4)), surface),
-        *checks.map_warnings(depth),
-        *checks.figure_warnings(depth, figures),
-    ]
-    numbers = {"array", "pairs", "surface", "mesh", "transform", "depth map", "figures"}
-    assert len(said) == sum(check.of in numbers for check in always) and "{" not in "".join(said)
-    assert len({(check.of, check.name) for check in always}) == len(always)
+    found = [*checks.array_warnings(right), *checks.pair_warnings(right)]
+    found += [*checks.surface_warnings(surface), *checks.mesh_warnings(surface)]
+    found += checks.transform_warnings(Transform("photo", "radar", np.eye(4)), surface)
+    found += [*checks.map_warnings(depth), *checks.figure_warnings(depth, figures)]
+    kinds = {"array", "pairs", "surface", "mesh", "transform", "depth map", "figures"}
+    assert len(found) == sum(check.of in kinds for check in always) and "{" not in "".join(found)

@@ -16,10 +16,7 @@ HALF_M, MIDDLE_M, SLOPE = (
 
 
 def plate(slope: float) -> Surface:
-    x_m, y_m = (
-        np.array([-HALF_M, HALF_M, HALF_M, -HALF_M]),
-        np.array([-HALF_M, -HALF_M, HALF_M, HALF_M]),
-    )
+    x_m, y_m = HALF_M * np.array([(-1, 1, 1, -1), (-1, -1, 1, 1)])
     vertices_m = np.stack([x_m, y_m, MIDDLE_M + slope * y_m], axis=1)
     return Surface(vertices_m, np.array([[0, 2, 1], [0, 3, 2]]), np.zeros(4), np.ones(4, bool))
 
@@ -39,7 +36,7 @@ def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_
         as_is.share == pytest.approx(3e-3 / (2 * SLOPE * 0.04), abs=0.05)
         and as_is.share > 1 / mistakes.GAINED
     )
-    [found] = mistakes.misplacement_warnings(depth, plate(-SLOPE))
+    [found] = mistakes.misplaced(depth, plate(-SLOPE))
     assert "mirrored in y" in found and "mirrored in x" not in found
 
 
@@ -54,4 +51,4 @@ def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_
     ids=["right", "1.5 mm behind", "2 mm behind and flatter", "noise of 3 mm"],
 )
 def test_a_plate_that_is_right_but_for_its_errors_is_not_doubted(depth):
-    assert mistakes.misplacement_warnings(depth, plate(SLOPE)) == []
+    assert mistakes.misplaced(depth, plate(SLOPE)) == []

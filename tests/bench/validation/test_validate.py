@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +28,7 @@ def make_capture(
 ) -> Path:
     folder.mkdir(parents=True)
     generator = np.random.default_rng(0)
-    array = AntennaArray(
-        0.1 * scale * generator.uniform(size=(3, 3)), 0.1 * scale * generator.uniform(size=(4, 3))
-    )
+    array = AntennaArray(*(0.1 * scale * generator.uniform(size=(n, 3)) for n in (3, 4)))
     samples = np.ones((frames, len(tones_hz), 3, 4), np.complex64)
     save_capture(folder / "echoes.h5", RadarCapture(samples, tones_hz, array))
     write_mesh(folder / "truth.ply", mesh(scale * VERTICES_M, [(0, 2, 1)]))
@@ -39,17 +36,15 @@ def make_capture(
     return folder
 
 
-def told(name) -> list[str]:
+def found_in(place: Path) -> list[str]:
     """The problems without the folder that they lie in."""
-    base = Path(name) if Path(name).is_dir() else Path(name).parent
-    return [
-        str(problem).replace(f"{base}/", "").replace(str(base), ".")
-        for problem in problems_of(str(name))
-    ]
+    base = place if place.is_dir() else place.parent
+    found = [str(problem) for problem in problems_of(str(place))]
+    return [text.replace(f"{base}/", "").replace(str(base), ".") for text in found]
 
 
 def same(found: list[str], *expected: tuple[str, str]) -> None:
-    """One problem for each place and what is said there, in whatever order, and no other."""
+    """One problem for each place and what is written of it, in whatever order, and no other."""
     left = list(found)
     for place, words in expected:
         [match] = [p for p in left if p.startswith(f"{place}: ") and re.search(words, p)]
@@ -72,38 +67,28 @@ a = 1979-05-27T07:32:00
 [list.under]
 b = [[1, 2],
      [3, 4]]
-[[list.inner]]
-c = 1
 """
+LINES = {
+    "top": 2,
+    "one.two": 6,
+    "one.two.key.a": 7,
+    "one.two.key.b.0": 7,
+    "one.two.key.b.2.deep.er": 8,
+    "list.0": 9,
+    "list.0.a": 10,
+    "list.1.a": 12,
+    "list.1.under.b.1.0": 15,
+}
 
 
 def test_every_key_has_its_line():
-    assert tomllib.loads(TEXT)["list"][1]["inner"] == [{"c": 1}]
     found = lines_of(TEXT)
-    places = {
-        ("top",): 2, ("one", "two"): 6, ("one", "two", "key"): 7, ("one", "two", "key", "a"): 7,
-        ("one", "two", "key", "b", 0): 7, ("one", "two", "key", "b", 1): 8, ("one", "two", "key", "b", 2): 8,
-        ("one", "two", "key", "b", 2, "deep", "er"): 8, ("list", 0): 9, ("list", 0, "a"): 10, ("list", 1, "a"): 12,
-        ("list", 1, "under", "b", 1, 0): 15, ("list", 1, "inner", 0, "c"): 17,
-    }  # fmt: skip
-    assert {place: found.get(place) for place in places} == places
+    for name, line in LINES.items():
+        place = tuple(int(part) if part.isdigit() else part for part in name.split("."))
+        assert found.get(place) == line, name
     assert line_of(found, ("list", 1, "missing")) == 11 and line_of(found, ("nothing",)) is None
     text = json.dumps({"cameras": [{"name": "a: {b}"}, {"R": [[1, 0], [0, 1]]}]}, indent=1)
     assert text.splitlines()[lines_of(text, toml=False)["cameras", 1, "R"] - 1].strip() == '"R": ['
-
-
-def test_what_is_fine_is_said_to_be(tmp_path, small_bench, capsys):
-    make_capture(tmp_path / "data" / "a", "a")
-    make_capture(tmp_path / "data" / "b", "b")
-    show(
-        [
-            str(tmp_path / "data"),
-            str(small_bench),
-            str(small_bench.parent / "ball.toml"),
-            "paper_table",
-        ]
-    )
-    assert capsys.readouterr().out.count(": nothing looks wrong\n") == 4
 
 
 def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
@@ -114,7 +99,7 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
         "[methods.2fsk]\nf1_hz = -1.0\nf3_hz = 1e9\n[methods.2fks]\nf1_hz = 1.0\n"
     )
     same(
-        told(folder),
+        found_in(folder),
         ("capture.toml:1", "'version' is 2; input should be 1"),
         ("capture.toml:2", "'a/b' cannot name a file"),
         ("capture.toml:3", "unknown key 'kint'; did you mean 'kind'"),
@@ -127,93 +112,8 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
         ("capture.toml:14", "unknown id '2fks'; did you mean '2fsk'"),
     )
     (folder / "capture.toml").write_text('version = 1\nname = "a\n')
-    [problem] = told(folder)
+    [problem] = found_in(folder)
     assert problem.startswith("capture.toml:2: is not readable as TOML")
-
-
-def test_every_file_of_a_capture_that_is_wrong(tmp_path):
-    folder = make_capture(tmp_path / "a")
-    for name in ("echoes.h5", "truth.ply"):
-        (folder / name).write_bytes((folder / name).read_bytes()[:-20])
-    (folder / "mesh.ply").write_text("ply\n")
-    (folder / "array.json").write_text("{}")
-    (folder / "empty.h5").write_bytes(b"")
-    (folder / "radar_from_photo.json").write_text('{\n "from": "photo",\n "to" "radar"}')
-    target = folder / "target.toml"
-    save_target(target, default_target())
-    lines = target.read_text().splitlines()
-    wrong = next(number for number, line in enumerate(lines) if line.startswith("sphere_radius_m"))
-    target.write_text(
-        "\n".join([*lines[:wrong], "sphere_radius_m = 0", "colour = 'white'", *lines[wrong + 1 :]])
-    )
-    (folder / "photos").mkdir()
-    (folder / "photos" / "board.toml").write_text("[[marker]]\nid = 1\n")
-    (folder / "photos" / "cameras.json").write_text(
-        '{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}'
-    )
-    found = told(folder)
-    places = {problem.split(": ")[0] for problem in found}
-    assert places >= {
-        "truth.ply", "mesh.ply", "radar_from_photo.json:3", f"target.toml:{wrong + 1}", f"target.toml:{wrong + 2}",
-        "photos", "photos/board.toml:1", "photos/cameras.json:2", "photos/cameras.json:3",
-    }  # fmt: skip
-    assert any("found 0 photographs" in problem for problem in found)
-    assert sum(problem.startswith("photos/cameras.json:3: unknown key 'cameras.1.nome'; did you "
-                                  "mean 'name'")
-               for problem in found) == 1  # fmt: skip
-    assert "echoes.h5" in places
-    shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
-    assert {problem.split(": ")[0] for problem in told(folder)} >= {
-        "array.json",
-        "empty.h5",
-    }  # they need the echoes
-
-
-def test_a_capture_without_its_parts_is_named(tmp_path):
-    folder = make_capture(tmp_path / "a", kind="target")
-    same(told(folder), (".", "target's capture without target.toml"))
-    for name in ("capture.toml", "truth.ply"):
-        (folder / name).unlink()
-    same(
-        told(folder),
-        ("capture.toml", "expected a capture description"),
-        (".", "nothing to score against"),
-    )
-    assert (
-        len(told(tmp_path / "nowhere.toml")) == 1
-        and "found nothing" in told(tmp_path / "nowhere.toml")[0]
-    )
-    (tmp_path / "none").mkdir()
-    assert len(told(tmp_path / "none")) == 1
-
-
-def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
-    folder = make_capture(tmp_path / "a", scale=1e3, tones_hz=TONES_HZ / 1e9, distance_m=300.0,
-                          box_m=(-50, -50, 10, 50, 50, 90))  # fmt: skip
-    matrix = np.eye(4)
-    matrix[:3, 3] = (4.0, -6.0, 400.0)
-    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
-    found = told(folder)
-    assert len(found) == 6 and all(": warning: " in problem for problem in found)
-    words = (
-        "distance_m is 300",
-        "box_m reaches 90",
-        "an antenna is",
-        "gigahertz",
-        "is 100 m long",
-        "moves by 400 m",
-    )
-    for word in words:
-        assert sum(word in problem for problem in found) == 1
-    show([str(folder)])
-    assert capsys.readouterr().out.endswith("6 warnings, 1 input; fine, if meant so\n")
-    matrix[:3, 3] = (0, 0, -0.5)
-    folder = make_capture(tmp_path / "b")
-    shutil.copyfile(folder / "truth.ply", folder / "mesh.ply")
-    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
-    same(told(folder), ("radar_from_photo.json", "behind the radar; is it the inverse"))
-    (folder / "capture.toml").write_text('version = 1\nname = "b"\nbox_m = [0, 0, 0, 1, 1, -1]\n')
-    assert any(re.match(r"capture.toml:3: box_m is", problem) for problem in told(folder))
 
 
 BENCH = """version = 1
@@ -260,7 +160,7 @@ def test_every_problem_of_a_benchmark(tmp_path):
     )
     (base / "b.toml").write_text(BENCH)
     same(
-        told(base / "b.toml"),
+        found_in(base / "b.toml"),
         ("b.toml:4", "unknown key 'sead'; did you mean 'seed'"),
         ("b.toml:6", "'groundtruth.quality' is 'best'"),
         ("b.toml:9", "capture 'ball' in again is named as the one in a"),
@@ -278,63 +178,6 @@ def test_every_problem_of_a_benchmark(tmp_path):
     )
 
 
-def test_a_scene_s_files_are_checked_where_it_names_them(tmp_path):
-    (tmp_path / "x.ply").write_text("ply")
-    for name, words in (
-        ("x.ply", "holds no triangles"),
-        ("../x.ply", "leaves the folder"),
-        ("y.ply", "nothing"),
-    ):
-        text = (
-            'version = 1\nname = "s"\n[target]\nkind = "mesh"\npath = '
-            f'"{name}"\n[sensor]\narray = "radar"\n'
-        )
-        (tmp_path / "scene.toml").write_text(text)
-        same(
-            told(tmp_path / "scene.toml"),
-            ("scene.toml:5", words),
-            ("scene.toml:7", "tx"),
-            ("scene.toml:7", "rx"),
-        )
-
-
-def test_a_method_needs_measured_tones(tmp_path):
-    base = tmp_path / "bench"
-    make_capture(base / "a")
-    (base / "s.toml").write_text(
-        'version = 1\nname = "s"\n[target]\nkind = "sphere"\n[sensor]\nsweep = []\ntones_hz = '
-        "[82e9, 81.8e9]\n"
-    )
-    (base / "b.toml").write_text(
-        'version = 1\nname = "b"\n[[capture]]\npath = "a"\n[[capture]]\nscene = "s.toml"\n'
-        '[[method]]\nid = "3fsk"\n[[method]]\nid = "nfsk"\nconfig = { tones_hz = [82e9, 81.8e9, '
-        "79.5e9] }\n"
-    )
-    same(
-        told(base / "b.toml"),
-        ("b.toml:5", "'s' with method '3fsk': frequencies: the method asks for 79.5000 GHz"),
-        ("b.toml:5", "'s' with method 'nfsk': frequencies: the method asks for 79.5000 GHz"),
-    )
-    (base / "a" / "capture.toml").write_text(
-        'version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n'
-    )
-    assert any(
-        "'a' with method '3fsk': frequencies: the method asks for 72" in line
-        for line in told(base / "b.toml")
-    )
-
-
-def test_the_command_counts_and_fails(tmp_path, capsys):
-    for number in range(20):
-        folder = make_capture(tmp_path / "data" / f"c{number:02}", name=f"c{number // 2}")
-        if number % 10 == 0:
-            (folder / "truth.ply").write_bytes(b"")
-    with pytest.raises(HandbenchError, match="inspect: 2 problems, 10 warnings, 1 input"):
-        show([str(tmp_path / "data")])
-    out = capsys.readouterr().out.splitlines()
-    assert len(out) == 12 and sum("no benchmark can hold both" in line for line in out) == 10
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -348,5 +191,124 @@ def test_the_command_counts_and_fails(tmp_path, capsys):
 def test_a_json_file_is_read_as_what_its_keys_say(tmp_path, content, words):
     file = tmp_path / "a.json"
     file.write_text(json.dumps(content))
-    [found] = told(file)
+    [found] = found_in(file)
     assert words in found
+
+
+def test_every_file_of_a_capture_that_is_wrong(tmp_path):
+    folder = make_capture(tmp_path / "a")
+    for name in ("echoes.h5", "truth.ply"):
+        (folder / name).write_bytes((folder / name).read_bytes()[:-20])
+    (folder / "photos").mkdir()
+    target = folder / "target.toml"
+    save_target(target, default_target())
+    before, _, after = target.read_text().partition("sphere_radius_m")
+    line = before.count("\n") + 1
+    wrong = f"{before}sphere_radius_m = 0\ncolour = 'white'{after[after.index(chr(10)) :]}"
+    for name, text in {
+        "mesh.ply": "ply\n",
+        "array.json": "{}",
+        "empty.h5": "",
+        "radar_from_photo.json": '{\n "from": "photo",\n "to" "radar"}',
+        "target.toml": wrong,
+        "photos/board.toml": "[[marker]]\nid = 1\n",
+        "photos/cameras.json": '{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}',
+    }.items():
+        (folder / name).write_text(text)
+    found = found_in(folder)
+    assert {problem.split(": ")[0] for problem in found} >= {
+        *("echoes.h5", "truth.ply", "mesh.ply", "radar_from_photo.json:3", "photos"),
+        *(f"target.toml:{line}", f"target.toml:{line + 1}", "photos/board.toml:1"),
+        *("photos/cameras.json:2", "photos/cameras.json:3"),
+    }
+    assert any("found 0 photographs" in problem for problem in found)
+    words = "photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'"
+    assert any(problem.startswith(words) for problem in found)
+    shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
+    places = {problem.split(": ")[0] for problem in found_in(folder)}
+    assert places >= {"array.json", "empty.h5"}  # they need the echoes
+
+
+def test_a_capture_without_its_parts_is_named(tmp_path):
+    folder = make_capture(tmp_path / "a", kind="target")
+    same(found_in(folder), (".", "target's capture without target.toml"))
+    for name in ("capture.toml", "truth.ply"):
+        (folder / name).unlink()
+    expected = ("capture.toml", "expected a capture description"), (".", "nothing to score against")
+    same(found_in(folder), *expected)
+    same(found_in(tmp_path / "nowhere.toml"), ("nowhere.toml", "found nothing"))
+
+
+def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
+    box = {"box_m": (-50, -50, 10, 50, 50, 90), "distance_m": 300.0}
+    folder = make_capture(tmp_path / "a", scale=1e3, tones_hz=TONES_HZ / 1e9, **box)
+    matrix = np.eye(4)
+    matrix[:3, 3] = (4.0, -6.0, 400.0)
+    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
+    found = found_in(folder)
+    assert len(found) == 6 and all(": warning: " in problem for problem in found)
+    of_facts = "distance_m is 300", "box_m reaches 90", "moves by 400 m"
+    for words in (*of_facts, "an antenna lies", "gigahertz", "is 100 m long"):
+        assert sum(words in problem for problem in found) == 1
+    show([str(folder)])
+    assert capsys.readouterr().out.endswith("6 warnings, 1 input; fine, if meant so\n")
+    matrix[:3, 3] = (0, 0, -0.5)
+    folder = make_capture(tmp_path / "b")
+    shutil.copyfile(folder / "truth.ply", folder / "mesh.ply")
+    Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
+    same(found_in(folder), ("radar_from_photo.json", "behind the radar; is it the inverse"))
+    (folder / "capture.toml").write_text('version = 1\nname = "b"\nbox_m = [0, 0, 0, 1, 1, -1]\n')
+    assert any(problem.startswith("capture.toml:3: box_m is") for problem in found_in(folder))
+
+
+SCENE = 'version = 1\nname = "s"\n'
+SPHERE = f'{SCENE}[target]\nkind = "sphere"\n[sensor]\nsweep = []\ntones_hz = [82e9, 81.8e9]\n'
+TWO = """version = 1
+name = "b"
+[[capture]]
+path = "a"
+[[capture]]
+scene = "s.toml"
+[[method]]
+id = "3fsk"
+[[method]]
+id = "nfsk"
+config = { tones_hz = [82e9, 81.8e9, 79.5e9] }
+"""
+
+
+def test_a_scene_s_files_and_tones_are_checked_where_they_are_named(tmp_path):
+    (tmp_path / "x.ply").write_text("ply")
+    file = tmp_path / "s.toml"
+    for name, words in (
+        ("x.ply", "holds no triangles"),
+        ("../x.ply", "leaves the folder"),
+        ("y.ply", "nothing"),
+    ):
+        array = '[sensor]\narray = "radar"\n'
+        file.write_text(f'{SCENE}[target]\nkind = "mesh"\npath = "{name}"\n{array}')
+        same(found_in(file), ("s.toml:5", words), ("s.toml:7", "tx"), ("s.toml:7", "rx"))
+    make_capture(tmp_path / "a")
+    file.write_text(SPHERE)
+    (tmp_path / "b.toml").write_text(TWO)
+    words = "'s' with method '{}': frequencies: the method asks for 79.5000 GHz"
+    expected = [("b.toml:5", words.format(id)) for id in ("3fsk", "nfsk")]
+    same(found_in(tmp_path / "b.toml"), *expected)
+    about = 'version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n'
+    (tmp_path / "a" / "capture.toml").write_text(about)
+    words = "'a' with method '3fsk': frequencies: the method asks for 72"
+    assert any(words in problem for problem in found_in(tmp_path / "b.toml"))
+
+
+def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_bench, capsys):
+    fine = make_capture(tmp_path / "fine")
+    show([str(fine), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
+    assert capsys.readouterr().out.count(": nothing looks wrong\n") == 4
+    for number in range(6):
+        folder = make_capture(tmp_path / "data" / f"c{number}", name=f"c{number // 2}")
+        if number % 5 == 0:
+            (folder / "truth.ply").write_bytes(b"")
+    with pytest.raises(HandbenchError, match="inspect: 2 problems, 3 warnings, 1 input"):
+        show([str(tmp_path / "data")])
+    out = capsys.readouterr().out.splitlines()
+    assert len(out) == 5 and sum("no benchmark can hold both" in line for line in out) == 3

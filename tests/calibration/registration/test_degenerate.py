@@ -17,13 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.calibration.registration.rigid_fit import Pairs, fit
 from handbench.calibration.spheres.description import Candidate
-from handbench.calibration.transforms import (
-    Transform,
-    adjoint,
-    condition_number,
-    perturbation_jacobian,
-    umeyama,
-)
+from handbench.calibration.transforms import Transform, umeyama
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates
 from tests.references.balls import Balls, balls, middles, off, rotation
@@ -100,46 +94,30 @@ def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) 
     )
 
 
-# --- against 50 digits
-# ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("with_scale", [False, True])
-@pytest.mark.parametrize("shape", SHAPES)
-@given(seed=seeds)
-@examples(8)
-def test_the_shapes_of_targets(shape, with_scale, seed):
-    """A plane, a ribbon (condition 12 or so), points that coincide."""
-    p, q = scenario(seed, SHAPES[shape])
-    assert max(errors(umeyama(p, q, with_scale), p, q, with_scale)) < BAR
-    assert max(errors(aligned(p, q, with_scale).matrix, p, q, with_scale)) < BAR
-
-
-@pytest.mark.parametrize("short_rad", [0.0, 1e-15, 1e-12, 1e-8, 1e-4])
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -2, 3)])
-def test_half_turns(axis, short_rad):
-    turn = Rotation.from_rotvec(
-        (np.pi - short_rad) * np.array(axis) / np.linalg.norm(axis)
-    ).as_matrix()
-    p, q = scenario(1, FIVE, rotation=turn)
-    assert max(errors(aligned(p, q, False).matrix, p, q, False)) < BAR
-
-
-@pytest.mark.parametrize(("source_far", "target_far"), [(True, False), (False, True), (True, True)])
-@pytest.mark.parametrize("with_scale", [False, True])
-@given(seed=seeds)
-@examples(8)
-def test_a_million_metres_from_the_origin(source_far, target_far, with_scale, seed):
-    p, q = scenario(seed, FIVE, source_far=source_far, target_far=target_far)
-    assert max(errors(aligned(p, q, with_scale).matrix, p, q, with_scale)) < BAR
-
-
-@pytest.mark.parametrize("scale", [1e-3, 0.03, 1.0, 30.0, 1e3])
-@given(seed=seeds, far=st.booleans())
-@examples(8)
-def test_scales_from_a_thousandth_to_a_thousand(scale, seed, far):
-    p, q = scenario(seed, FIVE, scale, source_far=far)
-    assert max(errors(aligned(p, q, True, scale).matrix, p, q, True)) < BAR
+@given(
+    seed=seeds,
+    shape=st.sampled_from(list(SHAPES)),
+    with_scale=st.booleans(),
+    log_scale=st.floats(-3, 3),
+    source_far=st.booleans(),
+    target_far=st.booleans(),
+    short_rad=st.sampled_from([None, 0.0, 1e-15, 1e-12, 1e-8, 1e-4]),
+)
+@examples(80)
+def test_least_squares_are_those_of_50_digits(
+    seed, shape, with_scale, log_scale, source_far, target_far, short_rad
+):
+    """A plane, a ribbon (condition 12 or so), points that coincide; a thousandth to a thousand
+    times as large; frames a million metres away; half turns, or short of it."""
+    scale = 10**log_scale if with_scale else 1.0
+    turn = None
+    if short_rad is not None:
+        axis = np.random.default_rng(seed).integers(-2, 3, 3) + [0.5, 0, 0]
+        turn = Rotation.from_rotvec((np.pi - short_rad) * axis / np.linalg.norm(axis)).as_matrix()
+    p, q = scenario(seed, SHAPES[shape], scale, source_far, target_far, turn)
+    assert max(errors(aligned(p, q, with_scale, scale).matrix, p, q, with_scale)) < BAR
+    if not source_far and not target_far:
+        assert max(errors(umeyama(p, q, with_scale), p, q, with_scale)) < BAR
 
 
 def inverse(matrix: Balls) -> Balls:
@@ -175,9 +153,7 @@ def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Bal
     return np.column_stack([linear, shift]), covariance
 
 
-@pytest.mark.parametrize("with_scale", [False, True])
-@pytest.mark.parametrize("target_far", [False, True])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("with_scale", "target_far", "seed"), [(False, True, 1), (True, False, 2)])
 def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed):
     """Each pair with two ellipsoids of its own, four times as large as the errors, so that Huber's
     weights are one. The covariance is compared in units of its own standard deviations."""
@@ -201,104 +177,50 @@ def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed
     assert np.abs(share).max() < BAR
 
 
-def test_far_from_the_origin_a_points_covariance_stays_that_of_its_near_twin():
-    """The covariance about the origin holds (1e6 m · 4 mrad)² = 1e7 m²; what of it remains at the
-    target, 1e-6 m², survives four roundings of that: 1e-8 m²."""
-    p, q = scenario(3, FIVE)
-    near, far = aligned(p, q, False), aligned(p, q + [6e5, -7e5, 4e5], False)
-    expected = near.point_covariance(q)
-    largest = np.abs(far.covariance).max()
-    got = far.point_covariance(q + [6e5, -7e5, 4e5])
-    np.testing.assert_allclose(got, expected, atol=16 * np.finfo(float).eps * largest)
-
-
-# --- what stays open is refused, with its number
-# --------------------------------------------------------------------
-
-
-def test_the_condition_is_that_of_the_centred_points(rng):
-    """A rotation about an axis is held by the squared distances from it: for σ = (3, 2, 1), (9 +
-    4)/(4 + 1)."""
-    basis = np.linalg.qr(np.column_stack([np.ones(6), rng.standard_normal((6, 3))]))[0][:, 1:]
-    points = basis * [3, 2, 1] + [5, 6, 7]
-    turn = Rotation.random(rng=rng).as_matrix()
-    assert condition_number(points, 20 * points @ turn.T) == pytest.approx(
-        np.sqrt(13 / 5), rel=1e-12
-    )
-    # seen in a mirror, what held the axis apart now pulls the other way
-    assert condition_number(points, points * [1, 1, -1]) == pytest.approx(
-        np.sqrt(13 / 3), rel=1e-12
-    )
-    assert condition_number(points[:, [0, 1, 1]], points[:, [0, 1, 1]]) > 1
-    ball = basis * [1, 1, 1]
-    assert (
-        condition_number(ball, -ball) > 1e7
-    )  # its mirror image fits any rotation about any axis alike
-    weights = np.array([1.0, 2, 1, 1, 1, 3])
-    often = points[[0, 1, 1, 2, 3, 4, 5, 5, 5]]
-    assert condition_number(points, points, weights) == pytest.approx(
-        condition_number(often, often), rel=1e-12
-    )
-
-
 LINE = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.05, 0, 0], [0.09, 0, 0], [0.12, 0, 0]])
+RECTANGLE = np.array([[x, y, 0] for x in (-0.06, 0.06) for y in (-0.0025, 0.0025)])
+WITH_ONE_BESIDE = np.vstack(
+    [LINE + [[0, 0, 0], [0, 1e-3, 0], [0, 0, 1e-3], [0, -1e-3, 0], [0, 0, -1e-3]], [0.05, 0.06, 0]]
+)
+OPEN = r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"
+BROKEN = "pair 6: its centre or covariance"
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
 @pytest.mark.parametrize(
-    "points",
-    [LINE, LINE[[0, 0, 4, 4, 4]], LINE[[1, 1, 1, 1, 1]], LINE + [0, 0, 1e6]],
-    ids=["line", "two points", "one point", "far line"],
+    ("points", "shift_m", "last_m2", "words"),
+    [
+        (LINE[:2], 0, 1e-8, "share 2 elements; expected 3 or more"),
+        (LINE, 0, 1e-8, OPEN),
+        (LINE[[0, 0, 4, 4, 4]], 0, 1e-8, OPEN),
+        (LINE[[1, 1, 1, 1, 1]], 0, 1e-8, OPEN),
+        (LINE + [0, 0, 1e6], 0, 1e-8, OPEN),
+        (RECTANGLE, 0, 1e-8, "condition number 24, expected at most 20"),
+        (WITH_ONE_BESIDE, 0, 1e-2, "lie on a line, so that the rotation about it stays open"),
+        (WITH_ONE_BESIDE, 0.03, 1e-8, "condition number"),
+        (WITH_ONE_BESIDE, 0, np.inf, BROKEN),
+        (WITH_ONE_BESIDE, 0, -1.0, BROKEN),
+        (WITH_ONE_BESIDE, np.nan, 1e-8, BROKEN),
+    ],
 )
-def test_lines_and_points_are_refused_with_their_condition(points, with_scale, rng):
-    turn = Rotation.random(rng=rng).as_matrix()
-    with pytest.raises(
-        HandbenchError, match=r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"
-    ):
-        align(candidates(points), candidates(points @ turn.T + 0.1), with_scale)
+def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, words, with_scale):
+    """Lines and points; a narrow rectangle of half length a and half width b, √((a² + b²)/b²) =
+    24.02; the one centre off the line (the last) badly known, or wrong; numbers that are none."""
+    source, target = candidates(points), candidates(points)
+    last = points[-1] + [shift_m, 0, 0]
+    target[-1] = Candidate(last, np.diag([last_m2] * 3), ())
+    with pytest.raises(HandbenchError, match=words):
+        align(source, target, with_scale)
 
 
-@pytest.mark.parametrize(("half_width_m", "open_"), [(0.0035, False), (0.0025, True)])
-def test_the_limit_lies_at_a_condition_of_20(half_width_m, open_):
-    """A narrow rectangle of half length a and half width b: √((a² + b²)/b²), 17.2 and 24.02."""
-    corners = np.array([[x, y, 0] for x in (-0.06, 0.06) for y in (-half_width_m, half_width_m)])
-    if open_:
-        with pytest.raises(HandbenchError, match=r"condition number 24, expected at most 20"):
-            align(candidates(corners), candidates(corners))
-    else:
-        np.testing.assert_allclose(
-            align(candidates(corners), candidates(corners)).matrix, np.eye(4), atol=1e-12
-        )
-
-
-def test_a_badly_known_centre_does_not_hold_a_rotation():
-    """The one centre off the line is known a thousand times worse than the others."""
-    pairs = candidates([*LINE, [0.05, 0.06, 0]])
-    pairs[5] = Candidate(pairs[5].centre_m, 1e-2 * np.eye(3), ())
-    with pytest.raises(HandbenchError, match="condition number"):
-        align(pairs, pairs)
-
-
-def test_when_the_pair_that_held_the_rotation_is_wrong_what_is_left_is_refused():
-    wobble = 1e-3 * np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0], [0, 0, -1]])
-    p = np.array([*(LINE + wobble), [0.05, 0.06, 0]])
-    q = p.copy()
-    q[5] += [0.03, 0, 0]  # not explained by any rotation about the line
-    with pytest.raises(HandbenchError, match="condition number"):
-        align(candidates(p), candidates(q))
-
-
-@pytest.mark.parametrize("with_scale", [False, True])
 @pytest.mark.parametrize(("shape", "count"), [(SOLID, 5), (SOLID[:4], 4), (FIVE, 5)])
-@given(seed=seeds)
-@examples(10)
-def test_a_mirror_image_is_named_as_one(shape, count, with_scale, seed):
+@given(seed=seeds, with_scale=st.booleans())
+@examples(5)
+def test_a_mirror_image_is_named_as_one(shape, count, seed, with_scale):
     """Also of the five, of which four lie in a plane and would outvote the fifth."""
     p, _ = scenario(seed, shape)
-    with pytest.raises(
-        HandbenchError,
-        match=rf"{count} of {count} pairs of centres lie as the target's mirror image",
-    ):
+    words = f"{count} of {count} pairs of centres lie as the target's mirror image"
+    with pytest.raises(HandbenchError, match=words):
         align(candidates(p), candidates(mirror(seed, p)), with_scale)
 
 
@@ -306,31 +228,9 @@ def mirror(seed: int, points: np.ndarray) -> np.ndarray:
     return points * [1, 1, -1] @ Rotation.random(rng=np.random.default_rng(seed)).as_matrix().T
 
 
-def test_a_plane_is_its_own_mirror_image(rng):
-    q = mirror(5, PLANE)
-    np.testing.assert_allclose(align(candidates(PLANE), candidates(q)).points(PLANE), q, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        Candidate(np.array([0, np.nan, 0]), np.eye(3), ()),
-        Candidate(np.zeros(3), np.full((3, 3), np.inf), ()),
-        Candidate(np.zeros(3), -np.eye(3), ()),
-    ],
-)
-def test_numbers_that_are_none_are_refused(broken):
-    with pytest.raises(HandbenchError, match="pair 2: its centre or covariance"):
-        align([candidates(FIVE)[0], broken, *candidates(FIVE)[2:]], candidates(FIVE))
-
-
-# --- one in five is wrong
-# -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("with_scale", [False, True])
 @given(
     seed=seeds,
+    with_scale=st.booleans(),
     which=st.integers(0, 4),
     log_size=st.floats(-1.5, 6),
     at_source=st.booleans(),
@@ -338,7 +238,7 @@ def test_numbers_that_are_none_are_refused(broken):
 )
 @examples(25)
 def test_one_wrong_pair_in_five_of_any_size_changes_nothing(
-    with_scale, seed, which, log_size, at_source, shape
+    seed, with_scale, which, log_size, at_source, shape
 ):
     """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000
     km off, where the centres err by 0.24 mm and a deviation is 0.4 mm."""
@@ -357,18 +257,7 @@ def test_one_wrong_pair_in_five_of_any_size_changes_nothing(
     assert max(errors(found.matrix, p[rest], q[rest], with_scale)) < BAR
 
 
-def test_the_wrong_pair_is_named(capsys):
-    q = FIVE.copy()
-    q[2] += [0, 0.5, 0]
-    residuals_m = align(candidates(FIVE), candidates(q)).residuals_m
-    assert (
-        capsys.readouterr().err
-        == "registration: pair 3 lies 500 mm off where the others agree; left out\n"
-    )
-    np.testing.assert_allclose(residuals_m, [0, 0, 0.5, 0, 0], atol=1e-12)
-
-
-@pytest.mark.parametrize(("count", "wrong"), [(6, 2), (10, 4), (15, 5), (40, 16)])
+@pytest.mark.parametrize(("count", "wrong"), [(6, 2), (40, 16)])
 @given(seed=seeds)
 @examples(5)
 def test_a_majority_of_60_percent_suffices(count, wrong, seed):
@@ -384,13 +273,13 @@ def test_a_majority_of_60_percent_suffices(count, wrong, seed):
     assert max(errors(found.matrix, p[good], q[good], False)) < BAR
 
 
-@pytest.mark.parametrize(("count", "wrong"), [(3, 1), (4, 1), (5, 2), (6, 3)])
+@pytest.mark.parametrize(("count", "wrong"), [(3, 1), (4, 1), (5, 2)])
 @given(seed=seeds)
 @examples(5)
 def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
     """Of four, three that agree are no majority: triangles that fit are no rarity."""
     rng = np.random.default_rng(seed)
-    p = [SOLID[:3], SOLID[:4], SOLID, np.array([*SOLID, [0.1, 0.09, -0.05]])][count - 3]
+    p = SOLID[:count]
     q = p.copy()
     q[:wrong] += 0.05 * rng.uniform(0.5, 1, (wrong, 3)) * rng.choice([-1, 1], (wrong, 3))
     with pytest.raises(
@@ -398,46 +287,3 @@ def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
         match=rf"its {count} pairs of centres contradict .*residuals in mm: pair 1 \d",
     ):
         align(candidates(p), candidates(q))
-
-
-# --- frames
-# -----------------------------------------------------------------------------------------------------------
-
-
-@given(seed=seeds, with_scale=st.booleans())
-@examples(40)
-def test_another_frame_gives_the_same_answer_there(seed, with_scale):
-    """Over poses and covariances: with the target's frame turned and moved, the transform is turned
-    and moved, and its covariance with it (the adjoint of the motion)."""
-    rng = np.random.default_rng(seed)
-    p, q = scenario(seed, SOLID)
-    roots = 4e-3 * EXTENT_M * (np.eye(3) + 0.3 * rng.standard_normal((2, 5, 3, 3)))
-    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(-1, 1, 3)
-    source = [Candidate(c, r @ r.T, ()) for c, r in zip(p, roots[0], strict=True)]
-    here = align(
-        source, [Candidate(c, r @ r.T, ()) for c, r in zip(q, roots[1], strict=True)], with_scale
-    )
-    there = align(
-        source,
-        [
-            Candidate(turn @ c + shift, turn @ r @ r.T @ turn.T, ())
-            for c, r in zip(q, roots[1], strict=True)
-        ],
-        with_scale,
-    )
-    np.testing.assert_allclose(
-        there.points(p), here.points(p) @ turn.T + shift, atol=BAR * EXTENT_M
-    )
-    both = np.eye(len(here.covariance))
-    both[:3, :3] = both[3:6, 3:6] = turn
-    carry = adjoint(-shift, len(both)) @ both
-    expected = carry @ here.covariance @ carry.T
-    np.testing.assert_allclose(there.covariance, expected, atol=1e-8 * np.abs(expected).max())
-
-
-def test_the_adjoint_moves_the_pivot(rng):
-    step, pivot, point = rng.standard_normal(7), rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
-    expected = perturbation_jacobian(point) @ step
-    np.testing.assert_allclose(
-        perturbation_jacobian(point - pivot) @ adjoint(pivot, 7) @ step, expected, atol=1e-12
-    )

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
-from handbench.calibration.registration.register import (
-    HAND_M,
-    combine,
-    motion,
-    require_no_motion,
-    solve,
-)
+from handbench.calibration.registration.register import HAND_M, Motion, combine, motion, solve
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import Transform, identity
 from handbench.support.errors import HandbenchError
-from tests.calibration.seen_target import align, candidates, pose
-from tests.strategies import examples
+from tests.calibration.seen_target import candidates, pose
 
 SPREAD_M = 5e-5
 COMMON_M2 = np.diag([0, 0, 1.3e-4]) ** 2
@@ -46,27 +36,6 @@ def captured(
     radar = radar + [0, 0, shared_m]
     sides = (side + SPREAD_M * rng.standard_normal(side.shape) for side in (photo, radar))
     return Pairs.of(*(candidates(side, covariance_m2=SPREAD_M**2 * np.eye(3)) for side in sides))
-
-
-# --- one transform of all captures
-# ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("with_scale", [False, True])
-def test_captures_are_combined_as_one_set_of_pairs(rng, with_scale):
-    captures = [captured(rng) for _ in range(3)]
-    together = combine(captures, with_scale, COMMON_M2)
-    alone = solve(captures[0] + captures[1] + captures[2], with_scale)
-    np.testing.assert_array_equal(together.matrix, alone.matrix)
-    expected = alone.covariance.copy()
-    expected[:3, :3] += COMMON_M2  # once and whole: the same balls err alike
-    np.testing.assert_allclose(together.covariance, expected, rtol=1e-12)
-    assert len(together.residuals_m) == 15
-
-
-def test_one_capture_is_itself(rng):
-    capture = captured(rng)
-    np.testing.assert_array_equal(combine([capture]).matrix, solve(capture).matrix)
 
 
 def test_the_combined_covariance_is_honest(rng):
@@ -103,10 +72,6 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
         combine(captures, names=["first", "second", "third"])
 
 
-# --- whether the rig moved
-# ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("with_scale", [False, True])
 def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
     """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the
@@ -126,26 +91,6 @@ def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
     assert (
         sum(m.interval_m[0] > 0 for m in repeats) <= 20
     )  # nothing moved: the interval starts at nothing in 95 %
-
-
-@given(st.integers(0, 2**32 - 1))
-@examples(3)
-def test_the_interval_holds_the_true_shift(seed):
-    """150 moves of 0 to 0.5 mm and 2 mrad: at least 95 %, less three standard errors (1.8 %
-    each)."""
-    rng = np.random.default_rng(seed)
-    held = []
-    for _ in range(150):
-        shift_m, turn_rad = rng.uniform(0, 5e-4) * direction(rng), 2e-3 * direction(rng)
-        found = motion(solve(captured(rng)), solve(captured(rng, shift_m, turn_rad)))
-        low_m, high_m = found.interval_m
-        held.append(low_m <= np.linalg.norm(shift_m) <= high_m)
-    assert np.mean(held) > 0.95 - 3 * 0.018
-
-
-def direction(rng: np.random.Generator) -> np.ndarray:
-    way = rng.standard_normal(3)
-    return way / np.linalg.norm(way)
 
 
 @pytest.mark.parametrize(
@@ -177,43 +122,22 @@ def test_what_all_balls_share_cancels(rng):
     assert "the rig did not measurably move between" in plain.sentence
 
 
-def test_many_captures_of_a_rig_at_rest_raise_no_more_alarms(rng):
-    """Six captures give 15 comparisons; each is tested at 1 %/15. Of 40 such rigs, one in a hundred
-    is expected to be refused; four are less likely than 1 in 1000."""
-    refused = 0
-    for _ in range(40):
-        try:
-            require_no_motion(
-                [solve(captured(rng)) for _ in range(6)], [f"capture {i}" for i in range(6)]
-            )
-        except HandbenchError:
-            refused += 1
-    assert refused < 4
-
-
 def test_transforms_that_cannot_be_compared_are_refused(rng):
     pairs = captured(rng)
     rigid, similar = solve(pairs), solve(pairs, with_scale=True)
-    with pytest.raises(
-        HandbenchError, match="sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"
+    for other, common_m2, words in (
+        (similar, None, "sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"),
+        (Transform("photo", "radar", np.eye(4)), None, "sizes 6 and 0"),
+        (identity("radar"), None, "the second: leads from 'radar' to 'radar'; expected one from"),
+        (rigid, COMMON_M2, "do not hold the common error given"),
     ):
-        motion(rigid, similar)
-    with pytest.raises(HandbenchError, match="sizes 6 and 0"):
-        motion(rigid, Transform("photo", "radar", np.eye(4)))
-    with pytest.raises(
-        HandbenchError, match="the second: leads from 'radar' to 'radar'; expected one from 'photo'"
-    ):
-        motion(rigid, identity("radar"))
-    with pytest.raises(HandbenchError, match="do not hold the common error given"):
-        motion(rigid, rigid, COMMON_M2)
+        with pytest.raises(HandbenchError, match=words):
+            motion(rigid, other, common_m2)
 
 
-def test_pairs_keep_their_order_and_names(rng):
-    pairs = captured(rng)
-    both = pairs + replace(pairs, names=tuple("abcde"))
-    assert both[[5, 2]].names == ("a", "pair 3")
-    np.testing.assert_array_equal(both[np.arange(10) >= 5].source_m, pairs.source_m)
-    np.testing.assert_array_equal(
-        align(candidates(pairs.source_m), candidates(pairs.target_m)).matrix,
-        solve(replace(pairs, source_m2=pairs.source_m2 * 4, target_m2=pairs.target_m2 * 4)).matrix,
-    )
+def test_a_shift_may_reach_as_far_as_its_ellipsoids_longest_axis():
+    """A shift of 5 mm along x, with σ of 1, 2 and 3 mm along x, y and z."""
+    reach_m = 1e-3 * np.sqrt(chi2.ppf(0.95, 3))
+    covariance = np.diag([1e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-6])
+    interval_m = Motion(np.array([5e-3, 0, 0, 0, 0, 0]), covariance, "a", "b").interval_m
+    assert interval_m == pytest.approx((5e-3 - reach_m, 5e-3 + 3 * reach_m))

@@ -1,6 +1,7 @@
 """A part of the temple: thin columns, and floors that every camera sees at a low angle."""
 
 import numpy as np
+import pytest
 
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
@@ -12,6 +13,7 @@ BOX_M = np.array(
 )  # one of the last two columns, and what is over and under it
 
 
+@pytest.mark.slow
 def test_most_of_what_three_cameras_see_is_found(tmp_path):
     mesh, cameras = temple.photograph(tmp_path, VIEWS)
     found = reconstruct(

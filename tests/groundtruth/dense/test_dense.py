@@ -5,10 +5,8 @@ import numba
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense import patchmatch, planesweep
 from handbench.groundtruth.dense.dense import choose_sources, depth_maps
 from handbench.groundtruth.dense.fusion import fuse
-from handbench.groundtruth.dense.views import Stereo
 from tests.groundtruth.ball import ANGLES, DISPARITY_M, PIXEL_M, RADIUS_M, view, world_points_m
 
 
@@ -27,15 +25,6 @@ def scene():
 def maps(scene):
     views, _, sources = scene
     return depth_maps(views, sources, iterations=3, seed=0)
-
-
-def test_inverse_depth_moves_a_pixel_as_the_cameras_say(scene):
-    (reference, source, *_), (depth_m, *_), *_ = scene
-    A, b = reference.to(source)
-    row, column = 50, 61
-    seen = A @ (column, row, 1) + b / depth_m[row, column]
-    expected = source.K @ (source.R @ world_points_m(reference, depth_m)[row, column] + source.t)
-    np.testing.assert_allclose(seen[:2] / seen[2], expected[:2] / expected[2], atol=1e-9)
 
 
 def test_half_the_resolution_looks_along_the_same_rays(scene):
@@ -88,33 +77,3 @@ def test_fused_points_lie_on_the_surface_and_in_the_box(maps):
     assert ((cloud.points_m >= box_m[0]) & (cloud.points_m <= box_m[1])).all()
     assert np.median(error) < 0.05 and np.quantile(error, 0.99) < 0.3
     assert cloud.pixel_m == pytest.approx(PIXEL_M, rel=0.1)
-
-
-def test_the_sweep_finds_a_plane_between_two_planes():
-    """One source, shifted sideways: a wall at disparity 5.5 of planes 0 … 11, off by less than the
-    parabola's bias."""
-    rng = np.random.default_rng(2)
-    picture = rng.random((60, 90))
-    kernel = np.exp(-(np.linspace(-2, 2, 9) ** 2))
-    for axis in (0, 1):
-        picture = np.apply_along_axis(np.convolve, axis, picture, kernel / kernel.sum(), "same")
-    reference = (picture[:, 5:-6] + picture[:, 6:-5]).astype(np.float32) / 2
-    sizes, A, b = np.array([picture.shape]), np.eye(3)[None], np.array([[1.0, 0, 0]])
-    stereo = Stereo(reference, picture[None].astype(np.float32), sizes, A, b, unit=1.0)
-    found = planesweep.swept_disparity(stereo, 0.0, 12)
-    assert np.abs(np.median(found) - 5.5) < 0.1
-    assert np.quantile(np.abs(found - 5.5), 0.9) < 0.5
-
-
-def test_random_numbers_are_uniform_and_repeat():
-    draws = np.array(
-        [patchmatch._random(p, s, d, 3) for p in range(50) for s in range(6) for d in range(6)]
-    )
-    assert (
-        np.abs(draws).max() <= 1 and abs(draws.mean()) < 0.04 and abs(draws.std() - 3**-0.5) < 0.02
-    )
-    assert (
-        patchmatch._random(7, 1, 2, 3)
-        == patchmatch._random(7, 1, 2, 3)
-        != patchmatch._random(7, 1, 2, 4)
-    )

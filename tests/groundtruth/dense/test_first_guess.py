@@ -4,8 +4,8 @@ a view."""
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.completion import render_cloud
-from handbench.groundtruth.dense.first_guess import first_guess, planes_through
+from handbench.groundtruth.dense.completion import rendered
+from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.views import Stereo, View
 from tests.groundtruth.ball import FOCAL_PX, texture
@@ -48,18 +48,7 @@ def test_a_cloud_shows_its_nearest_points_that_face_the_view():
     points_m = np.tile(rays[20], (4, 1)) * depth_m[:, None]
     normals = np.repeat([(0, 0, -1.0), (0, 0, -2.0), (0, 0, 1.0), (0, 0, -1.0)], SIZE[1], axis=0)
     few = np.ones(len(points_m))
-    shown_m, facing = render_cloud(
-        Cloud(points_m, normals, few[:, None] > 0, few, ("v",), 1e-3), view
-    )
+    shown_m, facing = rendered(Cloud(points_m, normals, few[:, None] > 0, few, ("v",), 1e-3), view)
     np.testing.assert_allclose(shown_m[20], 0.4, rtol=1e-12)
     np.testing.assert_allclose(facing[20], np.tile((0, 0, -1.0), (SIZE[1], 1)))
     assert np.isnan(np.delete(shown_m, 20, axis=0)).all()
-
-
-def test_planes_through_points_of_a_floor_continue_it():
-    view, depth_m = floor_view(0)
-    planes = planes_through(
-        view, depth_m, np.broadcast_to((0, -1.0, 0), (*SIZE, 3)), 1.0, steepest=9
-    )
-    np.testing.assert_allclose(np.diff(planes[..., 0], axis=0), planes[1:, :, 2], rtol=1e-4)
-    np.testing.assert_allclose(planes[..., 1], 0, atol=1e-6)

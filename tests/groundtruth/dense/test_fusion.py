@@ -1,14 +1,11 @@
 """Fusion of depth maps made by hand: parallel cameras before a wall, whole pixels apart."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.dense import ViewDepth
-from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, _agree, fuse
+from handbench.groundtruth.dense.dense import DepthMap
+from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, fuse
 from handbench.groundtruth.dense.views import View
-from handbench.support.errors import HandbenchError
 
 FOCAL_PX, WALL_M = 100.0, 1.0
 PIXEL_M = WALL_M / FOCAL_PX
@@ -22,7 +19,7 @@ def wall(i, off_m=0.0, normal=TOWARDS, size=SIZE):
     depth_m = np.full(size, WALL_M + off_m)
     flat = np.zeros(size, np.float32)
     view = View(f"v{i}", flat, K, np.eye(3), np.array([-i * PIXEL_M, 0, 0]), flat, flat)
-    return ViewDepth(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
+    return DepthMap(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
 
 
 def test_points_are_means_and_spreads_are_standard_deviations():
@@ -43,7 +40,7 @@ def test_points_are_means_and_spreads_are_standard_deviations():
     np.testing.assert_allclose(cloud.spread_m[first], offs_m[1:].std(ddof=1), rtol=1e-9)
 
 
-def test_who_agrees_is_told_by_name():
+def test_a_cloud_names_the_views_that_agree():
     """The third is farther off than AGREEMENT_PX allows, the fourth looks elsewhere: nobody agrees
     with them, nor do they with anybody; all others do where they look."""
     maps = [
@@ -59,35 +56,6 @@ def test_who_agrees_is_told_by_name():
     assert middle.sum() == 3 * 5 * SIZE[0] and cloud.views[middle][:, [0, 1, 4]].all()
     nearer = fuse([*maps[:2], wall(2, 0.9 * AGREEMENT_PX * PIXEL_M), *maps[3:]], None)
     assert nearer.views[:, 2].any()
-
-
-def test_the_kernel_is_compiled_for_one_order_of_matrices():
-    """COLMAP's matrices run along columns."""
-    rows = [wall(0), wall(1)]
-    views = [
-        replace(m.view, R=np.asfortranarray(m.view.R), K=np.asfortranarray(m.view.K)) for m in rows
-    ]
-    columns = [replace(m, view=view) for m, view in zip(rows, views, strict=True)]
-    fuse(columns, None)
-    fuse(rows, None)
-    assert len(_agree.signatures) == 1
-
-
-def test_spread_is_along_the_normal():
-    """A wall that leans by 45°: an error of depth is 1/√2 of itself across it."""
-    lean = np.array([0.0, 1.0, -1.0]) / 2**0.5
-
-    def leaning(i, off_m):
-        tilted = wall(i, 0.0, lean)
-        slope_m = WALL_M / (1 - (np.arange(SIZE[0]) - 5) / FOCAL_PX)  # z = WALL + y
-        tilted.depth_m[:] = slope_m[:, None] + off_m
-        return tilted
-
-    offs_m = 1e-3 * np.array([0.0, 1.0, -1.0])
-    cloud = fuse([leaning(i, off_m) for i, off_m in enumerate(offs_m)], None)
-    everyone = cloud.views.all(axis=1)
-    # the three are one depth along one pixel's ray, which leans by up to 7 pixels of 100
-    np.testing.assert_allclose(cloud.spread_m[everyone], offs_m.std(ddof=1) / 2**0.5, rtol=0.1)
 
 
 def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
@@ -137,24 +105,3 @@ def test_unknown_depths_pictures_of_other_sizes_and_the_box():
     inside = ((cloud.points_m >= box_m[0]) & (cloud.points_m <= box_m[1])).all(axis=1)
     np.testing.assert_array_equal(boxed.points_m, cloud.points_m[inside])
     np.testing.assert_array_equal(boxed.views, cloud.views[inside])
-
-
-def test_a_cloud_comes_back_from_a_file_and_in_part(tmp_path):
-    cloud = fuse([wall(i, 1e-3 * i) for i in range(4)], None)
-    cloud.save(tmp_path / "c.npz")
-    found = Cloud.load(tmp_path / "c.npz")
-    for name in ("points_m", "normals", "views", "spread_m"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(cloud, name))
-    assert (found.names, found.pixel_m) == (cloud.names, cloud.pixel_m)
-    assert (
-        found.views.dtype == bool
-        and isinstance(found.names[0], str)
-        and isinstance(found.pixel_m, float)
-    )
-    some = found.at(np.array([5, 2]))
-    np.testing.assert_array_equal(some.spread_m, cloud.spread_m[[5, 2]])
-    np.testing.assert_array_equal(some.views, cloud.views[[5, 2]])
-    assert len(some.points_m) == len(some.normals) == 2 and some.names == cloud.names
-    (tmp_path / "c.npz").write_bytes(b"PK")
-    with pytest.raises(HandbenchError, match=r"c\.npz: is not a readable"):
-        Cloud.load(tmp_path / "c.npz")

@@ -41,10 +41,6 @@ def test_the_command_takes_a_mesh_over(tmp_path, capsys):
     )
     assert main([*command, "--unit", "mm"]) == 2
     assert "exists already" in capsys.readouterr().err
-
-
-def test_a_unit_is_for_meshes_alone(tmp_path, capsys):
-    assert (
-        main(["groundtruth", str(tmp_path), "-o", str(tmp_path / "out.ply"), "--unit", "mm"]) == 2
-    )
+    command[1] = str(tmp_path)
+    assert main([*command, "--unit", "mm", "--overwrite"]) == 2
     assert "--unit: is for a mesh file" in capsys.readouterr().err

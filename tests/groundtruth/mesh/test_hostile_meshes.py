@@ -1,14 +1,13 @@
 """Mesh files of strangers: what they promise is checked against what they hold, and none of it
 stops the program."""
 
-import re
 import struct
 
 import numpy as np
 import pytest
 
-from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh, read_triangles, write_mesh
-from handbench.groundtruth.mesh.ply import MOST, read_ply
+from handbench.groundtruth.mesh.mesh_files import read_mesh, read_triangles, write_mesh
+from handbench.groundtruth.mesh.ply import MOST
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import load_open3d
 
@@ -111,113 +110,54 @@ def test_polygons_are_cut_into_fans(tmp_path, faces):
         assert found.tolist() == [list(f) for f in faces if len(f) == 3] + [[0, 1, 3], [0, 3, 2]]
 
 
-LIES = {  # a PLY's content, and what is said of it
-    "more faces than there can be": (
-        header(faces=10**8) + rows(),
-        f"promises 100000000 of 'face'; at most {MOST}",
-    ),
-    "more faces than follow": (
-        header(faces=MOST) + rows(),
-        "promises 50000000 of 'face', at least 50000000 bytes",
-    ),
-    "a number beyond all": (
-        header(vertices=10**30) + rows(),
-        "line 4 of its header is 'element vertex 1000000",
-    ),
-    "a negative number": (header(faces=-1) + rows(), "line 8 of its header is 'element face -1'"),
-    "fewer faces than follow": (
-        header(faces=1) + rows(),
-        "13 bytes follow what its header promises",
-    ),
-    "rows without columns": (header(faces=MOST, of_face="") + rows(), "26 bytes follow"),
-    "no faces": (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
-    "a type that is none": (
-        header(of_vertex=XYZ.replace("float", "half")),
-        "line 5 of its header is 'property half",
-    ),
-    "a length that is a fraction": (
-        header(of_face=LIST.replace("uchar", "float")),
-        "length that is no whole number",
-    ),
-    "a column twice": (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
-    "flat vertices": (
-        header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]),
-        "lack x, y or z",
-    ),
-    "a list of coordinates": (
-        header(of_vertex="property list uchar float x\n" + XYZ[17:], vertices=0, faces=0),
-        "lack x, y or z",
-    ),
-    "lines as faces": (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
-    "a face without corners": (header() + rows(faces=[(), (1, 2, 3)]), "a face has 0 corners"),
-    "an endless face": (
-        header(of_face=LIST.replace("uchar", "uint")) + rows(faces=()) + b"\xff" * 60,
-        "has 4.29497e+09 entries",
-    ),
-    "a negative face": (
-        header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26,
-        "-1 entries",
-    ),
-    "cut amid the faces": (ply()[:-1], "it ends amid the 2 of 'face'"),
-    "cut amid the vertices": (
-        ply()[:-40],
-        "promises 4 of 'vertex', at least 48 bytes, but 34 follow",
-    ),
-    "cut amid the header": (ply()[:60], "no header from 'ply' to 'end_header'"),
-    "nothing at all": (b"", "no header"),
-    "a header without an end": (b"ply\n" + b"comment\n" * 100_000, "no header"),
-    "no format": (header().replace(b"format binary_little_endian 1.0\n", b""), "names no format"),
-    "words for numbers": (ascii_ply(("3 0 2 one", "3 1 2 3")), "is not numbers alone"),
-    "a broken index": (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "by what is no whole number"),
-    "an index beyond all": (ascii_ply(("3 0 2 1e300", "3 1 2 3")), "by what is no whole number"),
-    "too few numbers": (ascii_ply(("3 0 2 1", "3 1 2")), "it ends amid"),
-    "too many numbers": (ascii_ply(("3 0 2 1", "3 1 2 3", "4")), "8 bytes follow"),
-    "an index too large": (header() + rows(faces=FACES + 1), "names vertex 4, but there are 4"),
-    "an index below zero": (header() + rows(faces=FACES - 1), "names vertex -1, but there are 4"),
-    "NaN": (
-        header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)),
-        "2 vertices are NaN",
-    ),
-    "infinity": (ascii_ply().replace(b"0.4", b"1e999"), "1 vertices are NaN or infinite"),
-    "another galaxy": (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex lies 1e+30 m away"),
-}
-
-
-@pytest.mark.parametrize("name", LIES)
-def test_a_ply_that_lies_is_refused_in_one_line(tmp_path, name):
-    content, message = LIES[name]
-    with pytest.raises(HandbenchError, match=r"a\.ply: .*" + message.replace("+", r"\+")) as caught:
-        read_triangles(written(tmp_path, "a.ply", content))
-    assert "\n" not in str(caught.value)
+LIES = [  # a PLY's content, and words of its refusal
+    (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
+    (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
+    (header(faces=-1) + rows(), "line 8 of its header is 'element face -1'"),
+    (header(faces=1) + rows(), "13 bytes follow what its header promises"),
+    (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
+    (header(of_vertex=XYZ.replace("float", "half")), "line 5 of its header is 'property half"),
+    (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
+    (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "lack x, y or z"),
+    (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
+    (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
+    (ply()[:-1], "it ends amid the 2 of 'face'"),
+    (ply()[:60], "no header from 'ply' to 'end_header'"),
+    (b"ply\n" + b"comment\n" * 100_000, "no header"),
+    (header().replace(b"format binary_little_endian 1.0\n", b""), "names no format"),
+    (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "by what is no whole number"),
+    (ascii_ply(("3 0 2 1", "3 1 2")), "it ends amid"),
+    (header() + rows(faces=FACES + 1), "names vertex 4, but there are 4"),
+    (header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)), "2 vertices are NaN"),
+    (ascii_ply().replace(b"0.4", b"1e999"), "1 vertices are NaN or infinite"),
+    (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex lies 1e+30 m away"),
+]
 
 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.obj", b"", "holds no triangles"),
+        *(("a.ply", *lie) for lie in LIES),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 9"), "names vertex 8, but there are 4"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 0"), "line 9 is 'f 1 3 0'"),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 -9"), "names vertex -5"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 " + b"9" * 4000), "line 9 is 'f 1 3 999"),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3"), "line 9 is 'f 1 3'"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9 is 'f 1 1 1"),
-        ("a.obj", obj().replace(b"v 0.0 0.0", b"v nan 0.0"), "1 vertices are NaN"),
         ("a.obj", obj().replace(b"v 0.0 0.0", b"v 0.0"), "line 3 is 'v 0.0 0.3"),
-        ("a.stl", b"", "has 0"),
         ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
-        ("a.stl", b"x" + stl()[1:-7], "its 2 triangles take 184 bytes, but it has 177"),
-        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "its 100000000 triangles take 5000000084 "
-                                                        "bytes, but it has 84"),
-        ("a.stl", stl(FACES[:0]), "holds no triangles"),
+        (
+            "a.stl",
+            b"x" * 80 + struct.pack("<I", 10**8),
+            "its 100000000 triangles take 5000000084 bytes, but it has 84",
+        ),
         ("a.stl", ascii_stl()[:-30], "6 corners and 1 whole triangles"),
         ("a.stl", ascii_stl()[:-11], "should end with 'endsolid'"),
         ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is no vertex"),
-        ("a.stl", stl().replace(np.float32(0.1).tobytes(), np.float32(np.nan).tobytes()), "are NaN"),
+        ("a.stl", stl().replace(b"\xcd\xcc\xcc\x3d", b"\xff\xff\xff\x7f"), "are NaN"),
         ("a.gltf", b"{}", r"is no \.ply, \.obj, \.stl file"),
     ],
-)  # fmt: skip
-def test_other_forms_that_lie_are_refused_in_one_line(tmp_path, name, content, message):
-    with pytest.raises(HandbenchError, match=message) as caught:
+)
+def test_a_mesh_that_lies_is_refused_in_one_line(tmp_path, name, content, message):
+    with pytest.raises(HandbenchError, match=message.replace("+", r"\+")) as caught:
         read_triangles(written(tmp_path, name, content))
     assert str(caught.value).startswith(str(tmp_path / name)) and "\n" not in str(caught.value)
 
@@ -235,66 +175,3 @@ def test_a_cut_at_any_byte_is_refused_or_loses_nothing(tmp_path, name):
         assert name == "a.obj" or len(faces) == len(
             FACES
         )  # OBJ alone does not tell how many there are
-
-
-@pytest.mark.parametrize("name", GOOD)
-def test_mutations_are_read_or_refused(tmp_path, name):
-    """300 seeded mutations each: bytes changed, runs removed or doubled, numbers made huge. No
-    other exception than ours comes out, and what is read is whole."""
-    generator = np.random.default_rng(1)
-    for _ in range(300):
-        content = bytearray(GOOD[name])
-        for _ in range(generator.integers(1, 5)):
-            at, size = int(generator.integers(len(content))), int(generator.integers(1, 9))
-            match generator.integers(5):
-                case 0:
-                    content[at : at + size] = generator.bytes(size)
-                case 1:
-                    del content[at : at + size]
-                case 2:
-                    content[at:at] = content[at : at + size]
-                case 3:
-                    content[at] ^= 1 << int(generator.integers(8))
-                case 4:
-                    numbers = list(re.finditer(rb"\d+", content))
-                    if numbers:
-                        chosen = numbers[generator.integers(len(numbers))]
-                        content[slice(*chosen.span())] = generator.choice(
-                            [b"-1", b"0", b"99999999", b"1e999", b"nan"]
-                        )
-        try:
-            vertices_m, faces, _ = read_triangles(written(tmp_path, name, bytes(content)))
-        except HandbenchError as error:
-            assert "\n" not in str(error)
-            continue
-        assert (
-            np.isfinite(vertices_m).all()
-            and len(faces)
-            and 0 <= faces.min() <= faces.max() < len(vertices_m)
-        )
-
-
-def test_columns_beside_the_coordinates_are_told(tmp_path):
-    """Of any type, in any order, lists among them left out."""
-    of_vertex = (
-        "property uchar label\nproperty list uchar short tags\n" + XYZ + "property double sigma_m\n"
-    )
-    vertices = b"".join(
-        struct.pack("<BB", 7 + k, k % 2)
-        + bytes(2 * (k % 2))
-        + struct.pack("<fffd", *vertex, 1e-4 * k)
-        for k, vertex in enumerate(VERTICES_M)
-    )
-    told, faces = read_ply(
-        written(tmp_path, "a.ply", header(of_vertex=of_vertex) + vertices + rows()[48:])
-    )
-    assert told["label"].tolist() == [7, 8, 9, 10] and np.allclose(
-        told["sigma_m"], [0, 1e-4, 2e-4, 3e-4]
-    )
-    assert "tags" not in told and np.array_equal(faces, FACES)
-    assert np.array_equal(np.stack([told[axis] for axis in "xyz"], axis=1), VERTICES_M)
-
-
-def test_a_mesh_made_of_numbers_is_open3ds(tmp_path):
-    write_mesh(tmp_path / "a.ply", mesh(VERTICES_M, FACES))
-    assert np.array_equal(np.asarray(read_mesh(tmp_path / "a.ply").triangles), FACES)

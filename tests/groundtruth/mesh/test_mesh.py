@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.mesh.poisson import _one_per_voxel, clean, surface
+from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.support.errors import HandbenchError
 
 RADIUS_M = 0.05
@@ -70,27 +70,9 @@ def test_next_to_no_points_are_refused():
         clean(cloud_of(np.eye(5, 3), np.eye(5, 3)))
 
 
-def test_a_voxel_keeps_means_and_everybody_who_agreed():
-    points_m = PIXEL_M * np.array(
-        [(0.1, 0.1, 0.1), (0.5, 0.3, 0.9), (1.5, 0.1, 0.1)]
-    )  # two in the first voxel
-    views = np.array([(1, 1, 0), (0, 1, 1), (1, 0, 1)], dtype=bool)
-    normals = np.array([(0, 0, 1.0), (0, 1.0, 0), (1.0, 0, 0)])
-    cloud = Cloud(points_m, normals, views, np.array([3e-4, 4e-4, 1e-4]), ("a", "b", "c"), PIXEL_M)
-    for order in ([0, 1, 2], [2, 1, 0]):
-        thin = _one_per_voxel(cloud.at(np.array(order)))
-        np.testing.assert_allclose(
-            thin.points_m, PIXEL_M * np.array([(0.3, 0.2, 0.5), (1.5, 0.1, 0.1)])
-        )
-        np.testing.assert_allclose(thin.normals, [(0, 0.5, 0.5), (1, 0, 0)])
-        np.testing.assert_array_equal(thin.views, [(True, True, True), (True, False, True)])
-        np.testing.assert_allclose(thin.spread_m, [(12.5e-8) ** 0.5, 1e-4])  # as variances
-    assert thin.names == cloud.names and thin.pixel_m == PIXEL_M
-
-
 def test_cleaning_keeps_what_belongs_to_a_point_with_it(cloud):
-    """Spreads and views that say where a point is: still true afterwards, of the mean of a
-    voxel."""
+    """Spreads (as variances) and views that say where a point is: still true afterwards, of the
+    mean of a voxel."""
     tagged = replace(cloud, spread_m=cloud.points_m[:, 2] + 0.1, views=cloud.points_m > 0)
     cleaned = clean(tagged)
     np.testing.assert_allclose(cleaned.spread_m - 0.1, cleaned.points_m[:, 2], atol=0.02 * PIXEL_M)

@@ -1,20 +1,15 @@
 """The target among what was photographed: synthetic clouds of a board's plate with something before
 it."""
 
-from copy import deepcopy
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.volume import plane_through
+from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.groundtruth.mesh.poisson import clean, surface
-from handbench.groundtruth.mesh.target import TargetParts, keep_target, margin_m, remove_board
-from handbench.groundtruth.mesh_stage import TARGET
+from handbench.groundtruth.mesh.target import keep_target, margin_m, off_board
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, write_json
-from handbench.support.rays import load_open3d
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 
 CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
@@ -47,24 +42,12 @@ def together(*parts):
     return clean(cloud_of(*(np.concatenate(column) for column in zip(*parts, strict=True))))
 
 
-def kept(cloud, components="target", plane=PLANE):
+def kept(cloud):
     """Vertices and record, as the mesh stage makes them."""
-    plane = plane if components == "target" else None
-    cloud = cloud if plane is None else remove_board(cloud, plane)
-    return of_mesh(surface(cloud), components, plane, cloud.pixel_m)
-
-
-def of_mesh(mesh, components="target", plane=None, pixel_m=PIXEL_M):
-    target = keep_target(
-        mesh, components, plane, 0.0 if plane is None else margin_m(plane, pixel_m)
-    )
-    return np.asarray(mesh.vertices), target
-
-
-@pytest.fixture(scope="module")
-def plate_and_ball():
-    """The mesh of all that was photographed."""
-    return surface(together(plate(), ball(0.0, 0.09)))
+    cloud = off_board(cloud, PLANE)
+    found = surface(cloud)
+    target = keep_target(found, "target", PLANE, margin_m(PLANE, cloud.pixel_m))
+    return np.asarray(found.vertices), target
 
 
 @pytest.mark.parametrize("z_m", [0.09, 0.6 * RADIUS_M], ids=["before the board", "touching it"])
@@ -82,90 +65,42 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     assert "above the board: dropped" in capsys.readouterr().err
 
 
-def test_what_was_chosen_before_was_the_plate(plate_and_ball):
-    """The choice of the largest part is still there for whoever asks for it, and it is the wrong
-    one here."""
-    vertices_m, target = of_mesh(deepcopy(plate_and_ball), "largest")
-    assert (
-        vertices_m[:, 2].max() < 0.02
-        and target.dropped > 0.05
-        and target.kept == "the largest part"
-    )
+def test_a_board_alone_is_refused_in_a_sentence():
+    with pytest.raises(
+        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
+    ):
+        kept(together(plate()))
 
 
-def test_two_objects_on_the_stand_are_both_kept(capsys):
-    vertices_m, target = kept(together(plate(), ball(-0.07, 0.08), ball(0.07, 0.08)))
+def test_all_that_stands_before_the_board_is_kept_and_nothing_behind_it(capsys):
+    back_m, normals = ball(0.0, 0.09)
+    behind = back_m * (1, 1, -1) - (0, 0, 0.1), -normals
+    vertices_m, target = kept(together(plate(), ball(-0.07, 0.08), ball(0.07, 0.08), behind))
+    assert vertices_m[:, 2].min() > 0
     assert len(target.parts) == 2 and min(target.parts) > 0.3
     for x_m in (-0.07, 0.07):
         assert (np.linalg.norm(vertices_m - (x_m, 0, 0.08), axis=1) < 1.05 * RADIUS_M).any()
     assert "2 of" in capsys.readouterr().err
 
 
-def test_without_a_board_all_parts_are_kept(plate_and_ball, capsys):
-    vertices_m, target = of_mesh(deepcopy(plate_and_ball))
-    assert (
-        target.kept == "all parts"
-        and vertices_m[:, 2].max() > 0.13
-        and vertices_m[:, 0].max() > 0.14
-    )
-    assert sum(target.parts) + target.dropped == pytest.approx(1)
-    assert "of the surface" in capsys.readouterr().err
-
-
-def test_a_board_alone_is_refused_in_a_sentence():
-    with pytest.raises(
-        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
-    ) as told:
-        kept(together(plate()))
-    assert "\n" not in str(told.value)
-
-
-def test_what_lies_behind_the_board_is_dropped_whichever_way_it_faces():
-    back_m, normals = ball(0.0, 0.09)
-    back_m = back_m * (1, 1, -1) - (0, 0, 0.1)
-    vertices_m, _ = kept(together(plate(), ball(0.0, 0.09), (back_m, -normals)))
-    assert vertices_m[:, 2].min() > 0
-    turned = plane_through(CORNERS_M[:, [0, 2, 1]], np.array([(0, -0.5, 0.0)]), 1e-4)
-    assert turned.local(np.array([(0, -0.1, 0.0)]))[0, 2] == pytest.approx(0.1)
-
-
-def test_a_board_of_several_planes_has_none():
-    assert (
-        plane_through(np.concatenate([CORNERS_M, CORNERS_M[:, [2, 1, 0]]]), np.ones((1, 3)), 0.0)
-        is None
-    )
-
-
-def test_the_record_comes_back(tmp_path):
-    target = TargetParts("all parts", 0.25, (0.7, 0.2), 3, 0.1)
-    write_json(tmp_path / TARGET, vars(target))
-    assert (
-        replace(TargetParts(**read_json(tmp_path / TARGET, "a target")), parts=(0.7, 0.2)) == target
-    )
-
-
 def strips(counts, heights_m):
     """A mesh of separate strips of equal triangles, so many each, at their heights."""
-    o3d = load_open3d()
     vertices_m, faces = [], []
     for k, (count, height_m) in enumerate(zip(counts, heights_m, strict=True)):
         faces += [[len(vertices_m) + i + step for step in range(3)] for i in range(count)]
         vertices_m += [[1e-3 * i, 0.1 * k + 1e-3 * (i % 2), height_m] for i in range(count + 2)]
-    points, triangles = (
-        o3d.utility.Vector3dVector(np.array(vertices_m)),
-        o3d.utility.Vector3iVector(np.array(faces)),
-    )
-    return o3d.geometry.TriangleMesh(points, triangles)
+    return mesh(np.array(vertices_m), np.array(faces))
 
 
-def test_parts_of_a_hundredth_of_the_largest_are_kept_with_their_shares():
-    mesh = strips((200, 2, 1, 197), (0.0,) * 4)
-    target = keep_target(mesh, "all", None, 0.0)
+def test_without_a_board_all_parts_of_a_hundredth_of_the_largest_are_kept_or_that_alone(capsys):
+    found = strips((200, 2, 1, 197), (0.0,) * 4)
+    target = keep_target(found, "all", None, 0.0)
     assert target.parts == pytest.approx((0.5, 0.4925, 0.005)) and target.kept == "all parts"
     assert (target.dropped_parts, target.dropped) == (1, pytest.approx(0.0025))
-    assert len(mesh.triangles) == 399 and len(mesh.vertices) == 399 + 6
+    assert len(found.triangles) == 399 and len(found.vertices) == 399 + 6
     largest = keep_target(strips((200, 2, 1, 197), (0.0,) * 4), "largest", None, 0.0)
     assert largest.parts == pytest.approx((0.5,)) and largest.dropped_parts == 3
+    assert largest.kept == "the largest part" and "of the surface" in capsys.readouterr().err
 
 
 def test_a_part_that_stays_below_twice_the_margin_is_the_boards():
@@ -175,14 +110,11 @@ def test_a_part_that_stays_below_twice_the_margin_is_the_boards():
         keep_target(strips((200,), (0.0099,)), "target", PLANE, 0.005)
 
 
-@pytest.mark.parametrize(("count", "enough"), [(99, False), (100, True)])
-def test_a_hundred_points_rise_off_the_board(count, enough):
+def test_a_hundred_points_rise_off_the_board():
     """12 pixels of 1 mm above it; what is between 6 and 12 stays with them, what is below goes."""
-    heights_m = np.repeat([0.0121, 0.0119, 0.0061, 0.0059, -0.05], (count, 7, 5, 3, 200))
-    points_m = np.stack([0 * heights_m, 0 * heights_m, heights_m], axis=1)
-    cloud = replace(cloud_of(points_m, points_m), pixel_m=1e-3)
-    if enough:
-        assert len(remove_board(cloud, PLANE).points_m) == count + 12
-    else:
-        with pytest.raises(HandbenchError, match=r"nothing rises more than 12\.0 mm"):
-            remove_board(cloud, PLANE)
+    heights_m = np.repeat([0.0121, 0.0119, 0.0061, 0.0059, -0.05], (100, 7, 5, 3, 200))
+    points_m = heights_m[:, None] * (0, 0, 1)
+    cloud = cloud_of(points_m, points_m)
+    assert len(off_board(cloud, PLANE).points_m) == 112
+    with pytest.raises(HandbenchError, match=r"nothing rises more than 12\.0 mm"):
+        off_board(cloud.at(np.arange(1, 315)), PLANE)

@@ -1,4 +1,4 @@
-"""The standard deviation of a surface: what it is told from, and where it grows."""
+"""The standard deviation of a surface: what it comes from, and where it grows."""
 
 from dataclasses import replace
 
@@ -17,11 +17,7 @@ from handbench.groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
-from handbench.groundtruth.sparse.adjust import (
-    CameraCovariance,
-    camera_covariance,
-    point_covariance,
-)
+from handbench.groundtruth.sparse.adjust import camera_covariance, point_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.noisy_model import noisy_model
@@ -49,7 +45,7 @@ def cameras():
     return scene, bundle.images, known, replace(known, matrix=0 * known.matrix)
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 9])
+@pytest.mark.parametrize("n", [3, 5])
 def test_matching_as_the_model_says(n):
     """n maps with errors that correlate by 1/(n − 1); 40000 draws tell either variance to 1 %."""
     random = np.random.default_rng(n)
@@ -61,21 +57,6 @@ def test_matching_as_the_model_says(n):
         *[np.zeros((40_000, 3))] * 2, np.ones((40_000, n), bool), spread_m, NAMES, PIXEL_M
     )
     assert matching_variance(cloud).mean() == pytest.approx(errors_m.mean(axis=1).var(), rel=0.04)
-
-
-def test_two_maps_of_one_pair_take_the_spread_of_the_others():
-    """Fusion takes two views only of three, and one map's variance is twice the spread that three
-    show."""
-    seen = np.array([(1, 1, 0), (1, 1, 1), (1, 1, 1)], dtype=bool)
-    cloud = Cloud(
-        np.zeros((3, 3)), np.zeros((3, 3)), seen, np.array([0.0, 3e-4, 4e-4]), NAMES[:3], PIXEL_M
-    )
-    mean = (3e-4**2 + 4e-4**2) / 2
-    np.testing.assert_allclose(
-        matching_variance(cloud), [2 * mean, 4 / 3 * 3e-4**2, 4 / 3 * 4e-4**2]
-    )
-    alone = replace(cloud, views=seen & (True, True, False), spread_m=np.full(3, 2e-4))
-    np.testing.assert_allclose(matching_variance(alone), 2 * 2e-4**2)
 
 
 def test_cameras_count_along_the_normal_whatever_its_length(cameras):
@@ -93,24 +74,6 @@ def test_cameras_count_along_the_normal_whatever_its_length(cameras):
             tilted @ covariance @ tilted / (tilted @ tilted), rel=1e-9
         )
     assert variance[0] != pytest.approx(variance[1], rel=1e-3)
-
-
-def test_views_that_showed_nothing_have_no_say(cameras):
-    """A cloud of some of the photographs: the others are no columns of it."""
-    _, images, known, _ = cameras
-    cloud = plate()
-    some = replace(cloud, views=np.ones((len(cloud.points_m), 3), bool), names=NAMES[:3])
-    none_of_the_rest = replace(cloud, views=np.tile(np.arange(5) < 3, (len(cloud.points_m), 1)))
-    np.testing.assert_allclose(
-        camera_variance(some, images, known), camera_variance(none_of_the_rest, images, known)
-    )
-
-
-def test_chunks_change_nothing(cameras, monkeypatch):
-    _, images, known, _ = cameras
-    whole = camera_variance(plate(), images, known)
-    monkeypatch.setattr("handbench.groundtruth.mesh.uncertainty.CHUNK", 100)
-    np.testing.assert_allclose(camera_variance(plate(), images, known), whole, rtol=1e-12)
 
 
 def test_the_parts_add_as_variances(cameras):
@@ -136,25 +99,6 @@ def test_beyond_the_points_it_grows_and_was_not_seen(cameras):
     np.testing.assert_array_equal(observed, beyond_px < OBSERVED_PX)
 
 
-def test_a_vertex_takes_the_mean_of_its_neighbours(cameras):
-    _, images, _, exact = cameras
-    cloud = plate()
-    at = np.argmin(np.linalg.norm(cloud.points_m, axis=1))
-    cloud.spread_m[at] = 1e-3  # a draw of few views, by chance
-    sigma_m, _ = surface_sigma(cloud, np.zeros((1, 3)), images, exact)
-    expected = 8 / 15 * ((NEIGHBOURS - 1) * 1e-4**2 + 1e-3**2) / NEIGHBOURS
-    assert sigma_m[0] ** 2 == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_camera_that_is_known_worse_makes_a_worse_surface(cameras):
-    _, images, known, _ = cameras
-    worse = CameraCovariance(4 * known.matrix, known.places, known.free)
-    cloud = replace(plate(), spread_m=np.zeros(31 * 31))
-    one, _ = surface_sigma(cloud, np.zeros((1, 3)), images, known)
-    other, _ = surface_sigma(cloud, np.zeros((1, 3)), images, worse)
-    assert other[0] == pytest.approx(2 * one[0], rel=1e-9)
-
-
 def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
     """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px
     more, none from 3 px on."""
@@ -176,3 +120,23 @@ def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
     assert (
         window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == SHARED_PX * pixel_m
     ).all()
+
+
+def test_two_maps_of_one_pair_take_the_spread_of_the_others():
+    """Fusion takes two views only of three, and one map's variance is twice the spread that three
+    show."""
+    seen = np.array([(1, 1, 0), (1, 1, 1), (1, 1, 1)], dtype=bool)
+    none_m = np.zeros((3, 3))
+    cloud = Cloud(none_m, none_m, seen, np.array([0.0, 3e-4, 4e-4]), NAMES[:3], PIXEL_M)
+    expected = [2 * (3e-4**2 + 4e-4**2) / 2, 4 / 3 * 3e-4**2, 4 / 3 * 4e-4**2]
+    np.testing.assert_allclose(matching_variance(cloud), expected)
+
+
+def test_a_vertex_takes_the_mean_of_its_neighbours(cameras):
+    _, images, _, exact = cameras
+    cloud = plate()
+    at = np.argmin(np.linalg.norm(cloud.points_m, axis=1))
+    cloud.spread_m[at] = 1e-3  # a draw of few views, by chance
+    sigma_m, _ = surface_sigma(cloud, np.zeros((1, 3)), images, exact)
+    expected = 8 / 15 * ((NEIGHBOURS - 1) * 1e-4**2 + 1e-3**2) / NEIGHBOURS
+    assert sigma_m[0] ** 2 == pytest.approx(expected, rel=1e-9)

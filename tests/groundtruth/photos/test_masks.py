@@ -6,10 +6,8 @@ import pytest
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.dense.views import open_view
-from handbench.groundtruth.options import Options
-from handbench.groundtruth.photos.masks import Masks, cut_out, find_masks, read_mask
+from handbench.groundtruth.photos.masks import Masks, find_masks, read_mask
 from handbench.groundtruth.photos.photos import Photo
-from handbench.groundtruth.pipeline import stages
 from handbench.support.errors import HandbenchError
 
 WIDTH, HEIGHT = 240, 160
@@ -46,33 +44,25 @@ def test_masks_are_found_under_both_names(tmp_path, photo, name):
     assert np.array_equal(Masks(files).of(photo, None, None, None), DISC)
 
 
-def test_other_masks_make_another_dense_stage(tmp_path):
-    chosen = ((None, "none"), ("a", "none"), ("b", "none"), (None, "colour"))
-    made = [stages(tmp_path, tmp_path, Options(mask=mask), [], masks) for masks, mask in chosen]
-    assert len({dense.key for _, dense, _ in made}) == 4
-    assert len({sparse.key for sparse, _, _ in made}) == 1
-
-
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
-    with pytest.raises(
-        HandbenchError, match=r"has no mask for a\.png, b\.jpg; expected a\.png\.png or a\.png"
+    for mask, words in (
+        (DISC[::2, ::2], r"is 120 × 80, a\.png has 240 × 160 pixels"),
+        (np.zeros_like(DISC), "is zero everywhere"),
     ):
-        find_masks(tmp_path / "..", (photo, Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)))
-    write(tmp_path / "masks", "a.png", DISC[::2, ::2])
-    with pytest.raises(HandbenchError, match=r"is 120 × 80, a\.png has 240 × 160 pixels"):
-        find_masks(tmp_path / "masks", (photo,))
-    write(tmp_path / "masks", "a.png", np.zeros_like(DISC))
-    with pytest.raises(HandbenchError, match="is zero everywhere"):
-        find_masks(tmp_path / "masks", (photo,))
+        write(tmp_path / "masks", "a.png", mask)
+        with pytest.raises(HandbenchError, match=words):
+            find_masks(tmp_path / "masks", (photo,))
+    other = Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)
+    with pytest.raises(HandbenchError, match=r"no mask for b\.jpg; expected b\.jpg\.png or b\.png"):
+        find_masks(tmp_path / "masks", (photo, other))
 
 
 @pytest.mark.parametrize(("orientation", "turns"), [(6, 3), (8, 1)])
 def test_a_mask_of_the_upright_picture_is_turned(tmp_path, photo, orientation, turns):
     turned = Photo(photo.path, photo.name, WIDTH, HEIGHT, orientation=orientation)
-    write(tmp_path / "masks", "a.png", np.rot90(DISC, turns))  # 90° clockwise for 6
-    assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
-    write(tmp_path / "masks", "a.png", DISC)  # of the stored pixels
-    assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
+    for mask in (np.rot90(DISC, turns), DISC):  # 90° clockwise for 6; of the stored pixels
+        write(tmp_path / "masks", "a.png", mask)
+        assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
 
 
 def test_the_target_is_cut_out_by_its_colour(photo, camera):
@@ -89,7 +79,6 @@ def test_nothing_is_cut_out_of_an_even_picture(tmp_path, capsys, camera):
     plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
     assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
     assert "plain.png: no target stands out" in capsys.readouterr().err
-    assert cut_out(plain, np.ones((HEIGHT, WIDTH), dtype=bool)) is None
 
 
 def test_a_view_is_unknown_outside_the_mask(photo, camera):

@@ -25,20 +25,11 @@ def photograph(tmp_path, orientation):
     return Photo(path, path.name, WIDTH, HEIGHT, orientation=orientation), stored, upright
 
 
-@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
-def test_an_upright_picture_turns_back(tmp_path, orientation):
-    photo, stored, upright = photograph(tmp_path, orientation)
-    assert np.array_equal(stored_picture(photo, upright), stored)
-    assert sides_swapped(photo, *upright.shape[::-1]) == (orientation in (6, 8))
-    assert not sides_swapped(photo, WIDTH, HEIGHT)
-
-
-@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+@pytest.mark.parametrize("orientation", [3, 6, 8])
 @pytest.mark.parametrize(
     ("model", "params"),
     [
         ("SIMPLE_RADIAL", (40.0, 13.0, 15.0, -0.05)),
-        ("PINHOLE", (40.0, 42.0, 13.0, 15.0)),
         ("FULL_OPENCV", (40.0, 42.0, 13.0, 15.0, -0.05, 0.02, 3e-3, -2e-3, 1e-3, 0, 0, 0)),
         ("OPENCV_FISHEYE", (40.0, 42.0, 13.0, 15.0, -0.05, 0.02, 0.01, 0.003)),
     ],
@@ -47,7 +38,10 @@ def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(
     tmp_path, orientation, model, params
 ):
     photo, stored, upright = photograph(tmp_path, orientation)
+    assert np.array_equal(stored_picture(photo, upright), stored)
     height, width = upright.shape
+    assert sides_swapped(photo, width, height) == (orientation in (6, 8))
+    assert not sides_swapped(photo, WIDTH, HEIGHT)
     pose = {
         "R": Rotation.from_euler("xyz", (20, -10, 30), degrees=True).as_matrix().tolist(),
         "t": (0.1, 0.2, 1.0),

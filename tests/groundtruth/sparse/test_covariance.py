@@ -13,19 +13,11 @@ from handbench.groundtruth.sparse.adjust import (
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import project
-from tests.groundtruth.noisy_model import noisy_model
+from tests.groundtruth.noisy_model import adjusted, noisy_model
 
 BOARD = Scale("board")
 DRAWS = 25
 INTRINSICS = tuple(range(8))
-
-
-def adjusted(seed, free, **options):
-    """A draw of the noise, adjusted: its truth, the bundle, the covariance."""
-    scene = noisy_model(seed, **options)
-    adjust(scene.model, scene.corners, scene.corners_m, free)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
-    return scene, bundle, camera_covariance(bundle, BOARD)
 
 
 def meeting_point(images, pixels, start_m):
@@ -45,6 +37,7 @@ def bare(seen_m, poses, model):
     return [np.asarray(lens.img_from_cam((seen_m @ R.T + t)[None]))[0] for R, t in poses]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("free", "shared"), [((), False), (INTRINSICS, True)])
 def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
     """Their squares in units of the covariance are 1 a parameter. 25 draws of 30 or 38 parameters
@@ -54,7 +47,8 @@ def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
     of_cameras, of_points = [], []
     exact = noisy_model(noise=0).model  # whose lens nobody adjusts
     for seed in range(DRAWS):
-        scene, bundle, known = adjusted(seed, free, shared=shared)
+        scene = noisy_model(seed, shared=shared)
+        bundle, known = adjusted(scene, free)
         error = scene.error(bundle)
         of_cameras.append(error @ np.linalg.solve(known.matrix, error) / len(error))
         covariances = point_covariance(bundle.images, known, at_m, np.ones((2, 5), bool))
@@ -169,27 +163,3 @@ def test_along_a_single_ray_nothing_is_promised_to_move():
     assert np.isfinite(covariance).all()
     [unseen] = point_covariance(bundle.images, known, point_m[None], np.zeros((1, 5), bool))
     assert not unseen.any()
-
-
-def test_more_points_and_less_noise_make_it_smaller():
-    def sigma(**options):
-        return np.sqrt(np.diag(adjusted(0, (), **options)[2].matrix))
-
-    plain = sigma()
-    assert np.mean(sigma(points=160) / plain) < 0.95
-    np.testing.assert_allclose(
-        sigma(noise=2.0) / plain, 2, rtol=0.1
-    )  # but for what is no more linear
-
-
-@pytest.mark.parametrize("free", [(), (4, 5, 6, 7)])
-def test_it_comes_back_from_a_file(tmp_path, free):
-    _, _, known = adjusted(0, free)
-    known.save(tmp_path / "c.npz")
-    found = CameraCovariance.load(tmp_path / "c.npz")
-    np.testing.assert_array_equal(found.matrix, known.matrix)
-    assert found.free == free and all(isinstance(k, int) for k in found.free)
-    assert list(found.places) == list(known.places)
-    for name, columns in known.places.items():
-        np.testing.assert_array_equal(found.places[name], columns)
-        assert found.places[name].dtype.kind == "i"

@@ -1,15 +1,15 @@
 """The metric frame: markers in a picture, one similarity to the whole board."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.board import Board, Marker
-from handbench.groundtruth.board.markers import detect_corners, focal_length_px, require_board
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
+from handbench.groundtruth.board.markers import detect_corners
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import (
-    _nearest_majority,
     apply,
     board_from_model,
     check_fit,
@@ -70,20 +70,6 @@ def model_of(board, focal_px=900.0, views=4):
     return model, seen
 
 
-def test_an_exact_similarity_comes_back_and_an_outlier_is_left_out(similarity):
-    rng = np.random.default_rng(1)
-    target_m = rng.normal(size=(20, 3))
-    inverse = np.linalg.inv(similarity)
-    source = target_m @ inverse[:3, :3].T + inverse[:3, 3]
-    matrix, kept, residuals_m = trimmed_similarity(source, target_m, "points")
-    np.testing.assert_allclose(matrix, similarity, atol=1e-12)
-    assert kept.all() and residuals_m.max() < 1e-12
-    source[4] += 0.2
-    matrix, kept, residuals_m = trimmed_similarity(source, target_m, "points")
-    np.testing.assert_allclose(matrix, similarity, atol=1e-12)
-    assert not kept[4] and kept.sum() == 19 and residuals_m[4] > 0.5
-
-
 @pytest.mark.parametrize(
     "points_m", [np.zeros((0, 3)), np.eye(3)[:2], np.outer(np.arange(5.0), (1, 2, 3))]
 )
@@ -94,7 +80,7 @@ def test_too_few_points_and_points_on_a_line_are_refused(points_m):
 
 def test_a_model_is_carried_to_the_board_despite_a_wrong_corner(board, similarity):
     model, seen = model_of(board)
-    centres_m = np.array([image.projection_center() for image in registered_images(model)])
+    centres_m = np.array([image.projection_center() for image in registered(model)])
     apply(model, np.linalg.inv(similarity))
     seen["2.png"][(3, 1)] = seen["2.png"][(3, 1)] + (25.0, -10.0)  # seen by three others still
     matrix, scale = board_from_model(model, seen, board)
@@ -102,12 +88,11 @@ def test_a_model_is_carried_to_the_board_despite_a_wrong_corner(board, similarit
     assert scale.source == "board" and scale.features == 20 and scale.residual_m < 1e-7
     apply(model, matrix)
     np.testing.assert_allclose(
-        [image.projection_center() for image in registered_images(model)], centres_m, atol=1e-7
+        [image.projection_center() for image in registered(model)], centres_m, atol=1e-7
     )
 
 
 def test_markers_are_found_in_colmaps_pixels(board, tmp_path):
-    cv2 = pytest.importorskip("cv2")
     picture = np.full((600, 800), 255, np.uint8)
     scale = 4000  # pixels a metre, so that a marker's outline runs along pixel borders
     for marker, (x, y) in MARKERS.items():
@@ -123,30 +108,6 @@ def test_markers_are_found_in_colmaps_pixels(board, tmp_path):
         np.testing.assert_allclose(
             pixel, (100 + scale * x, 500 - scale * y), atol=0.15
         )  # half a pixel would show
-
-
-def test_one_slanted_view_of_the_board_gives_the_focal_length(board, tmp_path):
-    _, seen = model_of(board, focal_px=1300.0)
-    photo = Photo(tmp_path / "a.png", "a.png", 800, 600)
-    assert focal_length_px(photo, seen["0.png"], board) == pytest.approx(1300, rel=1e-3)
-    few = dict(list(seen["0.png"].items())[:8])
-    assert focal_length_px(photo, few, board) is None
-
-
-def test_a_board_that_no_two_photographs_show_is_refused(board):
-    corners = {(7, k): np.zeros(2) for k in range(4)}
-    with pytest.raises(HandbenchError, match="found in 1 of 2 photographs"):
-        require_board({"a": corners, "b": {}}, board)
-    assert require_board({"a": corners, "b": corners}, board)
-
-
-def test_a_scale_that_misses_its_own_numbers_is_refused():
-    check_fit(1e-3, 0.4, "board corners")
-    with pytest.raises(
-        HandbenchError,
-        match=r"board corners are 40\.0 mm off after the best fit, 10% of their extent",
-    ):
-        check_fit(0.04, 0.4, "board corners")
 
 
 def test_points_off_a_plane_tell_its_mirror_image():
@@ -171,36 +132,9 @@ def test_points_off_a_plane_tell_its_mirror_image():
     ].any()  # neither way: merely wrong
 
 
-@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
-def test_the_majority_is_that_with_the_least_squares_in_any_unit(unit):
-    """Ten points, of which the first two and the last two are wrong: six of ten are the least
-    majority, and the first and the last three points would all propose another."""
-    random = np.random.default_rng(3)
-    source = random.uniform(-0.2, 0.2, (10, 3))
-    wrong = np.isin(np.arange(10), (0, 1, 8, 9))
-    noise_m = random.normal(scale=1e-3, size=(10, 3))
-    target_m = (
-        0.5 * source + (0.1, 0, 0.3) + noise_m + wrong[:, None] * random.uniform(0.05, 0.1, (10, 3))
-    )
-    np.testing.assert_array_equal(_nearest_majority(source, unit * target_m), ~wrong)
-
-
-def test_a_majority_on_a_line_tells_no_frame():
-    """Six of ten points lie exactly on a line, and fit best: the majority takes in what is off
-    it."""
-    random = np.random.default_rng(5)
-    line_m = np.outer(np.linspace(-0.2, 0.2, 6), (1.0, 0.5, -0.3))
-    source = np.concatenate([line_m, random.uniform(-0.2, 0.2, (4, 3))])
-    target_m = source + np.where(
-        np.arange(10)[:, None] < 6, 0, random.normal(scale=2e-3, size=(10, 3))
-    )
-    chosen = _nearest_majority(source, target_m)
-    assert chosen.sum() == 6 and chosen[6:].any()
-
-
 def test_a_misfit_of_three_per_cent_is_the_last_that_passes():
     check_fit(0.03, 1.0, "board corners")
     with pytest.raises(
-        HandbenchError, match=r"30\.4 mm off after the best fit, 3% of their extent"
+        HandbenchError, match=r"board corners are 30\.4 mm off after the best fit, 3%"
     ):
         check_fit(0.0304, 1.0, "board corners")

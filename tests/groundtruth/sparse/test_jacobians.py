@@ -1,7 +1,6 @@
 """Derivatives of pixels, against complex steps of a projection of our own."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -77,24 +76,3 @@ def test_derivatives_are_those_of_an_independent_projection(camera):
         # the slopes by depth
         scale = np.abs(theirs).max()
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-7 * scale + 4e-6)
-
-
-@pytest.mark.parametrize("free", [(), (4, 5, 6, 7), (2, 0)])
-def test_columns_come_as_they_are_asked_for(free):
-    params = (900.0, 905.0, 410.0, 290.0, -0.1, 0.02, 1e-3, -2e-3)
-    _model, image = image_of(params, np.eye(3), np.zeros(3))
-    points_m = np.array([(0.1, -0.2, 1.0), (-0.3, 0.1, 1.2)])
-    _, everything = pixel_jacobians(image, points_m, ALL)
-    _, some = pixel_jacobians(image, points_m, free)
-    np.testing.assert_array_equal(some, everything[..., [*range(6), *(6 + k for k in free)]])
-    np.testing.assert_array_equal(image.camera.params, params)  # the steps were on copies
-
-
-def test_other_lenses_are_taken_as_they_are():
-    """By the focal length f of COLMAP's SIMPLE_RADIAL: (u − cx)/f, (v − cy)/f."""
-    _model, image = image_of((900.0, 400.0, 300.0, -0.1), np.eye(3), np.zeros(3), "SIMPLE_RADIAL")
-    points_m = np.array([(0.1, -0.2, 1.0), (-0.3, 0.1, 1.2)])
-    _, by_camera = pixel_jacobians(image, points_m, (0,))
-    np.testing.assert_allclose(
-        by_camera[..., 6], (project(image, points_m) - (400, 300)) / 900, rtol=1e-6
-    )

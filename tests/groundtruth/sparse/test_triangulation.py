@@ -8,21 +8,14 @@ import pytest
 
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.camera_files import read_model
-from handbench.groundtruth.cameras.cameras import (
-    load_cameras,
-    load_pycolmap,
-    registered_images,
-    save_cameras,
-)
+from handbench.groundtruth.cameras.cameras import load_cameras, registered, save_cameras
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
 from handbench.support.errors import HandbenchError
-from tests.groundtruth import room, temple
-from tests.groundtruth.room import around, camera_rotation
+from tests.groundtruth import room
 
 VIEWS = 4
-SIDE = range(8)  # half of the temple's photographs
 
 
 def solved(folder, **options):
@@ -35,16 +28,7 @@ def taken(tmp_path_factory):
     """Photographs of a room's corner, and the true cameras beside them."""
     folder = tmp_path_factory.mktemp("room")
     room.photograph(folder, VIEWS)
-    cameras = []
-    for i, centre_m in enumerate(around(VIEWS)):
-        R = camera_rotation(-np.array(centre_m))
-        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
-        params = (440.0, 440.0, 200.0, 150.0)
-        cameras.append(
-            temple.Camera(
-                name=f"p{i}.png", width=400, height=300, model="PINHOLE", params=params, **pose
-            )
-        )
+    cameras = (room.true_camera(f"p{i}.png", at_m) for i, at_m in enumerate(room.around(VIEWS)))
     save_cameras(folder / "cameras.json", tuple(cameras))
     return folder
 
@@ -59,18 +43,6 @@ def found(taken):
 def photos(taken, tmp_path):
     """The photographs and cameras in a folder of the test's own."""
     return shutil.copytree(taken, tmp_path / "photos")
-
-
-def moved(folder, name, metres):
-    """The file's cameras with each moved at random, written beside it."""
-    random = np.random.default_rng(0)
-    cameras = load_cameras(folder / "cameras.json")
-    shifted = [
-        c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, metres, 3))})
-        for c in cameras
-    ]
-    save_cameras(folder / name, tuple(shifted))
-    return tuple(shifted)
 
 
 def _off_m(cameras, true):
@@ -96,9 +68,15 @@ def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, 
     assert np.median(off_m) < 5e-4 and np.quantile(off_m, 0.9) < 3e-3
 
 
+@pytest.mark.slow
 def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_said(photos, capsys):
     true = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
-    given = moved(photos, "moved.json", 2e-3)
+    random = np.random.default_rng(0)
+    given = tuple(
+        c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, 2e-3, 3))})
+        for c in true.values()
+    )
+    save_cameras(photos / "moved.json", given)
     held = solved(photos, cameras=photos / "moved.json")
     assert [camera.t for camera in held.cameras()] == [camera.t for camera in given]
     refined = solved(photos, cameras=photos / "moved.json", refine_poses=True)
@@ -122,7 +100,7 @@ def test_a_model_without_points_is_completed(found, photos):
     completed = solved(photos, model=photos / "model", metric=True)
     assert completed.scale.source == "model" and completed.model.num_points3D() > 1000
     given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
-    for image in registered_images(completed.model):
+    for image in registered(completed.model):
         np.testing.assert_allclose(
             image.projection_center(), given[image.name].centre_m, atol=1e-12
         )
@@ -140,32 +118,8 @@ def test_wrong_poses_are_refused(photos):
         solved(photos, cameras=photos / "turned.json")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            {"refine_poses": True, "intrinsics": (440, 440, 200, 150)},
-            "refine_poses: not all photographs have a pose",
-        ),
-        ({"refine_distortion": True}, "refine_distortion: is for --intrinsics"),
-    ],
-)
-def test_what_there_is_nothing_to_refine_of_is_refused(photos, options, message):
-    with pytest.raises(HandbenchError, match=message):
-        gather(photos, SparseOptions(unscaled=True, **options))
-
-
-def test_all_photographs_of_a_temple_are_used(tmp_path):
-    """Structure from motion registered 3 of 16 such photographs: thin columns, all alike."""
-    _, given = temple.photograph(tmp_path, SIDE)
-    found = solved(tmp_path)
-    assert [camera.params for camera in found.cameras()] == [camera.params for camera in given]
-    assert all(image.num_points3D > 200 for image in registered_images(found.model))
-    assert found.model.compute_mean_reprojection_error() < 0.3
-
-
+@pytest.mark.slow
 def test_a_distortion_that_was_not_asked_for_stays_zero(photos):
-    load_pycolmap()
     K = (440.1, 440.2, 200.3, 150.4)
     held = solved(photos, intrinsics=K, unscaled=True)
     assert {tuple(camera.params) for camera in held.cameras()} == {K}

@@ -4,7 +4,6 @@ look."""
 from __future__ import annotations
 
 import asyncio
-import base64
 import itertools
 import json
 import shutil
@@ -145,36 +144,6 @@ class Browser:
                 **(text if kind == "keyDown" else {}),
             )
         self.settle()
-
-    def drag(self, x: float, y: float, dx: float, dy: float) -> None:
-        """Press the left button at x, y, move by dx, dy and release."""
-        for kind, at in (
-            ("mousePressed", (x, y)),
-            ("mouseMoved", (x + dx / 2, y + dy / 2)),
-            ("mouseMoved", (x + dx, y + dy)),
-            ("mouseReleased", (x + dx, y + dy)),
-        ):
-            self.call(
-                "Input.dispatchMouseEvent",
-                type=kind,
-                x=at[0],
-                y=at[1],
-                button="left",
-                buttons=1,
-                clickCount=1,
-            )
-        self.settle()
-
-    def screenshot(self, file: Path, whole: bool = False) -> None:
-        """Write what the window, or the whole page, shows as PNG."""
-        answer = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
-        file.write_bytes(base64.b64decode(answer["data"]))
-
-    def pdf(self, file: Path) -> None:
-        """Print to PDF."""
-        file.write_bytes(
-            base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
-        )
 
     def close(self) -> None:
         """End the browser that was started here."""

@@ -48,20 +48,6 @@ def run(*arguments: object):
     return compare_command.run(parser().parse_args(["compare", *map(str, arguments)]))
 
 
-def test_the_terminal_says_what_is_better_and_what_else_differs(compared, capsys):
-    comparison.show(compared)
-    text = " ".join(capsys.readouterr().out.split())
-    assert "3-FSK: A is better than B by 1.0 mm [1.0, 1.0] (MAE against truth)" in text
-    assert text.count("is better than") == 2  # against photogrammetry too
-    assert "machine gemm_gflops: – in A, 50.0 in B" in text and f"in A, {EVIL} in B" in text
-    assert "A (rate unknown) B (50 GFLOP/s)" in text
-
-
-def test_no_difference_is_said(result_folder, capsys):
-    comparison.show(compare_results(*2 * [results.load(result_folder)]))
-    assert "no difference shown between A and B" in capsys.readouterr().out
-
-
 def test_markdown_escapes_and_marks_what_is_better(compared):
     text = comparison.markdown(compared)
     assert "<b>" not in text and "- 3-FSK: A is better than B by 1.0 mm" in text
@@ -76,18 +62,6 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
         )
     )
     assert "No difference shown." in alike and "Nothing." in alike
-
-
-def test_many_changes_are_counted(compared):
-    changes = frame(CHANGES, [("input", f"capture {i}", "a", "b") for i in range(40)])
-    text = comparison.markdown(replace(compared, changes=changes))
-    assert text.count("- input capture") == 12 and "input: 28 more" in text
-
-
-def test_latex_has_a_table_for_each_reference(compared):
-    text = comparison.tex(compared)
-    assert text.count(r"\begin{table*}") == 3 and text.count(r"\textbf{\num{") == 2
-    assert r"MAE /~\unit{\milli\metre}" in text and r"\num{< 0.001}" in text and "<b>" not in text
 
 
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
