@@ -14,7 +14,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, SupportsFloat
+from typing import SupportsFloat
 from unittest.mock import patch
 
 import numpy as np
@@ -112,12 +112,8 @@ def refusal(name: str, *words: str) -> Callable[[Callable[[], Works]], Callable[
             works.__doc__,
             works.__module__,
         )
-        told: dict[str, Any] = {
-            "unit": "answers",
-            "quantity": "an answer",
-            "reference": "a refusal",
-        }
-        return hard_case(name, kind="refusal", bound=0.0, **told)(sweep)
+        words_of_table = {"unit": "answers", "quantity": "an answer", "reference": "a refusal"}
+        return hard_case(name, kind="refusal", bound=0.0, **words_of_table)(sweep)
 
     return decorate
 

@@ -12,7 +12,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.registry import method
-from tests.radar.direct_echoes import direct_echoes
+from tests.radar.direct_sums import direct_echoes
 
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk")
 METHODS = (*FSK, "broadband", "narrowband")
@@ -71,15 +71,6 @@ def slack(point_m: Any, legs_m: Any = None) -> float:
     )
 
 
-def white_noise(shape: tuple[int, ...], seed: int = 1) -> np.ndarray:
-    """White complex noise, complex64: the hardest samples, since nothing crowds where an image is
-    accurate."""
-    generator = np.random.default_rng(seed)
-    return (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(
-        np.complex64
-    )
-
-
 def echoes(
     points_m: Any,
     weight: Any = None,
@@ -98,7 +89,7 @@ def echoes(
 def recorded(
     points_m: Any, frequencies_hz: Any = ALL_HZ, array: AntennaArray | None = None
 ) -> RadarCapture:
-    """Capture of points [n, 3] that scatter alike."""
+    """Capture of points [n, 3] that scatter equally."""
     return capture(echoes(points_m, None, frequencies_hz, array), frequencies_hz, array)
 
 

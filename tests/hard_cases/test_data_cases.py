@@ -48,8 +48,8 @@ PAPER = ThreeToneConfig()
 
 def _alone_mm(t: int, r: int) -> float:
     """Error of one channel: its ellipsoid falls by its slopes to the image's edge, where z_e may be
-    told, and the correction leaves its share of the way there; the pixel's own step leaves as large
-    a share of both."""
+    found, and the correction leaves its share of the way there; the pixel's own step leaves as
+    large a share of both."""
     legs_m = small_array().tx_m[t : t + 1], small_array().rx_m[r : r + 1]
     rise = sum((POINT_M - leg[0]) / np.linalg.norm(POINT_M - leg[0]) for leg in legs_m)
     missed = slack(POINT_M, legs_m)
@@ -349,7 +349,7 @@ def _half_period_m(id: str) -> float:
 )
 def test_projections_drown() -> Seen:
     """Noise moves the maximum within its range cell, c/2B wide, until its own peaks overtake
-    it; from there on the tones do not agree, and that must be said."""
+    it; from there on the tones do not agree, and that must be flagged."""
     for snr_db, seed in product((60, 40, 20, 0, -10, -20, -30), range(3)):
         depth = depth_map("broadband", capture(noisy(echoes(POINT_M), 144.0, snr_db, seed)))
         off_mm = 1e3 * abs(float(middle(depth.z_m)) - POINT_M[2])

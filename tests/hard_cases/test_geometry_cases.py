@@ -2,7 +2,7 @@
 ranges, many tones; and what has no answer.
 
 Every sweep is imaged exactly and to each tolerance, on white noise, and compared with the direct
-sum in balls. Both are told as shares of what was asked: a relative L2 error over the points and a
+sum in balls. Both are given as shares of what was asked: a relative L2 error over the points and a
 few draws of samples.
 """
 
@@ -19,7 +19,8 @@ from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.certificate import certified
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
-from tests.hard_cases.scenes import TONES_HZ, cloud, plate, white_noise
+from tests.hard_cases.scenes import TONES_HZ, cloud, plate
+from tests.radar.samples import noise
 from tests.references.balls import LIGHT_M_S, Balls, echoes, images, middles, off
 
 STEER = 4 * U_SINGLE  # of a wave: its phase rounds to π/2 U, cosine and sine to 2 U
@@ -46,7 +47,7 @@ def _asked_of(tolerance: float | None, terms: int, tones_hz: np.ndarray, range_m
 
 def _shares(place: Place, tolerances: Iterable[float | None] = TOLERANCES) -> Seen:
     samples = np.array(
-        [white_noise((len(place.tones_hz), *place.array.channels), n) for n in range(place.draws)]
+        [noise((len(place.tones_hz), *place.array.channels), n) for n in range(place.draws)]
     )
     expected = images(samples, place.array, place.tones_hz, place.points_m)
     range_m = float(np.ptp([*place.points_m, *place.array.tx_m], axis=0).max())
@@ -128,7 +129,7 @@ def test_one_voxel() -> Iterator[Place]:
 
 @of_images(
     "lone, collinear and coincident antennas",
-    "error of images from arrays whose waves are all alike",
+    "error of images from arrays whose waves are all equal",
 )
 def test_few_antennas() -> Iterator[Place]:
     points, line = cloud(40, (0, 0, 0.3)), np.linspace(-0.07, 0.07, 30)[:, None] * [1, 0, 0]
@@ -162,7 +163,7 @@ def test_long_ranges() -> Iterator[Place]:
         yield Place(f"{1e3 * half_m:g} mm about {range_m:g} m", plate(), points, draws=12)
 
 
-@of_images("tones of every kind", "error of images, skeletons of tones that are all alike")
+@of_images("tones of every kind", "error of images, skeletons of tones that are all equal")
 def test_tones() -> Iterator[Place]:
     for name, tones_hz in (
         ("one tone", TONES_HZ[:1]),
@@ -213,7 +214,7 @@ def test_grids() -> Seen:
     for counts in ((1, 1, 30), (1, 30, 1), (30, 1, 1)):
         starts = zip(counts, (0, 0, 0.3), strict=True)
         grids[f"{counts} voxels"] = tuple(1e-3 * np.arange(n) + start for n, start in starts)
-    samples = white_noise((len(TONES_HZ), *plate().channels), 0)
+    samples = noise((len(TONES_HZ), *plate().channels), 0)
     for name, axes in grids.items():
         grid = VoxelGrid(*axes)
         points_m = grid.points_m().reshape(-1, 3)
@@ -256,7 +257,7 @@ UP = 1e-3 * np.arange(9)
 
 
 def _imaged(values: Iterable[float]) -> Works:
-    samples = white_noise((len(TONES_HZ), *plate().channels), 0)
+    samples = noise((len(TONES_HZ), *plate().channels), 0)
     for value, tolerance in product(values, (1e-3, None)):
         yield (
             f"{value}, tolerance {tolerance}",
@@ -303,12 +304,10 @@ def test_certificates() -> Seen:
     antennas = plate(30, 30)
     points_m = cloud(300, (0.02, -0.01, 0.3))
     for kind in ("noise", "a leak", "a target outside", "one channel"):
-        samples = white_noise((len(TONES_HZ), 30, 30), 0).astype(np.complex128)
+        samples = noise((len(TONES_HZ), 30, 30), 0).astype(np.complex128)
         if kind == "a leak":
             samples += (
-                100
-                * white_noise((1, 30, 30), 1)
-                * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
+                100 * noise((1, 30, 30), 1) * np.exp(-2j * np.pi * TONES_HZ * 1e-10)[:, None, None]
             )
         elif kind == "a target outside":
             samples = middles(echoes(np.ones(1), antennas, TONES_HZ, np.array([[0.4, 0.0, 0.3]])))

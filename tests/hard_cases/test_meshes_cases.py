@@ -106,7 +106,7 @@ FACE_BYTES = (
 )
 def test_grazing() -> Seen:
     """A plane's depth is formed in double on the triangle that is hit: twelve roundings of 0.5
-    m; steeper than 10⁴ a triangle is on edge, and no depth of it is told."""
+    m; steeper than 10⁴ a triangle is on edge, and it has no depth."""
     for slope in (1.0, 1e2, 9e3, 1.1e4, 1e6, 1e8):
         half_m, slopes = 0.1 / slope, np.array([slope, 0.0])
         xy = np.array([[-half_m, -0.1], [half_m, -0.1], [half_m, 0.1], [-half_m, 0.1]])
@@ -268,7 +268,7 @@ def test_far() -> Seen:
 )
 def test_layers() -> Seen:
     """Rays start before the stray face and meet the layers after 250 m at most, rounded by a
-    few 2⁻²⁴ of that: layers nearer to each other are not told apart; a mesh that spans more is
+    few 2⁻²⁴ of that: layers nearer to each other are not separated; a mesh that spans more is
     refused."""
     vertices, faces = sheet(4)
     for far_m, gap_m in product((1.0, 30.0, 249.0), (1e-2, 1e-3, 1e-4, 1e-5)):

@@ -91,13 +91,13 @@ def test_across() -> Seen:
             np.exp(2j * np.pi * turns).astype(np.complex64),
             np.ones(len(share), np.complex64),
         )
-        told = (
+        found = (
             balls(depth_step_m(image, one, difference_hz)) * 2 * difference_hz / LIGHT_M_S
         )  # turns
-        periods = np.rint(told.astype(np.float64) + turns)
+        periods = np.rint(found.astype(np.float64) + turns)
         yield (
             f"Δf {difference_hz / 1e9:g} GHz",
-            off(0 * turns, (told + turns - periods) * 2 * PI).max(),
+            off(0 * turns, (found + turns - periods) * 2 * PI).max(),
         )
 
 

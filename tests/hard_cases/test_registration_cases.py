@@ -25,13 +25,8 @@ from handbench.calibration.spheres.description import (
     default_target,
     match,
 )
-from handbench.calibration.spheres.optical_detection import (
-    OrientedPoints,
-    Sphere,
-    find_spheres,
-    fit_sphere,
-)
-from handbench.calibration.spheres.radar_detection import DetectedBall
+from handbench.calibration.spheres.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
+from handbench.calibration.spheres.radar_detection import Ball
 from handbench.calibration.transforms import Transform, condition_number
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
@@ -236,7 +231,7 @@ def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Spher
     points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
     start_m = 1e-3 * np.array([1, -1, 1])
     return fit_sphere(
-        OrientedPoints(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
+        Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
     )
 
 
@@ -302,7 +297,7 @@ def test_exact_sphere() -> Seen:
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
     for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
         found = fit_sphere(
-            OrientedPoints(points_m, points_m / radius_m, oriented=True),
+            Cloud(points_m, points_m / radius_m, oriented=True),
             np.zeros(3),
             radius_m,
             (0,),
@@ -329,9 +324,9 @@ def test_too_little() -> Works:
         yield f"{part:.0%}", partial(match, seen, target, "photographs")
 
 
-def heard(
+def fitted(
     centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0
-) -> dict[int, DetectedBall]:
+) -> dict[int, Ball]:
     """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m
     away along each axis; noise: its power over the echoes'; strength: of the echoes."""
     first, second = default_target().element[:2]
@@ -341,7 +336,7 @@ def heard(
     samples = strength * np.sum(one_by_one, axis=0, dtype=np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
-    seeds = {i: DetectedBall(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
     return fit_balls(capture(samples + level * (white[0] + 1j * white[1]), TONES_HZ), target, seeds)
 
 
@@ -361,7 +356,7 @@ def test_near_balls() -> Seen:
     """Its stated σ must cover it: a normal error of one of the sweep's centres is beyond it
     once in a thousand sweeps (χ² of three); 50 mm apart until they touch, at 10 mm."""
     for gap_m, noise in product(GAPS_M, (1e-4, 1.0)):
-        for i, ball in heard(_apart(gap_m), noise, off_m=1e-4).items():
+        for i, ball in fitted(_apart(gap_m), noise, off_m=1e-4).items():
             yield f"{1e3 * gap_m:g} mm apart, noise {noise:g}", in_sigmas(ball, _apart(gap_m)[i])
 
 
@@ -370,13 +365,13 @@ def test_one_place() -> Works:
     """Nearer than their radii balls overlap; fitted all the same, they are off by 100 σ from
     0.7 mm on."""
     for gap_m in (0.0099, 0.005, 1e-3, 1e-5, 1e-7, 0.0):
-        yield f"{gap_m:g} m apart", partial(heard, _apart(gap_m), noise=0.01, off_m=0.0)
+        yield f"{gap_m:g} m apart", partial(fitted, _apart(gap_m), noise=0.01, off_m=0.0)
 
 
 @refusal("balls without an echo", "there are none")
 def test_silent() -> Works:
     """No echo, no place."""
-    yield "zeros", partial(heard, _apart(0.05), noise=0.0, off_m=0.0, strength=0.0)
+    yield "zeros", partial(fitted, _apart(0.05), noise=0.0, off_m=0.0, strength=0.0)
 
 
 GRID = np.array(

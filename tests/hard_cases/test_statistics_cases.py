@@ -22,13 +22,13 @@ from handbench.bench.evaluation.intervals import (
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     HEADLINE,
-    mean_figures,
+    averaged,
     of_captures,
     pool,
     precision,
     strongest_scatterer_z_m,
 )
-from handbench.bench.evaluation.paired import compare, f_test, holm_corrected, paired_test
+from handbench.bench.evaluation.paired import compare, corrected, f_test, paired
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
 from handbench.calibration.transforms import Transform
@@ -53,7 +53,7 @@ def pairwise_roundings(count: int) -> int:
     return 15 + 3 + max(int(np.ceil(np.log2(count / 128))), 0)
 
 
-def told(figure: float | None) -> float:
+def number(figure: float | None) -> float:
     """The figure; NaN, which no bound allows, where none is given."""
     return np.nan if figure is None else figure
 
@@ -68,7 +68,7 @@ def a_map(error_m: np.ndarray) -> ErrorMap:
     "precision of 1 mm to 0 about 0.3 m",
     kind="rigorous",
     # Of the depth, of the mean's quotient and of what is left of it, half an ε each; that of the
-    # mean's sum is alike in all depths and enters squared.
+    # mean's sum is the same in all depths and enters squared.
     bound=3 / 2,
     unit="roundings of 0.3 m",
     quantity="error of the standard deviation",
@@ -78,7 +78,7 @@ def test_precision_about_depth() -> Seen:
     """The depth, its mean and what is left of it are rounded, half an ε each."""
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-        off_m = 1e-3 * off(told(precision([z_m])["precision_mm"]), 1000 * deviation(z_m, lost=1))
+        off_m = 1e-3 * off(number(precision([z_m])["precision_mm"]), 1000 * deviation(z_m, lost=1))
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off_m) / (EPS * DEPTH_M)
 
 
@@ -112,11 +112,11 @@ def test_deviation_of_float32() -> Seen:
 )
 def test_pooled_deviation() -> Seen:
     """Mean square less squared mean, in NumPy's pairwise sums, 18 + log₂(n/128) roundings each:
-    1 µm is told to 0.03 %, 10 nm is not."""
+    1 µm is known to 0.03 %, 10 nm is not."""
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
         error_m = DEPTH_M + spread_m * noise
-        found = balls(told(pool([a_map(error_m)])["deviation_mm"])) / 1000
+        found = balls(number(pool([a_map(error_m)])["deviation_mm"])) / 1000
         off_m2 = off(0.0, found**2 - deviation(error_m.ravel()) ** 2)
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
@@ -134,7 +134,7 @@ def test_many_samples() -> Seen:
     a rounding each, one by one."""
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one = of_captures([a_map(error_m)])
-    found = mean_figures(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
+    found = averaged(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
     wanted = _exact_mm(error_m) | {"bias_mm": 1000 * balls(error_m).mean()}
     wanted["pooled_mae_mm"] = wanted["mae_mm"]
     return ((key, _relative(found[key], value) / EPS) for key, value in wanted.items())
@@ -148,7 +148,7 @@ def _exact_mm(error_m: np.ndarray) -> dict[str, Any]:
 
 def _relative(figure: float | None, exact: arb) -> float:
     """Error of a figure, as a share of it."""
-    return float(off(told(figure), exact)) / abs(float(exact))
+    return float(off(number(figure), exact)) / abs(float(exact))
 
 
 @hard_case(
@@ -186,11 +186,11 @@ def test_all_equal() -> Seen:
     """One rounding of a depth in metres; no p from roundings."""
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
-        yield f"precision at {z_m:g} m", told(precision(hands)["precision_mm"])
+        yield f"precision at {z_m:g} m", number(precision(hands)["precision_mm"])
         yield f"its interval at {z_m:g} m", max(precision_interval(hands) or [np.nan])
-        yield f"two methods at {z_m:g} m", 1 - told(f_test(hands, [np.full(3, 0.7 * z_m)]).p)
+        yield f"two methods at {z_m:g} m", 1 - number(f_test(hands, [np.full(3, 0.7 * z_m)]).p)
         repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
-        yield f"map at {z_m:g} m", 1e-3 * told(pool([repeats])["max_mm"])
+        yield f"map at {z_m:g} m", 1e-3 * number(pool([repeats])["max_mm"])
     low, high = median_interval(np.full(5, 0.3)) or (np.nan, np.nan)
     yield "median", high - low
     maps = [a_map(np.full((60, 60), 1e-3))]
@@ -245,11 +245,11 @@ def test_tiny_p() -> Seen:
         gained = balls(b := t / sqrt(5) + apart)
         exact, found = (
             two_sided(gained.mean() / deviation(b, lost=1) * arb(5).sqrt(), 4),
-            paired_test(np.zeros(5), b).p,
+            paired(np.zeros(5), b).p,
         )
         yield f"t = {t:g}", _relative(found, exact) if 0 <= found <= 1 else np.inf
-    yield "no spread, a difference", paired_test(np.zeros(5), np.full(5, 1e-3)).p
-    yield "no difference", 1 - paired_test(np.ones(5), np.ones(5)).p
+    yield "no spread, a difference", paired(np.zeros(5), np.full(5, 1e-3)).p
+    yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
 
 
 @hard_case(
@@ -275,9 +275,7 @@ def test_ties() -> Seen:
     for p in ([], [0.0], [1.0] * 6, [0.01] * 6, *(list(rng.choice(chosen, 6)) for _ in range(40))):
         yield (
             str(p),
-            max(
-                (abs(a - b) for a, b in zip(holm_corrected(p), closed(p), strict=True)), default=0.0
-            ),
+            max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0),
         )
 
 
@@ -340,7 +338,7 @@ def test_not_finite() -> Seen:
             yield f"{share:.1%} {broken}, {key}", _relative(found[key], value) / EPS
     for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
         mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        share = told(precision([mixed])["precision_mm"]) / told(
+        share = number(precision([mixed])["precision_mm"]) / number(
             precision([mixed[::2]])["precision_mm"]
         )
         yield f"precision with {broken}", abs(share - 1) / EPS
@@ -405,10 +403,10 @@ def test_one_pixel() -> Seen:
         m, size_m = a_map(np.array([[error_m]])), abs(error_m)
         found = pool([m])
         for key in ("mae_mm", "rmse_mm", "median_mm", "p95_mm", "max_mm"):
-            yield f"{key} of {error_m:g} m", abs(told(found[key]) / (1e3 * size_m) - 1) / EPS
+            yield f"{key} of {error_m:g} m", abs(number(found[key]) / (1e3 * size_m) - 1) / EPS
         alone = figure_interval(HEADLINE, of_captures([m]).mae_mm.to_numpy())
-        yield f"interval of {error_m:g} m", np.inf if alone else told(found["deviation_mm"])
-        floor = told(floor_mm([m], [_known(m, size_m)])) / (1e3 * np.sqrt(2 / np.pi) * size_m)
+        yield f"interval of {error_m:g} m", np.inf if alone else number(found["deviation_mm"])
+        floor = number(floor_mm([m], [_known(m, size_m)])) / (1e3 * np.sqrt(2 / np.pi) * size_m)
         yield f"floor for σ = {size_m:g} m", abs(floor - 1) / EPS
         for sigma_m in (np.nan, np.inf):
             yield (

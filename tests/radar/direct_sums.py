@@ -1,22 +1,44 @@
-"""The image by the formula as it stands: the reference of every faster path."""
+"""Images and echoes by the formula as it stands: the references of every faster path."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, positions
-from handbench.radar.imaging.cpu.exact import check_samples, path_lengths
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
+from handbench.radar.imaging.reference import image_points_exact
+
+
+def _ends_m(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+    to, back = (getattr(aperture, name, None) for name in ("tx_m", "rx_m"))
+    return (aperture.position_m,) * 2 if to is None else (to, back)
 
 
 def direct_sum(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> np.ndarray:
-    """Σ S e^{+j2πf(|p−t|+|p−r|)/c} in float64 over every tone and channel: complex128 [n] at
-    points_m [n, 3]."""
-    check_samples(samples, frequencies_hz, aperture)
-    image = np.zeros(len(points_m), np.complex128)
-    for i, point in enumerate(positions("points_m", points_m)):
-        path_m = path_lengths(aperture, point)
-        for s, f in zip(samples, frequencies_hz, strict=True):
-            image[i] += np.sum(s * np.exp(2j * np.pi * f * path_m / SPEED_OF_LIGHT_M_S))
-    return image
+    """`image_points_exact` of an array's samples [f, t, r], or of those [f, n] of a scan, whose
+    n-th receiver receives from the n-th transmitter alone: complex128 [n] at points_m [n, 3]."""
+    tones = zip(samples, frequencies_hz, strict=True)
+    return sum(
+        image_points_exact(
+            (s if isinstance(aperture, AntennaArray) else np.diag(s))[None],
+            [f],
+            *_ends_m(aperture),
+            np.asarray(points_m),
+        )
+        for s, f in tones
+    )
+
+
+def direct_echoes(
+    position_m: np.ndarray, weight: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture
+) -> np.ndarray:
+    """Echoes Σ w e^{−j2πf(|p−t|+|p−r|)/c} without spreading, in float64: complex128 [f, t, r] or
+    [f, n]."""
+    distances_m = [np.linalg.norm(end[:, None] - position_m, axis=2) for end in _ends_m(aperture)]
+    echoes = []
+    for f in frequencies_hz:
+        to, back = (np.exp(-2j * np.pi * f / SPEED_OF_LIGHT_M_S * r) for r in distances_m)
+        of = "p,tp,rp->tr" if isinstance(aperture, AntennaArray) else "p,np,np->n"
+        echoes.append(np.einsum(of, weight, to, back, optimize=True))
+    return np.array(echoes)

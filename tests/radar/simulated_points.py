@@ -5,10 +5,21 @@ import numpy as np
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
+from handbench.radar.methods.registry import method
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.radar.simulation.forward import Scatterers, simulate
+from tests.radar.direct_sums import direct_echoes
 
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])
+
+
+def exact_capture(points_m, frequencies_hz=TONES_HZ, weight=None, array=None) -> RadarCapture:
+    """Points [n, 3] with a weight each (1), without spreading: float64 sums that share no code with
+    the simulator."""
+    points_m, array = np.atleast_2d(points_m), array or qar50()
+    weight = np.ones(len(points_m)) if weight is None else weight
+    samples = direct_echoes(points_m, weight, np.asarray(frequencies_hz), array)
+    return RadarCapture(samples[None].astype(np.complex64), np.asarray(frequencies_hz), array)
 
 
 def point_capture(point_m, frequencies_hz=TONES_HZ) -> RadarCapture:
@@ -42,6 +53,12 @@ def error_m(depth, surface) -> np.ndarray:
 def bumpy(x, y):
     """A smooth surface at 0.28 m."""
     return 0.28 + 0.004 * np.sin(2 * np.pi * x / 0.03) * np.cos(2 * np.pi * y / 0.04)
+
+
+def depth_by(id, capture, pixels, **values):
+    """A method's depth map of these pixels with these values of its configuration."""
+    config = method(id).configure(pixels | values, "test")
+    return method(id).run(capture, config, 0).depth
 
 
 def around(point_m, half_m=0.012, step_m=0.001) -> dict[str, Axis]:

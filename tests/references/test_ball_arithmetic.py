@@ -3,8 +3,6 @@ exactly."""
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,15 +12,7 @@ from tests.hard_cases.scenes import TONES_HZ, cloud, plate
 from tests.references import balls as b
 
 
-def test_floats_become_balls_without_a_rounding():
-    values = np.array([0.1, -5e-324, 1e300, 3.0])
-    assert (b.middles(b.balls(values)) == values).all() and all(
-        x.rad() == 0 for x in b.balls(values)
-    )
-    assert b.middles(b.balls([0.1 + 2j]))[0] == 0.1 + 2j
-
-
-def test_a_difference_is_never_told_too_small():
+def test_a_difference_is_never_given_too_small():
     """1/3 and √2 are no floats: the distance to the nearest one is known, and a nan is infinitely
     far."""
     third = b.balls(1.0) / 3
@@ -71,11 +61,3 @@ def test_student_s_t(t):
     assert b.off(0.0, b.two_sided(ball, 1) - (1 - 2 * ball.atan() / b.PI)) < 1e-25
     assert b.off(0.0, b.two_sided(ball, 2) - (1 - ball / (2 + ball * ball).sqrt())) < 1e-25
     assert float(b.two_sided(ball, 7)) == pytest.approx(2 * stats.t.sf(t, 7), rel=1e-12)
-
-
-def test_precision_holds_in_threads():
-    found = []
-    worker = threading.Thread(target=lambda: found.append(b.balls(2.0) / 3))
-    worker.start()
-    worker.join()
-    assert b.off(2 / 3, found[0]) > 0 and found[0].rad() < 1e-37

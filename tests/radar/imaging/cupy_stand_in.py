@@ -111,16 +111,5 @@ def cupy_stand_in() -> ModuleType:
     runtime = SimpleNamespace(
         getDeviceCount=lambda: 1, getDeviceProperties=lambda _: {"name": b"Stand-in"}
     )
-    module.cuda = SimpleNamespace(
-        runtime=runtime,
-        Device=lambda: SimpleNamespace(id=0),
-        Event=_Event,
-        get_elapsed_time=lambda *_: 1.0,
-    )
+    module.cuda = SimpleNamespace(runtime=runtime, Device=lambda: SimpleNamespace(id=0))
     return module
-
-
-class _Event:
-    def record(self) -> None: ...
-
-    def synchronize(self) -> None: ...

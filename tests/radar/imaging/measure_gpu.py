@@ -20,19 +20,17 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.evaluation.tables import Column
-from handbench.radar.data.arrays import qar50
-from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
-from handbench.radar.imaging.device import array_module, current_device
+from handbench.radar.imaging.device import array_module, chosen
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.bench.studies.columns import Record, Table
 from tests.bench.studies.script import measured
 from tests.bench.studies.study import Study
+from tests.radar.simulated_points import bumpy, points_capture, surface_points
 
 TOLERANCE = 1e-3
 SHARE = Axis(
@@ -69,8 +67,8 @@ def measure(
     """One row each for the exact sum of a part of the volume (x, y: `share`), the volume and its
     projection at TOLERANCE, and a 3-FSK frame, exact and at TOLERANCE."""
     grid, part = volume.grid(), volume.model_copy(update={"x": share, "y": share}).grid()
-    wide = surface_echoes(volume.tones_hz())
-    tones = surface_echoes(np.array(frame.ladder_hz))
+    wide = points_capture(surface_points(bumpy, 0.03, 5e-4), volume.tones_hz())
+    tones = points_capture(surface_points(bumpy, 0.03, 5e-4), frame.ladder_hz)
     one = (wide.samples[0], wide.frequencies_hz, wide.aperture)
     whole = int(np.prod(grid.shape)) / int(np.prod(part.shape))
     exact, share_row = _timed("exact sum of a part", lambda: image_volume(*one, part, None), 1)
@@ -93,15 +91,6 @@ def measure(
     return [share_row, volume_row, peaks_row, *frames]
 
 
-def surface_echoes(frequencies_hz: np.ndarray) -> RadarCapture:
-    """Echoes of a smooth bumpy surface, 6 × 6 cm."""
-    x, y = np.meshgrid(np.linspace(-0.03, 0.03, 121), np.linspace(-0.03, 0.03, 121))
-    z = 0.28 + 0.004 * np.sin(2 * np.pi * x / 0.03) * np.cos(2 * np.pi * y / 0.04)
-    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    samples = simulate(Scatterers(points, np.ones(len(points))), frequencies_hz, qar50())
-    return RadarCapture(samples[None], frequencies_hz, qar50())
-
-
 def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Record]:
     """The value of work(), and its row: the first call's milliseconds and the median of `repeats`
     further ones."""
@@ -114,7 +103,7 @@ def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Recor
 
 
 def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
-    if current_device() != "cuda":
+    if chosen() != "cuda":
         start = time.perf_counter()
         return work(), 1e3 * (time.perf_counter() - start)
     cuda = array_module().cuda

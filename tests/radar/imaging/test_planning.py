@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import PlanarScan, qar50
+from handbench.radar.data.arrays import qar50
 from handbench.radar.imaging.api import image_points
-from handbench.radar.imaging.plan import TreePlan, fresh_plans
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 
@@ -14,10 +13,10 @@ FEW_HZ = np.linspace(72e9, 82e9, 16)
 
 @pytest.mark.parametrize("tones_hz, size_m", [(np.linspace(1e9, 500e9, 8), 0.3), (FEW_HZ, 2.0)])
 def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m, monkeypatch):
-    """Tones over 500 GHz, and a box across the array: thousands of cells for a thousand points."""
+    """Tones over 500 GHz, and a box across the array: thousands of limbs for a thousand points."""
     points = np.random.default_rng(0).uniform(-size_m, size_m, (1000, 3))
     monkeypatch.setattr(
-        "handbench.radar.imaging.plan.TreePlan.cell", lambda *_: pytest.fail("a cell was planned")
+        "handbench.radar.imaging.plan.TreePlan.limb", lambda *_: pytest.fail("a limb was planned")
     )
     samples = noise((len(tones_hz), 94, 94))
     image = image_points(samples, tones_hz, qar50(), points, 1e-3)
@@ -36,21 +35,3 @@ def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exa
     error = relative_error(image[:50], direct_sum(samples, tones_hz, qar50(), points_m[:50]))
     assert (error < 1e-5) == exact
     assert error < 1e-2
-
-
-def test_a_scan_s_exact_sum_is_no_matrix_product_and_planned_earlier(monkeypatch):
-    """4 000 points, 32 tones and 60 positions: 7.7e6 terms, which take as long as 1.2e8 of a
-    product. A cell or a leaf costs 1.5e6 to plan: as many as 5 were made if terms were alike, and
-    up to 80 as they are."""
-    positions_m = np.c_[np.random.default_rng(3).uniform(-0.1, 0.1, (60, 2)), np.zeros(60)]
-    points_m = np.random.default_rng(1).uniform(-0.01, 0.01, (4000, 3)) + [0, 0, 0.3]
-    cells = []
-    monkeypatch.setattr(
-        "handbench.radar.imaging.plan.TreePlan.cell",
-        lambda *a, of=TreePlan.cell: cells.append(a) or of(*a),
-    )
-    scan, tones_hz, samples = PlanarScan(positions_m), np.linspace(72e9, 82e9, 32), noise((32, 60))
-    with fresh_plans():
-        image = image_points(samples, tones_hz, scan, points_m, 1e-3)
-    assert cells
-    assert relative_error(image[:99], direct_sum(samples, tones_hz, scan, points_m[:99])) < 1e-3

@@ -9,18 +9,15 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.support.errors import HandbenchError
-from tests.radar.direct_sums import direct_sum
+from tests.radar.direct_sums import direct_echoes, direct_sum
 from tests.radar.exact import backproject
 
 pytestmark = pytest.mark.usefixtures("planned")
 
 RANDOM = np.random.default_rng(0)
-ARRAY = AntennaArray(
-    RANDOM.uniform(-0.07, 0.07, (6, 3)) * [1, 1, 0], RANDOM.uniform(-0.07, 0.07, (5, 3)) * [1, 1, 0]
-)
-SCAN = PlanarScan(RANDOM.uniform(-0.07, 0.07, (9, 3)) * [1, 1, 0])
+TX_M, RX_M, SCAN_M = (RANDOM.uniform(-0.07, 0.07, (n, 3)) * [1, 1, 0] for n in (6, 5, 9))
+ARRAY, SCAN = AntennaArray(TX_M, RX_M), PlanarScan(SCAN_M)
 TONES_HZ = np.array([72e9, 82e9, 80e9])
 POINTS_M = RANDOM.uniform(-0.03, 0.03, (40, 3)) + [0, 0, 0.3]
 AXIS_M = np.linspace(-0.02, 0.02, 9)
@@ -28,12 +25,11 @@ GRID = VoxelGrid(AXIS_M, AXIS_M, AXIS_M + 0.3)
 
 
 def echoes(aperture=ARRAY, tones_hz=TONES_HZ):
-    path_m = path_lengths(aperture, np.array([0.005, 0.002, 0.3]))
-    return np.exp(-2j * np.pi * np.multiply.outer(tones_hz, path_m) / 299_792_458.0)
+    return direct_echoes(np.array([[0.005, 0.002, 0.3]]), [1.0], tones_hz, aperture)
 
 
 def images(samples, tones_hz=TONES_HZ, aperture=ARRAY, points_m=POINTS_M):
-    """Every imaging function's image, by name."""
+    """Every imaging function's image."""
     for tolerance in (None, 1e-3):
         yield image_points(samples, tones_hz, aperture, points_m, tolerance)
         yield image_points(samples, tones_hz, aperture, points_m, tolerance, apart=True)
@@ -45,22 +41,10 @@ def images(samples, tones_hz=TONES_HZ, aperture=ARRAY, points_m=POINTS_M):
 @pytest.mark.parametrize("scale", [1e300, 1e38, 1e25, 1e-25, 1e-42, 1e-300])
 def test_an_image_scales_with_its_samples(scale, aperture):
     """Against the image of the samples near 1: it shares the engine, and not the scale."""
-    samples = echoes(aperture)
-    for scaled, plain in zip(
-        images(samples * scale, TONES_HZ, aperture),
-        images(samples, TONES_HZ, aperture),
-        strict=True,
-    ):
-        np.testing.assert_allclose(
-            scaled / scale, plain, rtol=1e-3, atol=1e-4 * np.nanmax(np.abs(plain))
-        )
-
-
-def test_the_direct_sum_agrees_at_any_scale():
-    for scale in (1e300, 1e-300):
-        exact = direct_sum(echoes() * scale, TONES_HZ, ARRAY, POINTS_M)
-        image = image_points(echoes() * scale, TONES_HZ, ARRAY, POINTS_M, None)
-        assert np.linalg.norm(image / scale - exact / scale) < 1e-5 * np.linalg.norm(exact / scale)
+    both = (images(echoes(aperture) * s, TONES_HZ, aperture) for s in (scale, 1.0))
+    for scaled, plain in zip(*both, strict=True):
+        atol = 1e-4 * np.nanmax(np.abs(plain))
+        np.testing.assert_allclose(scaled / scale, plain, rtol=1e-3, atol=atol)
 
 
 def test_one_sample_beyond_all_others_gives_its_image():
@@ -79,6 +63,15 @@ def test_ordinary_samples_keep_their_type_and_zeros_are_zeros():
     assert not image_points(np.zeros_like(echoes()), TONES_HZ, ARRAY, POINTS_M, 1e-3).any()
 
 
+@pytest.mark.parametrize("tones_hz", [[82e9, 72e9, 80e9], [80e9, 80e9, 72e9]])
+@pytest.mark.parametrize("tolerance", [None, 1e-3])
+def test_tones_in_any_order_and_twice_give_the_right_image(tones_hz, tolerance):
+    samples = echoes(tones_hz=np.array(tones_hz))
+    exact = direct_sum(samples, tones_hz, ARRAY, POINTS_M)
+    image = image_points(samples, tones_hz, ARRAY, POINTS_M.tolist(), tolerance)
+    assert np.linalg.norm(image - exact) < (tolerance or 1e-5) * np.linalg.norm(exact)
+
+
 def replaced(values, place, value):
     values = values.astype(np.result_type(values, np.min_scalar_type(value)))
     values[place] = value
@@ -86,73 +79,48 @@ def replaced(values, place, value):
 
 
 @pytest.mark.parametrize(
-    "samples, reason",
+    ("name", "wrong", "reason"),
     [
-        (replaced(echoes(), (0, 1, 2), np.nan), "hold NaN"),
-        (replaced(echoes(), (2, 5, 4), 1j * np.inf), "hold NaN, infinity"),
-        (echoes().astype(object), "object"),
-        (np.full(echoes().shape, "a"), "<U1"),
-        (echoes()[:, :5], "have shape"),
-        (np.full(echoes().shape, 1e308), "more than a number holds"),
+        ("samples", replaced(echoes(), (0, 1, 2), np.nan), "hold NaN"),
+        ("samples", replaced(echoes(), (2, 5, 4), 1j * np.inf), "hold NaN, infinity"),
+        ("samples", echoes().astype(object), "object"),
+        ("samples", np.full(echoes().shape, "a"), "<U1"),
+        ("samples", echoes()[:, :5], r"have shape \(3, 5, 5\); expected \(3, 6, 5\)"),
+        ("samples", np.full(echoes().shape, 1e308), "more than a number holds"),
+        ("frequencies_hz", [72e9, np.nan, 80e9], ""),
+        ("frequencies_hz", [72e9, np.inf, 80e9], ""),
+        ("frequencies_hz", [72e9, -82e9, 80e9], ""),
+        ("frequencies_hz", [72e9, 0.0, 80e9], ""),
+        ("frequencies_hz", [72e9, 1e300, 80e9], ""),
+        ("frequencies_hz", np.array(["a", "b", "c"]), ""),
+        ("frequencies_hz", TONES_HZ.astype(complex), ""),
+        ("frequencies_hz", TONES_HZ[:, None], ""),
+        ("frequencies_hz", [], ""),
+        ("points_m", replaced(POINTS_M, (3, 1), np.nan), ""),
+        ("points_m", replaced(POINTS_M, (3, 1), np.inf), ""),
+        ("points_m", replaced(POINTS_M, (3, 1), 1e9), ""),
+        ("points_m", np.ones((40, 2)), ""),
+        ("points_m", np.ones((3, 1)), ""),
+        ("points_m", np.ones(()), ""),
     ],
 )
-def test_samples_that_are_none_are_named(samples, reason):
-    for image in (image_points, image_volume, project_volume):
-        with pytest.raises(HandbenchError, match=f"^samples: .*{reason}"):
-            image(samples, TONES_HZ, ARRAY, POINTS_M if image is image_points else GRID, 1e-3)
-    if reason != "more than a number holds":
-        with pytest.raises(HandbenchError, match=f"^samples: .*{reason}"):
-            backproject(samples, TONES_HZ, ARRAY, POINTS_M)
-
-
-@pytest.mark.parametrize(
-    "tones_hz",
-    [
-        [72e9, np.nan, 80e9],
-        [72e9, np.inf, 80e9],
-        [72e9, -82e9, 80e9],
-        [72e9, 0.0, 80e9],
-        [72e9, 1e300, 80e9],
-        np.array(["a", "b", "c"]),
-        TONES_HZ.astype(complex),
-        TONES_HZ[:, None],
-        [],
-    ],
-)
-def test_tones_that_are_none_are_named(tones_hz):
-    for image in (image_points, image_volume, project_volume):
+def test_arguments_that_are_none_are_named(name, wrong, reason):
+    right = {"samples": echoes(), "frequencies_hz": TONES_HZ, "points_m": POINTS_M} | {name: wrong}
+    samples, tones_hz, points_m = right.values()
+    works = [(image_points, points_m, t) for t in (None, 1e-3)]
+    if name != "points_m":
+        works += [(image, GRID, 1e-3) for image in (image_volume, project_volume)]
+    for image, where, tolerance in works:
+        with pytest.raises(HandbenchError, match=f"^{name}: .*{reason}"):
+            image(samples, tones_hz, ARRAY, where, tolerance)
+    if name == "points_m" and np.shape(wrong) == (40, 3):
+        with pytest.raises(HandbenchError, match=r"^tx_m: "):
+            AntennaArray(wrong, RX_M)
+    if name == "frequencies_hz":
         with pytest.raises(HandbenchError, match=r"^frequencies_hz: "):
-            image(echoes(), tones_hz, ARRAY, POINTS_M if image is image_points else GRID, 1e-3)
-    for function in (backproject, direct_sum):
+            backproject(samples, np.array(wrong), ARRAY, POINTS_M)
         with pytest.raises(HandbenchError, match=r"^frequencies_hz: "):
-            function(echoes(), np.array(tones_hz), ARRAY, POINTS_M)
-    with pytest.raises(HandbenchError, match=r"^frequencies_hz: "):
-        RadarCapture(echoes()[None].astype(np.complex64), np.array(tones_hz), ARRAY)
-
-
-@pytest.mark.parametrize("tones_hz", [[82e9, 72e9, 80e9], [80e9, 80e9, 72e9]])
-def test_tones_in_any_order_and_twice_give_the_right_image(tones_hz):
-    """Against the formula in float64."""
-    samples = echoes(tones_hz=np.array(tones_hz))
-    exact = direct_sum(samples, np.array(tones_hz), ARRAY, POINTS_M)
-    for tolerance in (None, 1e-3):
-        image = image_points(samples, tones_hz, ARRAY, POINTS_M.tolist(), tolerance)
-        assert np.linalg.norm(image - exact) < (1e-3 if tolerance else 1e-5) * np.linalg.norm(exact)
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e9])
-def test_places_that_are_none_are_named(wrong):
-    points_m = replaced(POINTS_M, (3, 1), wrong)
-    for tolerance in (None, 1e-3):
-        with pytest.raises(HandbenchError, match=r"^points_m: "):
-            image_points(echoes(), TONES_HZ, ARRAY, points_m, tolerance)
-    with pytest.raises(HandbenchError, match=r"^points_m: "):
-        direct_sum(echoes(), TONES_HZ, ARRAY, points_m)
-    with pytest.raises(HandbenchError, match=r"^tx_m: "):
-        AntennaArray(points_m, ARRAY.rx_m)
-    for shape in ((40, 2), (3, 1), ()):
-        with pytest.raises(HandbenchError, match=r"^points_m: "):
-            image_points(echoes(), TONES_HZ, ARRAY, np.ones(shape), None)
+            RadarCapture(samples[None].astype(np.complex64), np.array(wrong), ARRAY)
 
 
 @pytest.mark.parametrize("scale", [1e300, 1e-300])

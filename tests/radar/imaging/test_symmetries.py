@@ -18,7 +18,7 @@ from scipy.stats import ortho_group
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.api import image_points, project_volume
 from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.radar.exact import tone_images
@@ -54,7 +54,7 @@ class Scene:
         } | changes
         return image_points(*given_.values(), tolerance)
 
-    def assert_alike(
+    def assert_equal(
         self, found: np.ndarray, expected: np.ndarray, tolerance: float | None
     ) -> None:
         """Of two images: to twice the tolerance, of the size that noise gives them, or to the
@@ -63,52 +63,56 @@ class Scene:
         assert np.linalg.norm(found - expected) < (2 * tolerance if tolerance else ROUNDING) * size
 
 
-def assert_echoes_alike(found: np.ndarray, expected: np.ndarray, tolerance: float | None) -> None:
+def assert_equal_echoes(found: np.ndarray, expected: np.ndarray, tolerance: float | None) -> None:
     """Of two simulations; the rounding is that of 60 terms in float32."""
     assert relative_error(found, expected) < (2 * tolerance if tolerance else ROUNDING)
 
 
-def moved(places_m: np.ndarray, turn: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
-    return places_m @ turn.T + shift_m
-
-
-@few
-@given(seeds, tolerances, st.sampled_from([0.0, 1.0, 1e3]))
-def test_scene_and_array_may_move_turn_and_be_mirrored_together(seed, tolerance, offset_m):
-    # The offset itself rounds paths to 2⁻⁵³ · 1e3 m: 4e-10 rad.
+@examples(6)
+@given(seeds, tolerances, st.sampled_from([0.0, 1.0, 1e3]), st.floats(0.05, 50.0), st.booleans())
+def test_scene_and_array_may_move_turn_grow_and_change_their_order_together(
+    seed, tolerance, offset_m, scale, swapped
+):
+    """Turns are mirrored, too; wavelengths grow with lengths; transmitters and receivers change
+    places where swapped. Both legs fade as 1/R, and facets grow as the square. The offset itself
+    rounds paths to 2⁻⁵³ · 1e3 m: 4e-10 rad."""
     scene = Scene(seed)
-    motion = ortho_group.rvs(3, random_state=seed), scene.generator.uniform(-offset_m, offset_m, 3)
-    array = AntennaArray(*(moved(leg, *motion) for leg in (scene.array.tx_m, scene.array.rx_m)))
-    found = scene.image(tolerance, array=array, points_m=moved(scene.points_m, *motion))
-    scene.assert_alike(found, scene.image(tolerance), tolerance)
+    turn = ortho_group.rvs(3, random_state=seed)
+    shift_m = scene.generator.uniform(-offset_m, offset_m, 3)
+    order = f, t, r = tuple(scene.generator.permutation(n) for n in (6, 9, 8))
+    p = scene.generator.permutation(60)
+    ways = (0, 2, 1) if swapped else (0, 1, 2)
+
+    def elsewhere(places_m: np.ndarray) -> np.ndarray:
+        return scale * (places_m @ turn.T + shift_m)
+
+    def changed(samples: np.ndarray) -> np.ndarray:
+        return samples[np.ix_(*order)].transpose(ways).copy()
+
+    ends = [elsewhere(scene.array.tx_m)[t], elsewhere(scene.array.rx_m)[r]]
+    there = {
+        "samples": changed(scene.samples),
+        "tones_hz": scene.tones_hz[f] / scale,
+        "array": AntennaArray(*(ends[::-1] if swapped else ends)),
+        "points_m": elsewhere(scene.points_m)[p],
+    }
+    scene.assert_equal(scene.image(tolerance, **there), scene.image(tolerance)[p], tolerance)
     facets = replace(
-        scene.facets, position_m=moved(scene.points_m, *motion), normal=scene.normal @ motion[0].T
+        scene.facets,
+        position_m=elsewhere(scene.points_m),
+        normal=scene.normal @ turn.T,
+        weight=scale**2 * scene.facets.weight,
     )
-    elsewhere = simulate(facets, scene.tones_hz, array, tolerance=tolerance)
-    assert_echoes_alike(
-        elsewhere,
-        simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance),
-        tolerance,
-    )
-
-
-@few
-@given(seeds, st.floats(0.05, 50.0), tolerances)
-def test_lengths_and_wavelengths_scale_together(seed, scale, tolerance):
-    scene = Scene(seed)
-    array, tones_hz = (
-        AntennaArray(scale * scene.array.tx_m, scale * scene.array.rx_m),
-        scene.tones_hz / scale,
-    )
-    found = scene.image(tolerance, array=array, tones_hz=tones_hz, points_m=scale * scene.points_m)
-    scene.assert_alike(found, scene.image(tolerance), tolerance)
-    # Both legs fade as 1/R, and facets grow as the square: what a mirror returns has no scale.
-    larger = replace(
-        scene.facets, position_m=scale * scene.points_m, weight=scale**2 * scene.facets.weight
-    )
-    echoes = simulate(larger, tones_hz, array, tolerance=tolerance)
-    assert_echoes_alike(
-        echoes, simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance), tolerance
+    found = simulate(facets.where(p), there["tones_hz"], there["array"], tolerance=tolerance)
+    here = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)
+    assert_equal_echoes(found, changed(here), tolerance)
+    scan = {"samples": noise((6, 9), seed), "array": PlanarScan(scene.array.tx_m)}
+    moved = there | {
+        "samples": scan["samples"][np.ix_(f, t)],
+        "array": PlanarScan(elsewhere(scene.array.tx_m)[t]),
+    }
+    scene.assert_equal(
+        scene.image(tolerance, **moved), scene.image(tolerance, **scan)[p], tolerance
     )
 
 
@@ -120,57 +124,7 @@ def test_imaging_is_linear_at_any_tolerance(seed, tolerance, a, b):
     other = noise(scene.samples.shape, seed + 1)
     mixed = scene.image(tolerance, samples=(a * scene.samples + b * other).astype(np.complex64))
     expected = a * scene.image(tolerance) + b * scene.image(tolerance, samples=other)
-    scene.assert_alike(mixed / 6, expected / 6, None)
-
-
-@few
-@given(seeds, tolerances, st.integers(1, 59))
-def test_echoes_of_two_bodies_are_the_sum_of_theirs(seed, tolerance, count):
-    scene = Scene(seed)
-    first, second, both = (
-        simulate(part, scene.tones_hz, scene.array, tolerance=tolerance)
-        for part in (
-            scene.facets.where(np.s_[:count]),
-            scene.facets.where(np.s_[count:]),
-            scene.facets,
-        )
-    )
-    # Each within its tolerance of its own size, which may exceed the sum's.
-    size = sum(np.linalg.norm(part) for part in (first, second, both))
-    assert np.linalg.norm(first + second - both) < (tolerance or ROUNDING) * size
-
-
-@few
-@given(seeds, tolerances)
-def test_transmitters_and_receivers_may_change_places(seed, tolerance):
-    scene = Scene(seed)
-    turned = AntennaArray(scene.array.rx_m, scene.array.tx_m)
-    found = scene.image(tolerance, array=turned, samples=scene.samples.transpose(0, 2, 1).copy())
-    scene.assert_alike(found, scene.image(tolerance), tolerance)
-    forth = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance, pattern=1.5)
-    back = simulate(scene.facets, scene.tones_hz, turned, tolerance=tolerance, pattern=1.5)
-    assert_echoes_alike(back.transpose(0, 2, 1), forth, tolerance)
-
-
-@few
-@given(seeds, tolerances)
-def test_the_order_of_antennas_tones_and_points_means_nothing(seed, tolerance):
-    scene = Scene(seed)
-    f, t, r, p = (scene.generator.permutation(n) for n in (6, 9, 8, 60))
-    shuffled = {
-        "samples": scene.samples[np.ix_(f, t, r)],
-        "tones_hz": scene.tones_hz[f],
-        "array": AntennaArray(scene.array.tx_m[t], scene.array.rx_m[r]),
-        "points_m": scene.points_m[p],
-    }
-    scene.assert_alike(scene.image(tolerance, **shuffled), scene.image(tolerance)[p], tolerance)
-    echoes = simulate(
-        scene.facets.where(p), shuffled["tones_hz"], shuffled["array"], tolerance=tolerance
-    )
-    expected = simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)[
-        np.ix_(f, t, r)
-    ]
-    assert_echoes_alike(echoes, expected, tolerance)
+    scene.assert_equal(mixed / 6, expected / 6, None)
 
 
 @few
@@ -195,67 +149,6 @@ def test_imaging_is_the_adjoint_of_simulation_for_any_geometry(seed, tolerance, 
         assert (
             abs(difference) < (2 * tolerance if apart and tolerance else ROUNDING) * size
         )  # apart: other plans
-
-
-@few
-@given(seeds, tolerances)
-def test_echoes_turn_against_steering(seed, tolerance):
-    """An image of ones at p is the conjugate of p's echoes, summed: one sign convention for
-    both."""
-    scene = Scene(seed)
-    ones = np.ones_like(scene.samples)
-    for point in scene.points_m[:3, None]:
-        echoes = simulate(
-            Scatterers(point, np.ones(1)), scene.tones_hz, scene.array, False, tolerance
-        )
-        image = scene.image(tolerance, samples=ones, points_m=point)[0]
-        assert (
-            abs(image - echoes.sum(dtype=complex).conj())
-            < (2 * tolerance if tolerance else ROUNDING) * ones.size
-        )
-
-
-@few
-@given(seeds, st.floats(0.0, 0.02), tolerances)
-def test_a_delay_everywhere_is_a_phase_of_each_tone(seed, delay_m, tolerance):
-    scene = Scene(seed)
-    delayed = replace(scene.facets, delay_m=np.full(60, delay_m))
-    phase = np.exp(-2j * np.pi * scene.tones_hz * 2 * delay_m / 299_792_458.0)[:, None, None]
-    expected = phase * simulate(scene.facets, scene.tones_hz, scene.array, tolerance=tolerance)
-    found = simulate(delayed, scene.tones_hz, scene.array, tolerance=tolerance)
-    assert_echoes_alike(found, expected, tolerance)
-
-
-@few
-@given(seeds, tolerances, st.integers(2, 4))
-def test_a_finer_grid_holds_the_coarser_one_s_values(seed, tolerance, times):
-    scene = Scene(seed)
-    coarse = [
-        start + 2e-3 * np.arange(n) for start, n in zip((-0.01, 0.0, 0.25), (7, 6, 5), strict=True)
-    ]
-    fine = [axis[0] + 2e-3 / times * np.arange(times * (len(axis) - 1) + 1) for axis in coarse]
-    volume, finer = (
-        image_volume(scene.samples, scene.tones_hz, scene.array, VoxelGrid(*axes), tolerance)
-        for axes in (coarse, fine)
-    )
-    scene.assert_alike(finer[::times, ::times, ::times], volume, tolerance)
-
-
-@few
-@given(seeds, tolerances)
-def test_a_scan_moves_and_scales_as_an_array_does(seed, tolerance):
-    scene = Scene(seed)
-    scan, samples = PlanarScan(scene.generator.uniform(-0.1, 0.1, (40, 3))), noise((6, 40), seed)
-    turn, shift_m = ortho_group.rvs(3, random_state=seed), scene.generator.uniform(-1, 1, 3)
-    order = scene.generator.permutation(40)
-    elsewhere = PlanarScan(2 * moved(scan.position_m, turn, shift_m)[order])
-    found = scene.image(
-        tolerance, samples=samples[:, order], array=elsewhere, tones_hz=scene.tones_hz / 2,
-        points_m=2 * moved(scene.points_m, turn, shift_m),
-    )  # fmt: skip
-    expected = scene.image(tolerance, samples=samples, array=scan)
-    size = np.linalg.norm(samples) * np.sqrt(60)
-    assert np.linalg.norm(found - expected) < (2 * tolerance if tolerance else ROUNDING) * size
 
 
 @few

@@ -1,90 +1,146 @@
-"""Alignment of tones: one scatterer in closed form, noise against the Cramér–Rao bound, two
-scatterers in one pixel."""
+"""Alignment of tones, Capon's spectrum and the coherence factor: one scatterer in closed form,
+noise against the Cramér–Rao bound, two scatterers in one pixel, odds of the second maximum."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from handbench.radar.data.capture import RadarCapture
-from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.methods.alignment import align
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.methods.alignment import (
+    CAPON_STEP_M,
+    IMAGED_STEP_M,
+    align,
+    beside_nearer,
+    capon,
+    coherence_factor,
+)
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
+from tests.radar.simulated_points import around, depth_by, exact_capture
 
-TONES_HZ = np.linspace(72e9, 82e9, 8)
+TONES_HZ, MANY_HZ = np.linspace(72e9, 82e9, 8), np.linspace(72e9, 82e9, 16)
+UNEVEN_HZ = np.array([82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9])
 
 
-def images(offs_m, tones_hz=TONES_HZ, rise=2.0, amplitude=1.0):
-    """Images [f, n] of scatterers so far behind the points that were imaged."""
-    return amplitude * np.exp(
-        -2j * np.pi * tones_hz[:, None] / SPEED_OF_LIGHT_M_S * rise * np.asarray(offs_m)
-    )
+def images(offs_m, tones_hz=TONES_HZ, rise=2.0):
+    """Images [f, n] of unit scatterers so far behind the points that were imaged."""
+    turns = rise * np.asarray(offs_m) * tones_hz[:, None] / SPEED_OF_LIGHT_M_S
+    return np.exp(-2j * np.pi * turns)
+
+
+def noisy(offs_m, sigma, tones_hz, seed=3):
+    """The same with white noise of that rms."""
+    draws = np.random.default_rng(seed).standard_normal((len(tones_hz), len(offs_m), 2))
+    return images(offs_m, tones_hz) + sigma / 2**0.5 * (draws @ [1, 1j])
 
 
 @given(st.floats(-0.014, 0.014), st.floats(1.2, 2.0), st.floats(-np.pi, np.pi), st.integers(3, 20))
 def test_one_scatterer_is_found_wherever_it_is(off_m, rise, phase_rad, count):
     """Within a range cell, of any common phase: to rounding, with coherence 1."""
     tones_hz = np.linspace(72e9, 82e9, count)
-    found = align(
-        np.exp(1j * phase_rad) * images([off_m], tones_hz, rise), tones_hz, np.array([rise])
-    )
+    turned = np.exp(1j * phase_rad) * images([off_m], tones_hz, rise)
+    found = align(turned, tones_hz, np.array([rise]))
     assert found.shift_m[0] == pytest.approx(off_m, abs=1e-9)
     assert found.coherence[0] == pytest.approx(1, abs=1e-9) and found.sigma_m[0] < 1e-6
 
 
-def test_noise_moves_it_as_the_cramer_rao_bound_says():
+@pytest.mark.parametrize(("tones_hz", "reach_m"), [(TONES_HZ, None), (UNEVEN_HZ, 0.03)])
+def test_noise_moves_it_as_the_cramer_rao_bound_says(tones_hz, reach_m):
     """At an SNR of 20 dB: the error's deviation is the bound's to 5 %, which 4000 draws know to 1
-    %, and σ tells it."""
-    draws, sigma = np.random.default_rng(3), 0.1
-    offs_m = draws.uniform(-0.01, 0.01, 4000)
-    noise = sigma / 2**0.5 * (draws.standard_normal((2, 8, 4000)) * [[[1.0]], [[1j]]]).sum(axis=0)
-    found = align(images(offs_m) + noise, TONES_HZ, np.full(4000, 2.0))
-    k = 4 * np.pi * TONES_HZ / SPEED_OF_LIGHT_M_S
-    bound_m = sigma / 2**0.5 / np.sqrt(((k - k.mean()) ** 2).sum())
+    %, and σ says so."""
+    offs_m = np.random.default_rng(3).uniform(-0.01, 0.01, 4000)
+    reach = () if reach_m is None else (reach_m,)
+    found = align(noisy(offs_m, 0.1, tones_hz), tones_hz, np.full(4000, 2.0), *reach)
+    k = 4 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
+    bound_m = 0.1 / 2**0.5 / np.sqrt(((k - k.mean()) ** 2).sum())
     assert (found.shift_m - offs_m).std() == pytest.approx(bound_m, rel=0.05)
     assert np.sqrt(np.mean(found.sigma_m**2)) == pytest.approx(bound_m, rel=0.05)
 
 
 def test_two_depths_in_one_pixel_are_incoherent():
     """A second scatterer as strong, a range cell behind: no shift aligns both, and half of the
-    power is left."""
-    both = images([0.0]) + images([0.015])
-    assert align(both, TONES_HZ, np.array([2.0])).coherence[0] == pytest.approx(0.5, abs=0.15)
+    power is left. Zeros say nothing."""
+    both = np.concatenate([images([0.0]) + images([0.015]), np.zeros((8, 1))], axis=1)
+    found = align(both, TONES_HZ, np.full(2, 2.0))
+    assert found.coherence == pytest.approx([0.5, 0], abs=0.15) and found.coherence[1] == 0
+    assert np.isinf(found.sigma_m[1]) and found.shift_m[1] == 0
 
 
-def test_an_image_of_zeros_says_that_nothing_is_there():
-    found = align(np.zeros((8, 2), np.complex64), TONES_HZ, np.full(2, 2.0))
-    assert (
-        (found.coherence == 0).all()
-        and np.isinf(found.sigma_m).all()
-        and (found.shift_m == 0).all()
-    )
+def test_the_second_maximum_is_as_likely_as_it_says():
+    """At noise that puts some a period off: most wrong ones are among the pixels that are more than
+    10 % likely to be wrong, and hardly any is below 1 %."""
+    offs_m = np.random.default_rng(2).uniform(-0.02, 0.02, 6000)
+    found = align(noisy(offs_m, 0.5, UNEVEN_HZ), UNEVEN_HZ, np.full(6000, 2.0), 0.03)
+    wrong = np.abs(found.shift_m - offs_m) > 0.005
+    assert wrong.mean() > 0.01
+    assert wrong[found.other > 0.1].sum() > 0.7 * wrong.sum()
+    assert wrong[found.other < 0.01].mean() < 0.01
 
 
-def test_the_method_finds_a_scatterer_between_voxels():
-    """The whole way from echoes that are a float64 sum of their own: to 0.02 mm, where whole voxels
-    are 0.4 mm off."""
-    array, tones_hz, at_m = qar50(), np.linspace(72e9, 82e9, 16), np.array([0.011, -0.007, 0.2874])
-    tx_m, rx_m = (
-        np.linalg.norm(at_m - antennas_m, axis=1) for antennas_m in (array.tx_m, array.rx_m)
-    )
-    samples = np.stack([phasor(tx_m[:, None] + rx_m, f, -1) for f in tones_hz])
-    capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
-    small = {
-        "count": 16,
-        "x": {"start_m": 0.005, "stop_m": 0.017, "step_m": 0.001},
-        "tolerance": 1e-4,
-    }
-    small |= {"y": {"start_m": -0.012, "stop_m": -0.002, "step_m": 0.001}}
-    chosen = method("broadband-aligned")
-    depth = chosen.run(capture, chosen.configure(small, "test"), 0).depth
-    row, column = np.unravel_index(np.argmax(depth.amplitude_db), depth.z_m.shape)
-    assert depth.z_m[row, column] == pytest.approx(at_m[2], abs=2e-5)
-    assert not depth.wrapped[row, column] and depth.sigma_m[row, column] < 2e-5
+def test_capon_parts_what_a_sum_does_not():
+    """Two scatterers 10 mm apart, less than the range cell of 15 mm, the nearer one stronger: the
+    sum's maximum is drawn towards the other by 0.5 mm and more in some phases, Capon's stays. One
+    scatterer is found to half a step."""
+    offs_m, rise = np.random.default_rng(0).uniform(-0.014, 0.014, 200), np.full(200, 2.0)
+    found_m = capon(images(offs_m, MANY_HZ), MANY_HZ, rise, 0.015)
+    assert np.abs(found_m - offs_m).max() <= CAPON_STEP_M / 2 * 1.001
+    found_m = coherence_factor(lambda shift_m: images(offs_m - shift_m, MANY_HZ), 0.015)
+    assert np.abs(found_m - offs_m).max() <= IMAGED_STEP_M / 2 * 1.001
+    phases = np.exp(2j * np.pi * np.arange(12) / 12)
+    both = images([0.0] * 12, MANY_HZ) + 0.7 * phases * images([0.010] * 12, MANY_HZ)
+    found_m = capon(both, MANY_HZ, np.full(12, 2.0), 0.012)
+    tried_m = np.arange(-0.012, 0.012, CAPON_STEP_M)
+    summed_m = tried_m[np.abs(images(tried_m, MANY_HZ).conj().T @ both).argmax(axis=0)]
+    assert np.abs(found_m).max() < np.abs(summed_m).max() and np.abs(summed_m).max() > 0.5e-3
 
 
-def test_two_tones_are_refused():
-    with pytest.raises(HandbenchError, match="aligned needs 3 tones or more"):
-        method("broadband-aligned").configure({"count": 2}, "config")
+PLACES_M = ((0.011, -0.007, 0.2874), (-0.12, 0.1, 0.31), (0.14, 0.14, 0.28))
+UNFILTERED = {"count": 16, "fine_filter_px": 1}
+
+
+@pytest.mark.parametrize(
+    ("id", "tones_hz", "values", "within_m", "places_m"),
+    [
+        ("joint", UNEVEN_HZ, {"first_depth_m": 0.3, "fine_filter_px": 1}, 2e-5, PLACES_M),
+        ("broadband-aligned", MANY_HZ, {"count": 16}, 2e-5, PLACES_M),
+        ("broadband-capon", MANY_HZ, UNFILTERED, IMAGED_STEP_M / 2, PLACES_M),
+        ("broadband-coherence", MANY_HZ, UNFILTERED, IMAGED_STEP_M / 2, PLACES_M[:1]),
+    ],
+)
+def test_the_methods_find_a_scatterer_anywhere_in_the_volume(
+    id, tones_hz, values, within_m, places_m
+):
+    """In its own pixel, up to the corners of the image, and without doubt: to 0.02 mm, where whole
+    voxels are 0.4 mm off, or to half of the estimators' steps. Joint depth unfiltered: a lobe off
+    the axis is tilted, and its outline in the first plane is not even."""
+    for at_m in places_m:
+        pixels = around(at_m, half_m=0.006) | {"tolerance": 1e-4}
+        depth = depth_by(id, exact_capture(at_m, tones_hz), pixels | values)
+        assert depth.z_m[6, 6] == pytest.approx(at_m[2], abs=within_m) and not depth.wrapped[6, 6]
+        assert within_m > 2e-5 or depth.sigma_m[6, 6] < 2e-5
+
+
+def test_pixels_behind_an_outline_are_marked():
+    """A step of 30 mm: the far pixels within the reach of the near ones, no others, and none across
+    a small step."""
+    z_m = np.full((5, 20), 0.26)
+    z_m[:, 10:] = 0.29
+    z_m[0, 0] = np.nan
+    hidden = beside_nearer(z_m, (2, 3), 0.0075)
+    assert hidden[:, 10:13].all() and not hidden[:, :10].any() and not hidden[:, 13:].any()
+    assert not beside_nearer(np.where(z_m > 0.28, 0.265, z_m), (2, 3), 0.0075).any()
+
+
+@pytest.mark.parametrize(
+    ("id", "values", "words"),
+    [
+        ("broadband-aligned", {"count": 2}, "aligned needs 3 tones or more"),
+        ("joint", {"tones_hz": [82e9, 81e9]}, "three different tones"),
+        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three different tones"),
+        ("prior-2fsk", {"close_hz": 79e9}, "close_hz is no witness"),
+    ],
+)
+def test_tones_that_cannot_be_aligned_are_refused(id, values, words):
+    with pytest.raises(HandbenchError, match=words):
+        method(id).configure(values, "config")

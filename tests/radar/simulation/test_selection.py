@@ -3,14 +3,11 @@ said."""
 
 import dataclasses
 
-import numpy as np
 import pytest
 
 from handbench.radar.simulation import selection
-from handbench.radar.simulation.catalogue import EFFECTS, Effect
-from handbench.radar.simulation.causes import Causes
-from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
-from handbench.radar.simulation.known_effects import DECLARED, IDS
+from handbench.radar.simulation.catalogue import Effect
+from handbench.radar.simulation.effects.coarse import QuickEstimate
 from handbench.radar.simulation.scene import Material
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene
@@ -74,34 +71,12 @@ def test_what_the_scene_lacks_is_off_and_said(catalogue):
     assert second.on
 
 
-def test_a_list_asks_for_no_estimate_unless_explained(monkeypatch):
-    refusing = effect(
-        "noise", 0.0, changed={"cost_s": lambda scene: 1 / 0, "apply": lambda echoes: echoes}
-    )
-    monkeypatch.setattr(selection, "EFFECTS", (refusing,))
-    [row] = selection.choose(bead_scene(), ("noise",), 0.1)
-    assert row.on and row.depth_mm is None
-    with pytest.raises(ZeroDivisionError):
-        selection.choose(bead_scene(), ("noise",), 0.1, explain=True)
-
-
-def test_a_listed_effect_without_its_cause_is_an_error():
-    with pytest.raises(HandbenchError, match=r"'noise' needs \[noise\]"):
-        selection.choose(bead_scene(), ("noise",), 0.1)
-
-
 @pytest.mark.parametrize(
     ("names", "message"), [(("nois",), "did you mean 'noise'"), (("noise", "noise"), "twice")]
 )
 def test_names_are_checked(names, message):
     with pytest.raises(HandbenchError, match=message):
         selection.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
-
-
-def test_a_level_of_nothing_is_left_out_of_the_row(catalogue):
-    catalogue(effect("a", 0.0, changed={"apply": lambda echoes: echoes}))
-    [row] = selection.choose(bead_scene(), "auto", 0.1, explain=True)
-    assert row.level_db is None and row.depth_mm == 0 and not row.on
 
 
 def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
@@ -117,33 +92,3 @@ def test_how_strongly_a_target_echoes_is_never_left_out(kind):
     body = dataclasses.replace(bead_scene().target, material=Material(kind=kind))
     choices = selection.choose(bead_scene(target=body), "auto", 1e3)
     assert {"obliquity", "skin" if kind == "skin" else "dielectric"} <= set(on(choices))
-
-
-def test_every_effect_says_what_it_is():
-    assert tuple(effect.id for effect in EFFECTS) == IDS
-    assert all(
-        about.keys() == {"does", "source"} and all(about.values()) for about in DECLARED.values()
-    )
-
-
-def test_what_takes_the_image_away_is_no_small_change():
-    silent = bead_scene({"dead": {"tx": tuple(range(94))}})
-    row = next(
-        row for row in selection.choose(silent, "auto", 0.1, explain=True) if row.effect == "dead"
-    )
-    assert row.on and row.pixels_percent >= 100
-
-
-@pytest.mark.parametrize("tones_hz", [[79.5e9, 82e9], [82e9]])
-def test_depths_are_told_between_two_tones_whatever_there_are(tones_hz):
-    causes = Causes(positions={"sigma_m": 1e-3})
-    tones = {
-        "frequencies_hz": np.array(tones_hz),
-        "time_s": np.zeros(len(tones_hz)),
-        "depth_step_hz": 200e6,
-    }
-    few = dataclasses.replace(bead_scene(), causes=causes, **tones)
-    row = next(
-        row for row in selection.choose(few, "auto", 0.1, explain=True) if row.effect == "positions"
-    )
-    assert row.on and row.depth_mm > 0.1

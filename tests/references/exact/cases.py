@@ -9,14 +9,7 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.scenes import finger_scenes
-from handbench.bench.scenes.finger_scenes import (
-    MATERIALS,
-    NAMED,
-    SCENES,
-    CoatedSphere,
-    Cylinder,
-    Shape,
-)
+from handbench.bench.scenes.finger_scenes import MATERIALS, NAMED, SCENES, Cylinder, Shape, Sphere
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -32,8 +25,6 @@ from handbench.support.files import content_hash, read_npz, write_npz
 from tests.references.exact.cylinders import ACROSS, ALONG, cylinder_echoes
 from tests.references.exact.mie_series import sphere_echoes
 
-LONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
-LONG_M = 0.03  # depths are compared as far along the cylinders, where their ends do not count
 TONES = 26  # of broadband: its depths repeat every 375 mm
 METHODS: dict[str, dict[str, Any]] = {
     "2fsk": {},
@@ -94,7 +85,7 @@ def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) ->
         cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
         return cylinder_echoes(cylinders, frequencies_hz, array, case.polarisation, filling)
     one, *further = case.bodies
-    if not isinstance(one, CoatedSphere) or further:
+    if not isinstance(one, Sphere) or further:
         raise HandbenchError(f"{case}: no exact solution; expected bare cylinders or one sphere")
     dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
     if coat is not None:

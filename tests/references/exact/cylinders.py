@@ -34,28 +34,20 @@ def cylinder_echoes(
     array: AntennaArray,
     polarisation: str,
     permittivity: np.ndarray | None = None,
-    bounces: int | None = None,
 ) -> np.ndarray:
     """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them, of dipoles along or
     across the axis.
 
-    permittivity: relative, complex [f]; None for metal. bounces: how often a wave is scattered at
-    most; None: all. A transmitter's dipole has the field e^{−jkR}/R broadside; jλ times the
-    scattered one at the receivers makes the echo of a metal plate what physical optics' integral
-    says at the specular point.
+    permittivity: relative, complex [f]; None for metal. A transmitter's dipole has the field
+    e^{−jkR}/R broadside; jλ times the scattered one at the receivers makes the echo of a metal
+    plate what physical optics' integral says at the specular point.
     """
     samples = np.empty((len(frequencies_hz), *array.channels), complex)
     for n, f in enumerate(frequencies_hz):
         wavelength_m = SPEED_OF_LIGHT_M_S / f
         filling = None if permittivity is None else complex(permittivity[n])
         field = scattered(
-            cylinders,
-            2 * np.pi / wavelength_m,
-            array.tx_m,
-            array.rx_m,
-            polarisation,
-            filling,
-            bounces,
+            cylinders, 2 * np.pi / wavelength_m, array.tx_m, array.rx_m, polarisation, filling
         )
         samples[n] = 1j * wavelength_m * field
     return samples
@@ -68,7 +60,6 @@ def scattered(
     rx_m: np.ndarray,
     polarisation: str,
     permittivity: complex | None,
-    bounces: int | None = None,
 ) -> np.ndarray:
     """The scattered field [t, r] at the receivers, along their dipoles."""
     tx_across, tx_place = np.unique(tx_m[:, [2, 0]], axis=0, return_inverse=True)
@@ -93,10 +84,7 @@ def scattered(
             [_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1
         )
         found = np.einsum(
-            "amt,amr->tr",
-            _scatter(wave, each, permittivity, arriving, bounces),
-            leaving,
-            optimize=True,
+            "amt,amr->tr", _scatter(wave, each, permittivity, arriving), leaving, optimize=True
         )
         field += w * np.cos(b * along_m) * found[np.ix_(tx_place, rx_place)]
     return field
@@ -195,7 +183,6 @@ def _scatter(
     each: list[tuple[Cylinder, int]],
     permittivity: complex | None,
     arriving: np.ndarray,
-    bounces: int | None,
 ) -> np.ndarray:
     """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that
     arrive from the dipoles.
@@ -212,16 +199,9 @@ def _scatter(
     else:
         coupling = np.einsum("abm,mn->ambn", single, carried).reshape(1, *[2 * len(carried)] * 2)
         waves = first.reshape(1, coupling.shape[1], -1)
-    if bounces is None:
-        total = (
-            np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves) if len(each) > 1 else waves
-        )
-    else:
-        total = part = waves
-        for _ in range(bounces - 1):
-            part = coupling @ part
-            total = total + part
-    return total.reshape(first.shape) / at_surface
+    if len(each) > 1:
+        waves = np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves)
+    return waves.reshape(first.shape) / at_surface
 
 
 def _translations(wave: _Wave, each: list[tuple[Cylinder, int]]) -> np.ndarray:

@@ -8,6 +8,8 @@ from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import facets_of
 from handbench.radar.simulation.physics.spheres import mie_amplitudes, sphere_echo
 from handbench.radar.simulation.scene import Body
+from tests.radar.direct_sums import direct_echoes
+from tests.radar.simulation.effects.plates import sheet, sphere_body
 
 FAR_M = 1e4
 TONE_HZ = 77e9
@@ -20,49 +22,9 @@ def mie_backscatter(ka: np.ndarray) -> np.ndarray:
     return mie_amplitudes(ka, np.ones(1))[0][:, 0]
 
 
-def sphere_body(radius_m: float, splits: int, centre_m=(0.0, 0.0, 0.0)) -> Body:
-    """An octahedron whose faces are split in four `splits` times and lifted to the sphere: edges of
-    1.6a/2^splits."""
-    octahedron = np.array(
-        [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float
-    )
-    faces = np.array(
-        [(i, (i + 1) % 4, 4) for i in range(4)] + [((i + 1) % 4, i, 5) for i in range(4)]
-    )
-    corners = octahedron[faces]
-    for _ in range(splits):
-        a, b, c = (corners[:, i] for i in range(3))
-        ab, bc, ca = (unit(p + q) for p, q in ((a, b), (b, c), (c, a)))
-        corners = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
-    vertices, index = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0, return_inverse=True)
-    return Body(np.asarray(centre_m) + radius_m * vertices, index.reshape(-1, 3))
-
-
-def sheet_body(
-    width_m: float, height_m: float, step_m: float, depth_m=lambda x, y: 0 * x, z_m: float = 0.0
-) -> Body:
-    """An open sheet z = z_m + depth_m(x, y) about the z axis that faces -z."""
-    x, y = (
-        np.linspace(-side / 2, side / 2, round(side / step_m) + 1) for side in (width_m, height_m)
-    )
-    x, y = np.meshgrid(x, y, indexing="ij")
-    index = np.arange(x.size).reshape(x.shape)
-    a, b, c, d = (
-        i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-    )
-    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([a, d, c], 1)])
-    return Body(np.stack([x, y, z_m + depth_m(x, y)], axis=-1).reshape(-1, 3), faces)
-
-
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def optics_of(body: Body, longest_m: float = np.inf, oblique: bool = True) -> Scatterers:
+def optics_of(body: Body, oblique: bool = True) -> Scatterers:
     """The body's facets for physical optics."""
-    facets = facets_of(body, longest_m)
+    facets = facets_of(body, np.inf)
     return Scatterers(facets.position_m, facets.area_m2, facets.normal if oblique else None)
 
 
@@ -82,7 +44,9 @@ def sphere_over_ka(ka):
     radius_m = 0.01
     tones_hz = np.asarray(ka) * SPEED_OF_LIGHT_M_S / (2 * np.pi * radius_m)
     far = AntennaArray([[0.0, 0.0, -FAR_M]], [[0.0, 0.0, -FAR_M]])
-    samples = simulate(optics_of(sphere_body(radius_m, 7)), tones_hz, far, tolerance=None)[:, 0, 0]
+    samples = simulate(optics_of(sphere_body(radius_m, splits=7)), tones_hz, far, tolerance=None)[
+        :, 0, 0
+    ]
     x = 2 * np.asarray(ka)
     closed = np.abs(1 + 1j * (1 - np.exp(-1j * x)) / x) ** 2
     return (
@@ -97,7 +61,7 @@ def plate_over_angle(degrees, oblique=True):
     and in closed form 4πA²/λ² (cos θ · sinc(kL sin θ))²."""
     side_m, theta = 10 * WAVELENGTH_M, np.radians(degrees)
     antennas = FAR_M * np.stack([np.sin(theta), 0 * theta, -np.cos(theta)], axis=1)
-    plate = optics_of(sheet_body(side_m, side_m, WAVELENGTH_M / 8), oblique=oblique)
+    plate = optics_of(sheet(side_m, WAVELENGTH_M / 8), oblique=oblique)
     tone_hz = np.array([TONE_HZ])
     echoes = [
         simulate(plate, tone_hz, AntennaArray([a], [a]), tolerance=None)[0, 0, 0] for a in antennas
@@ -120,8 +84,8 @@ def refined(per_wavelength=(2, 4, 8, 16), best=32):
     tone_hz = np.array([TONE_HZ])
 
     def samples(n):
-        sheet = sheet_body(8 * WAVELENGTH_M, 8 * WAVELENGTH_M, WAVELENGTH_M / n, bumps_m, 0.3)
-        return simulate(optics_of(sheet), tone_hz, array, tolerance=None).astype(complex)
+        bumpy = optics_of(sheet(8 * WAVELENGTH_M, WAVELENGTH_M / n, 0.3, bumps_m))
+        return simulate(bumpy, tone_hz, array, tolerance=None).astype(complex)
 
     exact = samples(best)
     return np.array(
@@ -136,7 +100,7 @@ def power_over_range(range_m):
     for r in range_m:
         at = np.array([0.0, 0.0, r])
         point = simulate(Scatterers(at[None], np.ones(1)), tone_hz, one, tolerance=None)
-        ball = simulate(optics_of(sphere_body(5e-3, 5, at)), tone_hz, one, tolerance=None)
+        ball = simulate(optics_of(sphere_body(5e-3, at, 5)), tone_hz, one, tolerance=None)
         mie = sphere_echo(at, 5e-3, 0.0, tone_hz, one)
         powers.append([abs(echo.item()) ** 2 for echo in (point, ball, mie)])
     return np.array(powers).T
@@ -145,14 +109,13 @@ def power_over_range(range_m):
 def phase_errors_rad(tolerance, spreading=True, count=40):
     """Largest phase error [n] of single points before the paper's array, against −2πf(|p − t| + |p
     − r|)/c."""
-    points = np.random.default_rng(2).uniform([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6], (count, 3))
-    array, errors = qar50(), []
-    tones_hz = np.array([72e9, TONE_HZ, 82e9])
-    for point in points:
-        path_m = np.add.outer(
-            *(np.linalg.norm(point - leg.position_m, axis=1) for leg in array.legs)
+    points_m = np.random.default_rng(2).uniform([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6], (count, 1, 3))
+    tones_hz, one = np.array([72e9, TONE_HZ, 82e9]), np.ones(1)
+    pairs = (
+        (
+            simulate(Scatterers(point_m, one), tones_hz, qar50(), spreading, tolerance),
+            direct_echoes(point_m, one, tones_hz, qar50()),
         )
-        exact = np.exp(-2j * np.pi * tones_hz[:, None, None] * path_m / SPEED_OF_LIGHT_M_S)
-        echo = simulate(Scatterers(point[None], np.ones(1)), tones_hz, array, spreading, tolerance)
-        errors.append(np.abs(np.angle(echo * exact.conj())).max())
-    return np.array(errors)
+        for point_m in points_m
+    )
+    return np.array([np.abs(np.angle(echo * exact.conj())).max() for echo, exact in pairs])

@@ -1,4 +1,6 @@
-"""Plates, corners and stand-ins for fingers that the tests of shadows and of multipath share."""
+"""Plates, corners, spheres and stand-ins for fingers that tests of the simulation share."""
+
+from itertools import product
 
 import numpy as np
 
@@ -47,3 +49,26 @@ def cylinder(centre_m, radius_m, length_m, around=48, along=40) -> Body:
     p, q = index[:-1].ravel(), np.roll(index[:-1], -1, axis=1).ravel()
     r, s = np.roll(index[1:], -1, axis=1).ravel(), index[1:].ravel()
     return Body(vertices_m, np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)]))
+
+
+def sheet(side_m, step_m, z_m=0.0, depth_m=lambda x, y: 0 * x) -> Body:
+    """An open square sheet z = z_m + depth_m(x, y) about the z axis that faces -z."""
+    corner_m = (-side_m / 2, -side_m / 2, z_m)
+    flat = plate(corner_m, (0, side_m, 0), (side_m, 0, 0), round(side_m / step_m))
+    x, y, z = flat.vertices_m.T
+    return Body(np.stack([x, y, z + depth_m(x, y)], axis=1), flat.faces)
+
+
+def sphere_body(radius_m, centre_m=(0.0, 0.0, 0.0), splits=4) -> Body:
+    """An octahedron whose faces are split in four `splits` times and lifted to the sphere: edges of
+    1.6a/2^splits."""
+    octants = product((1, -1), repeat=3)  # in reverse where signs turn them inside out
+    corners = np.array([np.diag(signs)[:: np.prod(signs)] for signs in octants], float)
+    for _ in range(splits):
+        a, b, c = corners.swapaxes(0, 1)
+        ab, bc, ca = (p + q for p, q in ((a, b), (b, c), (c, a)))
+        ab, bc, ca = (m / np.linalg.norm(m, axis=1, keepdims=True) for m in (ab, bc, ca))
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
+    vertices, index = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0, return_inverse=True)
+    return Body(np.asarray(centre_m) + radius_m * vertices, index.reshape(-1, 3))

@@ -1,6 +1,7 @@
 """Small scenes for effects: a metal bead before the array."""
 
 import numpy as np
+import pytest
 
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.grid import Axis
@@ -10,28 +11,35 @@ from handbench.radar.simulation.ablation import Ablation, Change
 from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
 from handbench.radar.simulation.causes import Causes
 from handbench.radar.simulation.known_effects import IDS
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
+from tests.radar.simulation.effects.plates import sphere_body
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
+EVERYTHING = {
+    "noise": {"phase_noise_rad": 0.05},
+    "oscillator": {"level_dbc_hz": -80.0},
+    "motion": {"amplitude_m": 1e-4},
+    "pattern": {"beamwidth_deg": 60.0},
+    "coupling": {"level_db": -20.0},
+    "positions": {"sigma_m": 2e-5},
+    "channels": {"gain_db": 0.5, "phase_rad": 0.1},
+    "dead": {"tx": (1,)},
+    "converter": {"bits": 12},
+}
 
 
-def sphere_body(radius_m, centre_m, count=24) -> Body:
-    """A sphere of triangles."""
-    polar, azimuth = np.meshgrid(
-        np.linspace(0, np.pi, count), np.linspace(0, 2 * np.pi, 2 * count), indexing="ij"
-    )
-    unit = np.stack(
-        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1
-    )
-    index = np.arange(polar.size).reshape(polar.shape)
-    a, b, c, d = (
-        index[i : i + count - 1, j : j + 2 * count - 1].ravel()
-        for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
-    )
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    return Body(np.asarray(centre_m) + radius_m * unit.reshape(-1, 3), faces)
+@pytest.fixture
+def no_random_numbers(monkeypatch):
+    """Refuses what scenes draw from; the estimates' own numbers, always the same, come from
+    elsewhere."""
+
+    def refuse(*arguments, **named):
+        raise AssertionError("drew a random number")
+
+    monkeypatch.setattr(np.random, "default_rng", refuse)
+    monkeypatch.setattr(np.random, "SeedSequence", refuse)
 
 
 def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) -> EchoScene:

@@ -6,31 +6,24 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects import clutter as clutter_effect
+from handbench.radar.simulation.effects import further
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
-from handbench.support.rays import Rays
-from tests.radar.simulation.effects.closed_forms import sheet_body
-from tests.radar.simulation.effects.small_scenes import (
-    bead_scene,
-    effect,
-    estimated,
-    simulated,
-    simulated_change,
-    sphere_body,
-)
+from tests.radar.simulation.effects.plates import sheet, sphere_body
+from tests.radar.simulation.effects.small_scenes import bead_scene, simulated
+
+
+def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0):
+    return replace(sheet(side_m, 5e-3, z_m), reflectivity_db=reflectivity_db)
+
 
 HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
-
-
-def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0, step_m=5e-3):
-    return replace(sheet_body(side_m, side_m, step_m, z_m=z_m), reflectivity_db=reflectivity_db)
 
 
 def clutter(scene, **options):
     """The samples [f, t, r] that the effect adds."""
     before = bare_echoes(scene, **options)
-    return clutter_effect.clutter(before).samples[0] - before.samples[0]
+    return further.clutter(before).samples[0] - before.samples[0]
 
 
 def test_a_wide_plate_mirrors():
@@ -82,32 +75,3 @@ def test_the_room_stays_when_the_target_moves():
     still = clutter(scene)
     for frame in with_room - without:
         assert np.abs(frame - still).max() < 1e-6 * np.abs(with_room).max()  # float32
-
-
-@pytest.mark.parametrize("level_db", [-30.0, -50.0])
-def test_the_estimate_is_what_the_room_changes(level_db):
-    scene = bead_scene(room=(plate(reflectivity_db=level_db),))
-    cast = Rays.cast
-    assert clutter_effect.estimate_clutter(scene).worst_mm > 0.1
-    assert Rays.cast == cast
-    changes, level_db = estimated(scene, "obliquity", "clutter", without="clutter")
-    change, expected_db = simulated_change(scene, "obliquity", "clutter", without="clutter")
-    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
-    assert level_db == pytest.approx(expected_db, abs=1)
-
-
-def test_an_empty_room_is_missing():
-    assert effect("clutter").missing(bead_scene())
-    assert not effect("clutter").missing(bead_scene(room=(plate(),)))
-
-
-def test_the_estimate_takes_the_nearest_body_for_a_mirror():
-    """1/(2z) of what the strongest material returns, over a target's echo: twice as far, half as
-    much."""
-    near, far = (plate(z_m=z_m, reflectivity_db=-70.0) for z_m in (0.4, 0.8))
-    ball = sphere_body(0.02, (0.0, 0.0, 0.3))
-    one, half, both = (
-        clutter_effect.estimate_clutter(replace(bead_scene(), target=ball, room=room)).worst_mm
-        for room in ((near,), (far,), (far, near))
-    )
-    assert one == pytest.approx(2 * half, rel=1e-9) and both == pytest.approx(one, rel=1e-9)

@@ -7,29 +7,14 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects.dielectric import (
-    dielectric,
-    far_wall_db,
-    inside_m,
-    unsimulated_echo,
-)
+from handbench.radar.simulation.effects.dielectric import dielectric
 from handbench.radar.simulation.effects.target_surface import obliquity, shadow_centre
-from handbench.radar.simulation.physics.reflection import body_reflection, fresnel, layer_reflection
+from handbench.radar.simulation.physics.reflection import fresnel, layered
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes
 from handbench.radar.simulation.scene import Ball, Body, EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
-from handbench.support.config import parse
-from handbench.support.errors import HandbenchError
-from handbench.support.rays import Rays
-from tests.radar.simulation.effects.closed_forms import sphere_body
-from tests.radar.simulation.effects.small_scenes import (
-    TONES_HZ,
-    bead_scene,
-    effect,
-    estimated,
-    simulated,
-    simulated_change,
-)
+from tests.radar.simulation.effects.plates import sphere_body
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated
 
 
 def foam_ball(**changes):
@@ -81,24 +66,6 @@ def test_plastic_reflects_by_fresnel_alone():
     assert changes["3fsk"].depth_mm < 1e-3  # the same phase at all tones
 
 
-def test_what_plastic_lets_through_is_said():
-    """Low-loss closed form: α = (π/λ)√ε·tan δ along the mean chord of a sphere, 4r/3; Γ² of 2.7 is
-    −12.3 dB."""
-    sphere = sphere_body(8e-3, 4)
-
-    def scene(loss_tangent):
-        material = Material(kind="plastic", permittivity=2.7, loss_tangent=loss_tangent)
-        return bead_scene(target=Body(sphere.vertices_m + [0, 0, 0.3], sphere.faces, material))
-
-    wave_m = SPEED_OF_LIGHT_M_S / TONES_HZ.mean()
-    expected_db = 20 * np.log10(
-        (1 - 10**-1.23) * np.exp(-2 * np.pi / wave_m * np.sqrt(2.7) * 0.01 * 4 / 3 * 8e-3)
-    )
-    assert far_wall_db(scene(0.01).body, TONES_HZ.mean()) == pytest.approx(expected_db, abs=0.05)
-    assert f"about {expected_db:.0f} dB" in unsimulated_echo(scene(0.01))
-    assert unsimulated_echo(scene(0.2)) == unsimulated_echo(bead_scene()) == ""
-
-
 def test_a_slab_of_foam_is_a_layer():
     # Far away a slab's front and back add up to Γ of a layer in air, whose third reflections, Γ² =
     # 1e-4, are left out.
@@ -120,7 +87,7 @@ def test_a_slab_of_foam_is_a_layer():
     scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
     metal_shot = obliquity(bare_echoes(scene, tolerance=None))
     ratio = dielectric_samples(scene)[:, 0, 0] / metal_shot.samples[0, :, 0, 0]
-    expected = -layer_reflection(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
+    expected = -layered(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
     assert np.ptp(np.abs(expected)) > 0.01  # the tones meet both a minimum and a maximum
     # The back is 12.5 mm further away, which costs it 2·12.5/5000 = 0.5 % of its amplitude 0.012.
     assert np.abs(ratio - expected).max() < 2e-4
@@ -133,7 +100,7 @@ def test_a_sphere_of_foam_by_rays_and_by_its_facets(radius_m):
     )
     ball = foam_ball(radius_m=1e-9, foam_radius_m=radius_m, foam_permittivity=1.003)
     body = replace(
-        sphere_body(radius_m, 6, ball.centre_m), material=Material(kind="foam", permittivity=1.003)
+        sphere_body(radius_m, ball.centre_m, 6), material=Material(kind="foam", permittivity=1.003)
     )
     tones_hz = np.linspace(78e9, 82e9, 3)
     optics = dielectric_samples(EchoScene(array, tones_hz, np.zeros(3), target=body))
@@ -162,52 +129,11 @@ def test_the_ball_is_delayed_and_hides_the_back():
     assert aslant > 0.1  # rays under 15° pass the ball at 25 sin 15° = 6.4 mm
 
 
-def test_rays_count_what_lies_inside():
-    near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.02, 5, (0.0, 0.0, 0.3))
-    vertices_m = np.concatenate([near.vertices_m, far.vertices_m])
-    rays = Rays(vertices_m, np.concatenate([near.faces, far.faces + len(near.vertices_m)]))
-    points_m = np.array(
-        [[0, 0, 0.19], [0, 0, 0.21], [0, 0, 0.25], [0, 0, 0.3], [0, 0, 0.4], [0.1, 0, 0.3]]
-    )
-    # The octahedron's corners lie on the spheres, so that the axis meets them exactly; rays go on
-    # after 0.01 mm each.
-    assert inside_m(rays, points_m, np.zeros(3)) == pytest.approx(
-        [0, 0.02, 0.02, 0.04, 0.06, 0], abs=5e-5
-    )
-
-
 def test_foam_casts_no_shadow():
-    near, far = sphere_body(0.01, 5, (0.0, 0.0, 0.2)), sphere_body(0.01, 5, (0.0, 0.0, 0.3))
+    near, far = (sphere_body(0.01, (0.0, 0.0, z_m), 5) for z_m in (0.2, 0.3))
     faces = np.concatenate([near.faces, far.faces + len(near.vertices_m)])
     body = Body(np.concatenate([near.vertices_m, far.vertices_m]), faces, Material(kind="foam"))
     scene = EchoScene(
         AntennaArray(qar50().tx_m[::20], qar50().rx_m[::20]), TONES_HZ[:1], np.zeros(1), target=body
     )
     assert np.array_equal(dielectric_samples(scene), dielectric_samples(scene, shadow_centre))
-
-
-def test_the_estimate_meets_what_happens_to_a_ball():
-    scene = bead_scene(target=None, balls=(foam_ball(),))
-    changes, level_db = estimated(scene, "dielectric", without="dielectric")
-    change, expected_db = simulated_change(scene, "dielectric", without="dielectric")
-    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=0.2)
-    assert level_db == pytest.approx(
-        expected_db, abs=0.5
-    )  # 0.0074 · 25 mm / 5 mm and as much from behind
-
-
-def test_the_room_without_the_target_has_no_foam():
-    echoes = bare_echoes(bead_scene(target=None, balls=(foam_ball(),)), levels={})
-    assert not dielectric(echoes).samples.any()
-
-
-def test_what_is_missing_and_what_foam_cannot_be():
-    assert effect("dielectric").missing(bead_scene())
-    assert effect("dielectric").missing(
-        bead_scene(target=None, balls=(foam_ball(foam_permittivity=1.0),))
-    )
-    assert not effect("dielectric").missing(bead_scene(target=None, balls=(foam_ball(),)))
-    with pytest.raises(HandbenchError, match=r"target: .*1\.5 at most"):
-        parse(Material, {"kind": "foam", "permittivity": 1.6}, "target")
-    known = Body(np.zeros((0, 3)), np.zeros((0, 3), int), reflectivity_db=-20.0)
-    assert body_reflection(known, TONES_HZ) == pytest.approx(np.full(3, 0.1))

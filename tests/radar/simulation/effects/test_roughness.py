@@ -6,14 +6,11 @@ import pytest
 from scipy.special import j0
 
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.target_surface import displace_facets, waves_of
+from handbench.radar.simulation.effects.target_surface import roughened, waves_of
 from handbench.radar.simulation.physics.facets import facets_of
-from handbench.radar.simulation.scene import Body
-from handbench.radar.simulation.scene_echoes import bare_echoes, generator
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.plates import plate
-from tests.radar.simulation.effects.small_scenes import bead_scene, estimated, simulated
 
 K = 2 * np.pi * 80e9 / 299_792_458.0
 SIDE_M = 6e-3
@@ -36,7 +33,7 @@ def test_layer_lines_leave_a_mirror_what_bessels_function_says(step_m):
     """A sine of depth H leaves J₀(kH) of what a flat plate mirrors; exp(−k²H²/4) is its expansion
     to fourth order."""
     rough = Roughness(layer_depth_m=2e-4, layer_pitch_m=2e-4, layers_along=(1, 0, 0))
-    lined = displace_facets(flat(step_m), *waves_of(rough, np.random.default_rng(1)), K)
+    lined = roughened(flat(step_m), *waves_of(rough, np.random.default_rng(1)), K)
     assert abs(echo(lined)) == pytest.approx(j0(K * 2e-4), abs=(K * 2e-4) ** 4 / 32)
 
 
@@ -44,7 +41,7 @@ def test_heights_have_their_spread_and_correlation():
     rough = Roughness(rms_m=1e-4, correlation_m=1e-3)
     facets = flat(1e-4)
     heights = [
-        displace_facets(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2]
+        roughened(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2]
         for seed in range(40)
     ]
     assert np.std(heights) == pytest.approx(1e-4, rel=0.1)  # 40 surfaces of 36 patches: 3 %
@@ -62,36 +59,6 @@ def test_heights_have_their_spread_and_correlation():
 
 def _across(facets, n: int) -> np.ndarray:
     return np.abs(facets.position_m[:, 1] - facets.position_m[n, 1])
-
-
-def test_relief_wider_than_the_plate_moves_it():
-    """Heights that are alike all over are a plate elsewhere."""
-    body = plate((-0.01, -0.01, 0.3), (0, 0.02, 0), (0.02, 0, 0), 20)
-    causes = {"roughness": {"rms_m": 2e-4, "correlation_m": 0.9}}
-    scene = bead_scene(causes, target=body)
-    rough = simulated(scene, "obliquity", "roughness").capture.samples
-    heights = waves_of(scene.causes.roughness, _draws(scene))
-    height_m = float(
-        np.sum(heights[1] * np.cos(heights[0] @ body.vertices_m.mean(axis=0) + heights[2]))
-    )
-    moved = Body(body.vertices_m - [0, 0, height_m], body.faces)  # its front looks along −z
-    there = simulated(bead_scene(target=moved), "obliquity").capture.samples
-    still = simulated(bead_scene(target=body), "obliquity").capture.samples
-    assert np.linalg.norm(rough - there) < 0.05 * np.linalg.norm(still - there)
-
-
-def _draws(scene):
-    return generator(bare_echoes(scene).seed("roughness"))
-
-
-def test_skin_hardly_is_rough_at_these_wavelengths():
-    """30 µm turn echoes by 0.1 rad: what the map gains by them is estimated like any other
-    effect."""
-    changes, level_db = estimated(
-        bead_scene({"roughness": {"rms_m": 3e-5}}), "obliquity", "roughness", without="roughness"
-    )
-    assert 0 < changes["3fsk"].depth_mm < 0.1
-    assert -40 < level_db < -15
 
 
 def test_a_direction_has_a_length():

@@ -8,8 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from handbench.radar.simulation.causes import Converter, Oscillator
-from handbench.radar.simulation.effects.sensor import direct_wave, phase_rad, quantise
-from handbench.radar.simulation.scene import Body
+from handbench.radar.simulation.effects.sensor import direct_wave, full_scale, phase_rad, quantised
 from handbench.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
@@ -119,11 +118,11 @@ def test_quantisation_is_white_noise_of_a_twelfth_of_a_step_squared():
     generator = np.random.default_rng(1)
     parts = generator.standard_normal((2, 2, 100, 100))
     samples = (parts[0] + 1j * parts[1]).astype(np.complex64)
-    error = quantise(samples, Converter(bits=8), 6.0) - samples
+    error = quantised(samples, Converter(bits=8), 6.0) - samples
     step = 12 / 256
     assert np.abs(error.real).max() <= step / 2 * 1.001
     assert np.mean(np.abs(error) ** 2) == pytest.approx(2 * step**2 / 12, rel=0.02)
-    clipped = quantise(10 * samples, Converter(bits=8), 6.0)
+    clipped = quantised(10 * samples, Converter(bits=8), 6.0)
     assert np.abs(clipped.real).max() < 6
 
 
@@ -149,14 +148,6 @@ def test_the_empty_room_has_the_same_sensor_and_other_noise():
     assert abs(np.vdot(*noise)) < 0.05 * np.linalg.norm(noise[0]) * np.linalg.norm(noise[1])
 
 
-def test_coupling_is_told_against_the_target_whatever_stands_around():
-    causes = {"coupling": {"level_db": 0.0}}
-    corners_m = np.array([[-0.1, -0.1, 0.4], [0.1, -0.1, 0.4], [0.0, 0.1, 0.4]])
-    wall = Body(corners_m, np.array([[0, 2, 1]]), reflectivity_db=0.0)
-    scene = bead_scene(causes, room=(wall,))
-    with_wall = (
-        simulated(scene, "coupling", "clutter").capture.samples
-        - simulated(scene, "clutter").capture.samples
-    )
-    without = simulated(scene, "coupling").capture.samples - simulated(scene).capture.samples
-    assert rms(with_wall) == pytest.approx(rms(without), rel=1e-3)
+def test_headroom_is_given_in_decibels_of_amplitude():
+    samples = np.array([1 - 3j, 2 + 2j])
+    assert full_scale(samples, Converter(bits=8, headroom_db=20.0)) == pytest.approx(30)

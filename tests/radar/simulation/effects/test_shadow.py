@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.simulation.effects.quick_estimate import visible_from
 from handbench.radar.simulation.effects.target_surface import (
     estimate_shadow_antennas,
     obliquity,
     shadow_antennas,
     shadow_centre,
 )
+from handbench.radar.simulation.physics import facets as splitting
 from handbench.radar.simulation.physics.facets import face_vectors
-from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
+from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, front_facets
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, facing
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import Rays
-from tests.radar.simulation.effects.plates import cylinder, joined, plate
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, sphere_body
+from tests.radar.simulation.effects.plates import cylinder, joined, plate, sphere_body
+from tests.radar.simulation.effects.small_scenes import TONES_HZ
 
 FINGERS = joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), cylinder((0.014, 0.0, 0.33), 8e-3, 0.05))
 SHEET = plate((-0.04, -0.03, 0.3), (0, 0.06, 0), (0.08, 0, 0), 40)  # its front is towards the array
@@ -49,7 +49,7 @@ def by_rays(body: Body, facets, antennas_m) -> np.ndarray:
 
 def test_what_antennas_see_agrees_with_a_ray_to_every_facet():
     here = scene(FINGERS)
-    facets = front_facets(here, FINGERS)
+    facets = facing(here, FINGERS)
     antennas_m = np.concatenate([here.array.tx_m, here.array.rx_m])[::2]
     seen = facets_in_sight(rays_of(here, FINGERS), FINGERS, facets, antennas_m)
     expected = by_rays(FINGERS, facets, antennas_m)
@@ -64,7 +64,7 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
         plate((-0.02, -0.02, 0.3), (0, 0.04, 0), (0.04, 0, 0), 1), sphere_body(3e-3, (0, 0, 0.28))
     )
     here = scene(body)
-    facets = front_facets(here, body)
+    facets = facing(here, body)
     antennas_m = here.array.tx_m[::7]
     seen = facets_in_sight(rays_of(here, body), body, facets, antennas_m)
     on_plate = facets.face < 2
@@ -73,19 +73,9 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
     assert (seen[:, on_plate] != expected).mean() < 5e-4
 
 
-def test_echoes_with_shadows_leave_out_what_is_hidden():
-    alone = state(joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05)), shadow_antennas)
-    # A small ball right behind the cylinder is hidden from all antennas: no echo of it is left.
-    hidden = state(
-        joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), sphere_body(2e-3, (0, 0, 0.315))),
-        shadow_antennas,
-    )
-    assert np.array_equal(hidden.echo(hidden.array), alone.echo(alone.array))
-
-
 def test_shadows_from_the_centre_keep_what_it_sees():
     made = state(FINGERS, shadow_centre)
-    facets = front_facets(made.scene, FINGERS)
+    facets = facing(made.scene, FINGERS)
     expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
     assert np.array_equal(made.surface.facets.position_m, facets.position_m[expected])
     assert made.surface.seen is None
@@ -111,24 +101,31 @@ def test_a_target_of_which_nothing_is_seen_is_refused():
             np.asarray(state(inverted, effect).samples)
 
 
-def test_lines_are_runs_of_neighbours():
-    assert [len(line) for line in lines(qar50().tx_m)] == [47, 47]
-    assert [len(line) for line in lines(np.zeros((1, 3)))] == [1]
-    scattered = np.random.default_rng(0).uniform(size=(20, 3))
-    assert sum(len(line) for line in lines(scattered)) == 20
-
-
-def test_a_buffer_of_depths_sees_what_rays_see():
-    facets = front_facets(scene(FINGERS), FINGERS)
-    expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
-    assert (
-        visible_from(facets, np.zeros(3)) != expected
-    ).mean() < 0.03  # cells of two facets at the shadow's edge
-
-
 def test_an_estimate_casts_no_ray_and_sees_where_shadows_matter():
     before = Rays.cast
     fingers, sheet = scene(FINGERS), scene(SHEET)
     assert estimate_shadow_antennas(fingers).worst_mm > 1
     assert estimate_shadow_antennas(sheet).worst_mm < 0.02
     assert Rays.cast == before
+
+
+@pytest.mark.parametrize("away", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_a_facet_counts_when_only_one_side_of_the_aperture_sees_it(away):
+    """A facet whose plane meets the aperture 0.05 m off its centre: antennas on either side see one
+    of its faces."""
+    place_m, towards = np.array([0.0, 0.0, 0.3]), np.array([*away, 0.0])
+    along = place_m - 0.05 * towards  # away from where the plane meets the aperture
+    across = np.cross(along, towards)
+    for side in (1, -1):
+        body = plate(place_m, 1e-3 * side * across, 1e-3 * along, 1)
+        assert len(facing(EchoScene(qar50(), TONES_HZ, np.zeros(3), body), body)) > 0
+
+
+def test_a_mesh_that_would_become_too_many_facets_is_refused(monkeypatch):
+    """Edges of 42 mm split to 1.4 mm make 4⁵ facets of each of the two triangles."""
+    made = plate((0.0, 0.0, 0.3), (0.03, 0, 0), (0, 0.03, 0), 1)
+    monkeypatch.setattr(splitting, "MOST_FACETS", 2 * 4**5)
+    assert len(splitting.facets_of(made, 1.4e-3)) == 2 * 4**5
+    monkeypatch.setattr(splitting, "MOST_FACETS", 2 * 4**5 - 1)
+    with pytest.raises(HandbenchError, match="more than 2047 facets; remesh"):
+        splitting.facets_of(made, 1.4e-3)

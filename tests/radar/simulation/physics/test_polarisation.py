@@ -9,8 +9,8 @@ from handbench.radar.simulation.physics.bounces import Tubes
 from handbench.radar.simulation.physics.polarisation import tube_factors
 from handbench.radar.simulation.physics.reflection import (
     interface,
-    layer_reflection,
-    oblique_layer_reflection,
+    layered,
+    oblique_layered,
     oblique_ratios,
 )
 from handbench.radar.simulation.scene import Material
@@ -21,7 +21,7 @@ ALONG, ACROSS = np.array([0.0, 1, 0]), np.array([1.0, 0, 0])
 
 
 def factor(dipole, ratios=METAL, at=((-0.1, 0, 0), (-0.1, 0, 1.0), (0.1, 0, 1.0), (0.1, 0, 0))):
-    """Of one tube from place to place; unless told, of a right-angled dihedral with its edge along
+    """Of one tube from place to place; by default of a right-angled dihedral with its edge along
     y, met at 45°."""
     tx_m, start_m, end_m, rx_m = np.array(at, float)
     after, before = (way / np.linalg.norm(way) for way in (rx_m - end_m, end_m - start_m))
@@ -74,22 +74,15 @@ def test_the_way_back_is_as_good(places, angle_deg):
 
 def test_layers_at_an_angle_have_their_limits():
     """A layer of the half-space's own medium, and of no thickness, is the half-space at any angle;
-    at normal incidence both polarisations are `layer_reflection`."""
+    at normal incidence both polarisations are `layered`."""
     f, epsilon = np.array([80e9]), np.array([6.4 - 8.6j])
     for cosine in (1.0, 0.7, 0.2):
         bare = interface(1.0, epsilon, cosine)
         np.testing.assert_allclose(
-            oblique_layer_reflection(epsilon, epsilon, 1e-3, f, cosine), bare, atol=1e-12
+            oblique_layered(epsilon, epsilon, 1e-3, f, cosine), bare, atol=1e-12
         )
         np.testing.assert_allclose(
-            oblique_layer_reflection(np.array([3.0]), epsilon, 0.0, f, cosine), bare, atol=1e-12
+            oblique_layered(np.array([3.0]), epsilon, 0.0, f, cosine), bare, atol=1e-12
         )
-    both = oblique_layer_reflection(np.array([3.0]), epsilon, 1e-4, f, 1.0)
-    np.testing.assert_allclose(
-        both, [layer_reflection(np.array([3.0]), epsilon, 1e-4, f)] * 2, atol=1e-12
-    )
-
-
-def test_the_ratio_is_one_at_normal_incidence():
-    for material in (Material(), SKIN, Material(kind="skin")):
-        np.testing.assert_allclose(oblique_ratios(material, 80e9)[..., -1], 1, atol=1e-6)
+    both = oblique_layered(np.array([3.0]), epsilon, 1e-4, f, 1.0)
+    np.testing.assert_allclose(both, [layered(np.array([3.0]), epsilon, 1e-4, f)] * 2, atol=1e-12)
