@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from tests.bench.studies.measure_survey import (
+from handbench.bench.studies.measure_survey import (
     centre_errors_m,
     registered,
     surveyed_centres_m,

@@ -18,7 +18,7 @@ surface: a logistic function of features that any method's map and its own tones
 the depth that was found (do the tones agree there, and on which depth?), depth steps and echoes
 beside the pixel, the method's own σ and flags, and the same over the whole scene, since few scenes
 hold most wrong depths. The weights of trust.toml are fitted by
-tests/bench/studies/trust/measure_trust.py to scenes of known surfaces; features are clipped, so
+bench/studies/trust/measure_trust.py to scenes of known surfaces; features are clipped, so
 that no scene lies far beyond those.
 """
 

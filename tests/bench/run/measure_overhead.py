@@ -45,7 +45,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
 from handbench.support.store import Stage, Stamp, cached
-from tests.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Record, Table
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 BAR_MS = 5.0

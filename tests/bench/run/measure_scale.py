@@ -37,7 +37,7 @@ from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.support.folder import MARKER, WORK
 from handbench.support.progress import say
 from handbench.support.store import MANIFEST, STAMP, Stage, Stamp, cached
-from tests.bench.studies.columns import Record, Table
+from handbench.bench.studies.study import Record, Table
 
 SAMPLE_S = 0.2
 MODULE = "tests.bench.run.measure_scale"

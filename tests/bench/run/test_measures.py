@@ -22,7 +22,7 @@ from handbench.bench.tradeoff.run import opened
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
-from tests.bench.studies import measure_noise_fit
+from handbench.bench.studies import measure_noise_fit
 
 BOTH = ("accuracy", "precision")
 PLASTIC = 'material = { kind = "plastic" }\n[sensor]'

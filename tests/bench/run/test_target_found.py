@@ -12,7 +12,7 @@ from handbench.bench.scenes.build import build
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.mesh.surface import read_surface
-from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case
 
 pytestmark = pytest.mark.slow
 

@@ -35,7 +35,7 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
-from tests.bench.studies.ablation import assorted_scenes
+from handbench.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.photo_mistakes import PHOTO_MISTAKES, photographs
 
 TONES = {"sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 16}], "tones_hz": [81.8e9, 79.5e9]}

@@ -30,9 +30,9 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
-from tests.bench.studies.columns import Record, Table
-from tests.bench.studies.script import measured
-from tests.bench.studies.study import Study
+from handbench.bench.studies.study import Record, Table
+from handbench.bench.studies.study import measured
+from handbench.bench.studies.study import Study
 
 TOLERANCE = 1e-3
 SHARE = Axis(

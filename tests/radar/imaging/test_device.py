@@ -21,7 +21,7 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.support.errors import HandbenchError
-from tests.bench.studies import study
+from handbench.bench.studies import study
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging import measure_gpu
 from tests.radar.imaging.cupy_stand_in import DeviceArray, cupy_stand_in

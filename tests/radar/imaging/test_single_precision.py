@@ -27,7 +27,7 @@ from handbench.radar.imaging.skeleton import AMPLIFICATION, resampler
 from handbench.radar.methods.fsk import depth_step_m, masked_mean
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.support.rays import Rays
-from tests.bench.studies.study import relative_error
+from handbench.bench.studies.study import relative_error
 from tests.hard_cases.cases import U_SINGLE as U
 from tests.hard_cases.cases import U as U_DOUBLE
 from tests.hard_cases.scenes import (
