@@ -13,7 +13,6 @@ import tomllib
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -27,7 +26,6 @@ from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from handbench.calibration.transforms import load_transform
 from handbench.cli import main
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.depthmap import amplitude_db
 from handbench.radar.data.grid import PixelGrid
@@ -99,21 +97,6 @@ def test_echoes_written_with_h5py_alone_are_imaged_where_they_came_from(
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
     assert (depth.x_m[column], depth.y_m[row]) == pytest.approx(point_m[:2], abs=1e-9)
     assert depth.z_m[row, column] == pytest.approx(point_m[2], abs=near_m)
-
-
-def test_the_script_of_the_page_scores_and_draws(own_data):
-    place_m = np.array([0.010, -0.020, 0.300])
-    corners_m = place_m + np.array(
-        [(-0.02, -0.02, 0), (0.02, -0.02, 0), (0.02, 0.02, 0), (-0.02, 0.02, 0)]
-    )
-    write_mesh(own_data / "mine.ply", mesh(corners_m, np.array([(0, 2, 1), (0, 3, 2)])))
-    [code] = blocks(DOCS / "python.md", "python")
-    found: dict[str, Any] = {}
-    exec(compile(code, "docs/python.md", "exec"), found)
-    assert (
-        found["score"]["mae_mm"] < 0.2
-    )  # a point, and a plate through it: the pixels beside the point lie on its depth
-    assert (own_data / "errors.png").stat().st_size > 1000
 
 
 def toml_of(page: str, marked: str) -> str:

@@ -11,9 +11,7 @@ from handbench.cli.main import main
 from tests.test_docs import DOCS, blocks
 
 PAGE = DOCS / "recipes.md"
-FEWER = [
-    f"--set={axis}.{end}_m={m}" for axis in "xy" for end, m in (("start", -0.03), ("stop", 0.03))
-]
+FEWER = [f"--set={end}" for a in "xy" for end in (f"{a}.start_m=-0.03", f"{a}.stop_m=0.03")]
 # Folder of the recipe's capture → its map's file; fewer pixels, to be quick; how near the point is
 # found in x, y, z (half a pixel or voxel; of phases, which take the path's slope as 2, a
 # millimetre); and where x points the other way.

@@ -27,9 +27,8 @@ def room(line: str) -> str:
     """The room of a line of mypy's: the longest of ROOMS that its file lies in; "" where it is no
     error."""
     match = ERROR.match(line)
-    return (
-        max((name for name in ROOMS if match[1].startswith(f"{name}/")), key=len) if match else ""
-    )
+    holding = [name for name in ROOMS if match and match[1].startswith(f"{name}/")]
+    return max(holding, key=len, default="")
 
 
 def main() -> int:

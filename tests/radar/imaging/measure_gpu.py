@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.evaluation.tables import Column
+from handbench.bench.studies.study import Record, Study, Table, measured
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
@@ -30,9 +31,6 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.bench.studies.study import Record, Table
-from handbench.bench.studies.study import measured
-from handbench.bench.studies.study import Study
 
 TOLERANCE = 1e-3
 SHARE = Axis(

@@ -4,11 +4,11 @@ Sommerfeld's solution for lines along the edge, ∫ e^{−jκR cosh μ} dμ from
 off, is integrated over the spectrum along the edge and acted on by 1 + ∂²/∂y²/k²; with the path S
 in the place of μ,
 
-    D(R) = −(jk/2) ∫ [H₁(kS) + (y/S)² H₃(kS) − H₂(kS)/(kS)] dS / √(S² − R²),  S from the path over the edge,
+    D(R) = −(jk/2) ∫ [H₁(kS) + (y/S)² H₃(kS) − H₂(kS)/(kS)] dS / √(S² − R²),
 
-is what a dipole R away, or its image, has in the other one's shadow; where it is seen, its own
-field less D. Time is e^{+jωt}. Sommerfeld, Math. Ann. 47 (1896) 317; Macdonald, Proc. London Math.
-Soc. 14 (1915) 410.
+S from the path over the edge, is what a dipole R away, or its image, has in the other one's shadow;
+where it is seen, its own field less D. Time is e^{+jωt}. Sommerfeld, Math. Ann. 47 (1896) 317;
+Macdonald, Proc. London Math. Soc. 14 (1915) 410.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
-"""The study's frame: echoes that are kept, fronts of bodies, records, tables and the picture."""
+"""The study's frame: echoes that are kept, fronts of bodies, and a scene that is measured."""
 
 from __future__ import annotations
+
+import json
 
 import numpy as np
 import pytest
@@ -10,7 +12,6 @@ from handbench.support.errors import HandbenchError
 from tests.references.exact import cases as scenes
 from tests.references.exact import measure_exact
 from tests.references.exact.cases import SCENES, Case, cases, front_m
-from tests.references.exact.measure_exact import draw
 
 SMALL = Case("sphere of 2 mm", SCENES["sphere of 2 mm"], "skin", "along")
 
@@ -48,13 +49,13 @@ def test_the_front_is_the_nearest_surface():
     ]
 
 
-def test_a_case_becomes_records_tables_and_a_picture(tmp_path, monkeypatch):
+def test_a_scene_is_measured(tmp_path, monkeypatch):
     monkeypatch.setattr(measure_exact, "LADDERS", (("obliquity",), ("obliquity", "shadow_centre")))
-    records = measure_exact.compare(SMALL, tmp_path, "few")
-    assert [record["effects"] for record in records] == ["obliquity", "obliquity, shadow_centre"]
-    assert all(record["3fsk_mean_mm"] < 1 and record["3fsk_lost"] == 0 for record in records)
-    rows, maps = measure_exact.tables(records)
-    assert len(rows.records) == 2 and len(maps.records) == 6 and "broadband" not in maps.markdown()
-    figure = draw(tmp_path / "maps", ["obliquity", "shadow_centre"])
-    assert figure is not None and figure.get_suptitle() == "3-FSK: sphere of 2 mm, skin, along"
-    assert draw(tmp_path / "none", []) is None
+    words = ["--tones", "few", "--only", "sphere of 2 mm, skin", "-o", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["measure_exact", *words])
+    measure_exact.main()
+    found = json.loads((tmp_path / "exact.json").read_text())
+    rows, maps = found["rows"], found["maps"]
+    assert [row["effects"] for row in rows] == ["obliquity", "obliquity, shadow_centre"]
+    assert all(row["3fsk_mean_mm"] < 1 and row["3fsk_lost"] == 0 for row in rows)
+    assert len(maps) == 6 and not {row["method"] for row in maps} & {"broadband"}

@@ -10,7 +10,6 @@ of a study.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
@@ -23,7 +22,7 @@ from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
 from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case
-from handbench.bench.studies.study import Record, Study, measured
+from handbench.bench.studies.study import Record, Study, measured, parser
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
 from handbench.support.files import atomic_folder, content_hash
@@ -108,17 +107,11 @@ def study(work: Path, poses: str) -> Study:
 
 def main() -> None:
     """Measure, write the files of a study, print the table."""
-    prog, purpose = (
-        "python -m tests.references.renderers.measure_renderers",
-        (__doc__ or "").partition("\n")[0],
-    )
-    parser = argparse.ArgumentParser(prog=prog, description=purpose)
-    parser.add_argument(
-        "--poses",
-        default="C",
-        help="letters or mesh files of hands, separated by commas (default C)",
-    )
-    measured(parser, study, "renderers")
+    options = parser("renderers", (__doc__ or "").partition("\n")[0])
+    options.prog = "python -m tests.references.renderers.measure_renderers"
+    poses = "letters or mesh files of hands, separated by commas (default C)"
+    options.add_argument("--poses", default="C", help=poses)
+    measured(options, study, "renderers")
 
 
 if __name__ == "__main__":
