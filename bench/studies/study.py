@@ -135,8 +135,10 @@ def run(
     compile_kernels()
     cases = [case for case in study.cases if only in study.label(case)]
     if not cases:
-        known = ", ".join(map(study.label, study.cases))
-        raise HandbenchError(f"--only: no case of '{study.name}' holds '{only}'; there are {known}")
+        labels = ", ".join(map(study.label, study.cases))
+        raise HandbenchError(
+            f"--only: no case of '{study.name}' holds '{only}'; there are {labels}"
+        )
     records: list[Record] = []
     failures = {}
     for case in track(cases, study.name):
@@ -144,11 +146,9 @@ def run(
             found = study.measure(case)
             records += found if isinstance(found, list) else [found]
         except Exception as error:
-            known_error = isinstance(error, HandbenchError)
-            failures[study.label(case)] = message = (
-                str(error) if known_error else f"{type(error).__name__}: {error}"
-            )
-            say(f"{study.label(case)} failed: {message if known_error else traceback.format_exc()}")
+            known = isinstance(error, HandbenchError)
+            failures[study.label(case)] = str(error) if known else traceback.format_exc()
+            say(f"{study.label(case)} failed: {failures[study.label(case)]}")
     if len(failures) == len(cases):
         raise HandbenchError(f"every case failed; the first: {next(iter(failures.values()))}")
     tables = study.tables(records)

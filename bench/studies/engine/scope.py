@@ -32,7 +32,6 @@ class Scope:
     tolerances: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5)
     repeats: int = 5
     gemm_size: int = 4096
-    exact_planes: int = 1  # the exact volume is extrapolated from as many planes
     numpy_voxels: int = 24
     numba_voxels: int = 256
     checked_voxels: int = 4000

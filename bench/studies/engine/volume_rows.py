@@ -125,25 +125,25 @@ def volume_rows(inputs: Inputs) -> list[Record]:
 
 def _slow_cases(inputs: Inputs, checked: Reference) -> list[Case]:
     """The textbook's sums on the first of the checked voxels; interpolation on one plane, since it
-    lives on neighbouring voxels, less what it does for a single point; the exact path on whole
-    planes."""
+    lives on neighbouring voxels, less what it does for a single point; the exact path on one
+    plane."""
     grid, scope = inputs.grid, inputs.scope
     points_m = grid.points_at_m(checked.voxels)
 
     def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
-        given = inputs.samples["hand"], inputs.tones_hz, inputs.array
-        first = partial(image, *given, points_m[:fixed]) if fixed else None
+        first = partial(image, *_echoes(inputs), points_m[:fixed]) if fixed else None
         fraction = float(len(points_m) / np.prod(grid.shape))
-        work = partial(image, *given, points_m)
+        work = partial(image, *_echoes(inputs), points_m)
         return Case(method, work, everything, fraction, first, scope.repeats)
 
-    exact = _imaging(image_volume, inputs, "hand", None, _planes(grid, scope.exact_planes))
-    fraction = scope.exact_planes / len(grid.z_m)
+    middle = len(grid.z_m) // 2
+    plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle : middle + 1])
+    exact = partial(image_volume, *_echoes(inputs), plane, None)
     return [
         case(NUMPY, textbook.numpy_sum, points_m[: scope.numpy_voxels]),
         case(NUMBA, textbook.numba_sum, points_m[: scope.numba_voxels]),
-        case(COMPRESSED, textbook.range_compressed, _planes(grid, 1).points_m().reshape(-1, 3), 1),
-        Case(EXACT, exact, fraction=fraction, repeats=scope.repeats),
+        case(COMPRESSED, textbook.range_compressed, plane.points_m().reshape(-1, 3), 1),
+        Case(EXACT, exact, fraction=1 / len(grid.z_m), repeats=scope.repeats),
     ]
 
 
@@ -153,7 +153,12 @@ def _fast_cases(inputs: Inputs, checked: Reference) -> list[Case]:
         ("fast projection", project_volume, everything),
     )
     return [
-        Case(named(way, t), _imaging(image, inputs, "hand", t), keep, repeats=inputs.scope.repeats)
+        Case(
+            named(way, t),
+            partial(image, *_echoes(inputs), inputs.grid, t),
+            keep,
+            repeats=inputs.scope.repeats,
+        )
         for t in inputs.scope.tolerances
         for way, image, keep in ways
     ]
@@ -179,8 +184,7 @@ def _slow_rows(
 
 def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
     def image(source: str, points_m: np.ndarray) -> np.ndarray:
-        samples = inputs.samples[source]
-        return textbook.range_compressed(samples, inputs.tones_hz, inputs.array, points_m)
+        return textbook.range_compressed(*_echoes(inputs, source), points_m)
 
     points_m = inputs.grid.points_at_m(checked.voxels)
     columns = image("hand", column_points_m(inputs.grid, checked.pixels))
@@ -198,7 +202,8 @@ def _fast_rows(
     ways = ("fast volume", "fast projection")
     volume, projection = (measured[named(way, tolerance)] for way in ways)
     values, peaks = volume.first.kept
-    noise = _imaging(image_volume, inputs, "noise", tolerance)().ravel()[checked.voxels]
+    noisy = image_volume(*_echoes(inputs, "noise"), inputs.grid, tolerance)
+    noise = noisy.ravel()[checked.voxels]
     errors = {"relative_error": checked.error(values), "noise_error": checked.error(noise, "noise")}
     known = {**errors, "tolerance": tolerance, "met": max(errors.values()) <= tolerance}
     return [
@@ -209,21 +214,8 @@ def _fast_rows(
     ]
 
 
-def _imaging(
-    image: Callable[..., Any],
-    inputs: Inputs,
-    source: str,
-    tolerance: float | None,
-    grid: VoxelGrid | None = None,
-) -> partial[Any]:
-    given = inputs.samples[source], inputs.tones_hz, inputs.array, grid or inputs.grid
-    return partial(image, *given, tolerance)
-
-
-def _planes(grid: VoxelGrid, count: int) -> VoxelGrid:
-    """The middle planes of a grid."""
-    start = (len(grid.z_m) - count) // 2
-    return VoxelGrid(grid.x_m, grid.y_m, grid.z_m[start : start + count])
+def _echoes(inputs: Inputs, source: str = "hand") -> tuple[Any, ...]:
+    return inputs.samples[source], inputs.tones_hz, inputs.array
 
 
 def _checked(voxels: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, Peaks]:

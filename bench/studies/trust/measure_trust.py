@@ -139,12 +139,13 @@ def figures(p: list[np.ndarray], records: list[Record]) -> Record:
     every, off = np.concatenate(p), np.concatenate(wrong)
     within = np.concatenate([record["held"] for record in records])
     doubted = every > FLAGGED
-    left = dict(zip(DROPPED_PERCENT, silent_percent(every, off), strict=True))
+    trusted = off[np.argsort(every, kind="stable")]
+    left = {d: trusted[: max(1, round(len(off) * (1 - d / 100)))] for d in DROPPED_PERCENT}
     return {
         "scenes": len(p),
         "pixels": len(off),
         "brier": float(np.mean((every - off) ** 2)),
-        **{f"left_{dropped}_percent": share for dropped, share in left.items()},
+        **{f"left_{dropped}_percent": 100 * float(some.mean()) for dropped, some in left.items()},
         "doubted_percent": 100 * float(np.mean(every >= SILENT)),
         "silent_percent": _percent(silent.sum(), len(off)),
         "concentrated_percent": _percent(silent[-len(silent) // 10 :].sum(), silent.sum()),
@@ -156,14 +157,6 @@ def figures(p: list[np.ndarray], records: list[Record]) -> Record:
 
 def _percent(part: int, whole: int) -> float | None:
     return 100 * float(part) / float(whole) if whole else None
-
-
-def silent_percent(p: np.ndarray, wrong: np.ndarray) -> list[float]:
-    """Of the pixels that are left once the DROPPED_PERCENT with the largest p are dropped, the
-    percentage wrong."""
-    left = wrong[np.argsort(p, kind="stable")]
-    counts = [max(1, round(len(left) * (1 - dropped / 100))) for dropped in DROPPED_PERCENT]
-    return [100 * float(left[:count].mean()) for count in counts]
 
 
 def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
