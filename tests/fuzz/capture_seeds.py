@@ -86,19 +86,6 @@ def scan(folder: Path) -> None:
     save_capture_file(folder, CaptureFile(name="scan", kind="scan", contains=(ECHOES,)))
 
 
-def pairs(folder: Path) -> None:
-    """A capture of version 2: a list of pairs with gains, swept twice."""
-    with h5py.File(folder / ECHOES, "w") as file:
-        file.attrs.update({"format": "handbench-echoes", "version": 2, "time": "-jwt"})
-        file.attrs.update({"units": "m, Hz, m/s", "frame": "x right, y up, z away"})
-        file.attrs.update({"sweeps": "mean", "wave_speed_m_s": 2e8, "licence": "CC0"})
-        file["samples"], file["gains"] = np.ones((1, 2, 3, 4), np.complex64), np.ones(4) + 0.1j
-        file["frequencies_hz"] = np.linspace(72e9, 82e9, 3)
-        file["pairs"] = [[0, 0], [0, 2], [1, 1], [1, 2]]
-        file["tx_m"], file["rx_m"] = POINTS_M[:2], POINTS_M
-    save_capture_file(folder, CaptureFile(name="hand", contains=(ECHOES,)))
-
-
 def mapping(folder: Path) -> None:
     """An HDF5 file as MATLAB writes it, and its description."""
     foreign.matlab(folder / "hand.mat")

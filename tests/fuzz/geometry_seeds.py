@@ -10,7 +10,6 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.board.board import Board, save_board
@@ -48,7 +47,7 @@ def radar_from_photo() -> Transform:
 
 
 def places(folder: Path) -> None:
-    """The calibration target, a board of markers and a ChArUco board, and transforms."""
+    """The calibration target, a board of markers and a ChArUco board, and a transform."""
     save_target(folder / "target.toml", default_target())
     corners_m = [(0, 0, 0), (0.02, 0, 0), (0.02, -0.02, 0), (0, -0.02, 0)]
     marker = [{"id": 3, "corners_m": corners_m}]
@@ -56,7 +55,6 @@ def places(folder: Path) -> None:
     board = Board(dictionary="DICT_5X5_50", marker=marker, charuco=charuco)
     save_board(folder / "board.toml", board)
     radar_from_photo().save(folder / "radar_from_photo.json")
-    save_alignment(folder / "alignment.json", radar_from_photo())
 
 
 def photos(folder: Path) -> tuple[Photo, ...]:
@@ -70,7 +68,7 @@ def photos(folder: Path) -> tuple[Photo, ...]:
 
 def cameras(folder: Path) -> None:
     """cameras.json, of which the last camera is of the upright picture, and turned back;
-    Metashape's export of three cameras; COLMAP's models, binary and text, and its depth map."""
+    Metashape's export of three cameras; COLMAP's models, binary and text."""
     eye, found, views = np.eye(3).tolist(), [], ""
     for k, (name, (w, h)) in enumerate(zip(NAMES, (SIZE, SIZE, SIZE[::-1]), strict=True)):
         params = (44.0, 44.1, w / 2, h / 2, -0.05, 0.01, 1e-3, 1e-3)
@@ -87,7 +85,6 @@ def cameras(folder: Path) -> None:
         (folder / kind).mkdir()
     colmap_model().write_binary(folder / "sparse")
     colmap_model().write_text(folder / "text")
-    (folder / "depth.bin").write_bytes(b"4&3&1&" + np.arange(12, dtype="<f4").tobytes())
 
 
 def colmap_model() -> pycolmap.Reconstruction:

@@ -12,7 +12,7 @@ from typing import Any
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.foam_panel import import_planar_scan
-from handbench.bench.datasets.maroon_alignment import load_alignment, load_any_transform
+from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import problems_of
@@ -20,8 +20,6 @@ from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.camera_files import cameras_of, load_model
-from handbench.groundtruth.dense.cuda import read_map
-from handbench.groundtruth.mesh.mesh_files import metric_mesh
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import find_photos
@@ -157,7 +155,6 @@ TABLES = ("table", "tasks", "repeats")
 READERS: tuple[Reader, ...] = (
     Reader("capture", captures.capture, _capture, ("echoes.h5", "capture.toml", "array.json"), 6),
     Reader("scan", captures.scan, _capture, ("echoes.h5",), 3),
-    Reader("pairs", captures.pairs, _capture, ("echoes.h5",), 4),
     Reader("mapping", captures.mapping, _capture, ("mapping.toml", "hand.mat", "hand.mat"), 4),
     Reader("matlab", captures.matlab, _capture, (captures.MATLAB,), 4),
     Reader(
@@ -191,26 +188,11 @@ READERS: tuple[Reader, ...] = (
     Reader("target", geometry.places, _target, ("target.toml",)),
     Reader("board", geometry.places, _board, ("board.toml",)),
     Reader("transform", geometry.places, _transform, ("radar_from_photo.json",)),
-    Reader(
-        "alignment",
-        geometry.places,
-        lambda folder: load_alignment(folder / "alignment.json").inverse(),
-        ("alignment.json",),
-    ),
     Reader("cameras", geometry.cameras, _cameras("cameras.json"), ("cameras.json",)),
     Reader("metashape", geometry.cameras, _cameras("cams.xml"), ("cams.xml",)),
     Reader("colmap", geometry.cameras, _cameras("sparse"), _model("sparse", "bin"), 4),
     Reader("colmap_text", geometry.cameras, _cameras("text"), _model("text", "txt"), 3),
-    Reader(
-        "colmap_map",
-        geometry.cameras,
-        lambda f: read_map(f / "depth.bin", (3, 4, 1)),
-        ("depth.bin",),
-    ),
     *map(_mesh, ("mesh.ply", "text.ply", "mesh.obj", "mesh.stl")),
-    Reader(
-        "metric", geometry.meshes, lambda f: metric_mesh(f / "mesh.stl", 1.0), ("mesh.stl",), 1
-    ),
     Reader("depth", geometry.depth, lambda f: load_depthmap(f / "depth.npz"), ("depth.npz",), 4),
     Reader(
         "photos",
