@@ -74,8 +74,7 @@ def clean(small_bench, tmp_path, monkeypatch) -> Path:
 def test_a_disk_full_at_any_write_leaves_nothing_half_made(
     small_bench, clean, tmp_path, rename, step
 ):
-    """At the first write, and so on by steps (`make faults` takes every one), until none is left to
-    fail."""
+    """At the first write, and so on by steps, until none is left to fail."""
     expected, at, said = content(clean), 1 - step, "…"
     while said:
         at, said = at + step, ""
