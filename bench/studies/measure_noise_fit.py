@@ -45,7 +45,6 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
     step."""
     return Study(
         "noise-fit",
-        f"Phase noise at which 2-FSK has a precision of {precision_mm:g} mm",
         [benchmark],
         lambda benchmark: fit(benchmark, precision_mm, repeats),
         lambda records: [Table("rows", COLUMNS, records)],

@@ -66,7 +66,6 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
     ]
     return Study(
         "survey",
-        "Camera centres against a survey",
         cases,
         lambda case: measure(case, photos, centres_m, work),
         lambda records: [Table("rows", declared(__file__)["rows"].columns, records)],

@@ -33,7 +33,6 @@ from handbench.support.progress import say, track
 from handbench.support.store import versions
 
 Record = dict[str, Any]
-Frames = dict[str, pd.DataFrame]
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,6 @@ class Study:
     first one for the CSV file; label: a case in words."""
 
     name: str
-    title: str
     cases: Sequence[Any]
     measure: Callable[[Any], Record | list[Record]]
     tables: Callable[[list[Record]], list[Table]]
@@ -91,16 +89,10 @@ def parser(module: str, purpose: str) -> argparse.ArgumentParser:
     return argparse.ArgumentParser(prog=f"python -m {__package__}.{module}", description=purpose)
 
 
-def measured(
-    parser: argparse.ArgumentParser,
-    study: Callable[..., Study],
-    name: str,
-    check: Callable[[Frames], None] = lambda frames: None,
-) -> None:
+def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name: str) -> None:
     """Parse the command line, measure, write the files into -o (default runs/NAME), and print the
-    tables. The parser's options are the arguments of `study` after the folder for its work; `check`
-    raises HandbenchError where figures, the tables by name, are not good enough. Known errors and
-    failed cases are one line and exit code 2."""
+    tables. The parser's options are the arguments of `study` after the folder for its work. Known
+    errors and failed cases are one line and exit code 2."""
     default = Path("runs") / name
     parser.add_argument("-o", "--out", type=Path, default=default, help=f"default {default}")
     holding = "the cases whose name holds TEXT"
@@ -115,7 +107,6 @@ def measured(
             for table in tables:
                 if table.shown and table.records:
                     print(table.markdown())
-            check({table.name: table.frame for table in tables})
         if failures:
             raise HandbenchError(f"{len(failures)} of {len(made.cases)} cases failed")
     except HandbenchError as error:

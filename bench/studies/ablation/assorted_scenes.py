@@ -101,16 +101,19 @@ def _imperfect(draw: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any
         "converter": {"bits": int(draw.integers(8, 17))},
         "dead": {"tx": [int(draw.integers(94))]},
     }
-    there = draw.random(len(faults)) < 0.4
+    sensor = _some(faults, draw, 0.4)
     tables = {
         "noise": {"phase_noise_rad": _decades(draw, 1e-4, 0.05)},
         "stand": {"reflectivity_db": draw.uniform(-90, -15)},
     }
-    chosen = draw.random(2) < (0.7, 0.4)
-    return (
-        {name: fault for (name, fault), on in zip(faults.items(), there, strict=True) if on},
-        {name: table for (name, table), on in zip(tables.items(), chosen, strict=True) if on},
-    )
+    return sensor, _some(tables, draw, (0.7, 0.4))
+
+
+def _some(
+    known: dict[str, Any], draw: np.random.Generator, share: float | tuple[float, ...]
+) -> dict[str, Any]:
+    there = draw.random(len(known)) < share
+    return {name: known[name] for name, on in zip(known, there, strict=True) if on}
 
 
 def _decades(draw: np.random.Generator, low: float, high: float) -> float:

@@ -20,21 +20,17 @@ def growth(inputs: Inputs) -> list[Record]:
     """A record for each quantity: what grows, its sizes, seconds of each, plan seconds, and the
     fitted exponent."""
     scope, tones_hz, grid, array = inputs.scope, inputs.tones_hz, inputs.grid, inputs.array
-    channels = [resampled(array, count) for count in scope.channels]
-    bands = [np.linspace(tones_hz[0], tones_hz[-1], count) for count in scope.tones]
-    return [
-        *(
-            _series(what, {int(np.prod(g.shape)): _volume(tones_hz, array, g) for g in grids})
-            for what, grids in (
-                ("voxels, finer steps", [finer(grid, factor) for factor in scope.growth]),
-                ("voxels, larger box", [larger(grid, factor) for factor in scope.growth]),
-            )
-        ),
-        _series(
-            "channels", {int(np.prod(a.channels)): _volume(tones_hz, a, grid) for a in channels}
-        ),
-        _series("tones", {len(band): _volume(band, array, grid) for band in bands}),
-    ]
+    grown: dict[str, dict[int, Work]] = {}
+    for what, grow in (("voxels, finer steps", finer), ("voxels, larger box", larger)):
+        grids = [grow(grid, factor) for factor in scope.growth]
+        grown[what] = {int(np.prod(g.shape)): _volume(tones_hz, array, g) for g in grids}
+    grown["channels"] = {
+        count**2: _volume(tones_hz, resampled(array, count), grid) for count in scope.channels
+    }
+    grown["tones"] = {
+        count: _volume(np.linspace(*tones_hz[[0, -1]], count), array, grid) for count in scope.tones
+    }
+    return [_series(what, steps) for what, steps in grown.items()]
 
 
 def _volume(tones_hz: np.ndarray, array: AntennaArray, grid: VoxelGrid) -> Work:

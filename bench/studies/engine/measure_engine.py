@@ -20,20 +20,17 @@ SECTIONS = {
     "growth": growth,
 }
 SCHEMAS = declared(__file__)
-OF_ROWS = ("volume", "3-FSK frame", "simulation")
 
 
 def study(work: Path, quick: bool) -> Study:
     """Sections one after the other."""
     inputs = Inputs(QUICK if quick else Scope())
-    title = "What imaging and simulation cost"
-    return Study("engine", title, list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
+    return Study("engine", list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
 
 
 def tables(records: list[Record]) -> list[Table]:
     """Rows by section, and growth."""
-    rows = [record for record in records if record["section"] in OF_ROWS]
-    grown = [record for record in records if record["section"] == "growth"]
+    rows, grown = ([r for r in records if ("method" in r) == of] for of in (True, False))
     return [
         Table("rows", SCHEMAS["rows"].columns, rows, by="section"),
         Table("growth", SCHEMAS["growth"].columns, grown),

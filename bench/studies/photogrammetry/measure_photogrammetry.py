@@ -30,7 +30,6 @@ from handbench.support.files import atomic_folder, content_hash
 
 COMPLETE_M = 1e-3
 WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # standard deviations
-SCALED = 500  # points that the scale is told from
 
 
 def study(work: Path, what: str, poses: str) -> Study:
@@ -39,7 +38,6 @@ def study(work: Path, what: str, poses: str) -> Study:
     letters = tuple(poses.split(","))
     return Study(
         f"photogrammetry_{what}",
-        "Photogrammetry of rendered hands",
         list(bars(letters) if what == "bars" else sweep(letters[0])),
         lambda case: measure(case, work),
         tables,
@@ -131,7 +129,6 @@ def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
 def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:
     """Relative error of the scale: points [n, 3] in the photo frame, photographed by the true
     cameras and triangulated by ours, come out larger by so much."""
-    points_m = points_m[:: max(1, len(points_m) // SCALED)]
     normal, right = np.zeros((len(points_m), 3, 3)), np.zeros((len(points_m), 3))
     for camera in ours:
         xy = np.asarray(camera.colmap().cam_from_img(true[camera.name].project(points_m)))

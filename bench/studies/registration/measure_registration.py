@@ -74,7 +74,6 @@ def study(work: Path, what: str, trials: int | None) -> Study:
     cases = [(n, faults[n % len(faults)]) for n in range(trials or TRIALS[what])]
     return Study(
         f"registration_{what}",
-        "Registration of photographs and radar",
         cases,
         lambda case: (photographed if what == "full" else sampled)(*case, work),
         tables,

@@ -59,7 +59,6 @@ def study(
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     return Study(
         "trust",
-        "Trust in depths",
         cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures),
         partial(pixels, methods=chosen, seed=seed, work=work, fit=fit),
         partial(tables, fit=fit),

@@ -82,12 +82,7 @@ def fingers(rng: np.random.Generator) -> Surface:
     return z_m
 
 
-KINDS: dict[str, Callable[[np.random.Generator], Surface]] = {
-    "tilted": tilted,
-    "bumpy": bumpy,
-    "step": step,
-    "fingers": fingers,
-}
+KINDS = {kind.__name__: kind for kind in (tilted, bumpy, step, fingers)}
 TROUBLES = ("none", "glint", "clutter", "dead", "clipped")
 CALIBRATING = {"points": ("tilted", "step"), "hands": LETTERS}
 

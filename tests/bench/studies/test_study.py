@@ -24,7 +24,7 @@ def of(monkeypatch):
     """A study of the roots of some numbers."""
     monkeypatch.setattr(study, "compile_kernels", lambda: None)
     return lambda *cases: Study(
-        "roots", "Roots", cases, root, lambda records: [Table("rows", COLUMNS, records)]
+        "roots", cases, root, lambda records: [Table("rows", COLUMNS, records)]
     )
 
 

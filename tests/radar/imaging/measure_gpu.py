@@ -54,7 +54,6 @@ def study(work: Path, device: str, repeats: int) -> Study:
     configs = BroadbandConfig(), ThreeToneConfig(), SHARE
     return Study(
         "gpu",
-        "Imaging on a device",
         [f"{device}, {max(repeats, 1)} repeats"],
         lambda _: measure(*configs, max(repeats, 1)),
         lambda records: [Table("rows", COLUMNS, records)],

@@ -58,8 +58,7 @@ def study(work: Path, polarisations: str, tones: str, ways: bool = False) -> Stu
         named = ", ".join(sorted(unknown))
         raise HandbenchError(f"--polarisations: {named}; expected along, across, or both")
     measure = partial(compare, work=work, tones="few" if ways else tones, ways=ways)
-    title = "Simulated echoes against exact solutions"
-    return Study("exact", title, cases(polarisations), measure, tables)
+    return Study("exact", cases(polarisations), measure, tables)
 
 
 def tables(records: list[Record]) -> list[Table]:

@@ -97,7 +97,6 @@ def study(work: Path, poses: str) -> Study:
     """Every hand, by both renderers."""
     return Study(
         "photogrammetry_renderers",
-        "Photogrammetry of hands by two renderers",
         list(renderers(tuple(poses.split(",")))),
         lambda case: measure(case, work),
         tables,
