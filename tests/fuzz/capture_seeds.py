@@ -19,7 +19,7 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
 from tests.bench.datasets import test_mapping as foreign
 from tests.bench.datasets.maroon_writer import write_frame
-from tests.fuzz.geometry_seeds import POINTS_M, depth, meshes, radar_from_photo
+from tests.fuzz.geometry_seeds import depth, meshes, radar_from_photo
 
 MATLAB = "hand.mat5"  # no .mat: those who know HDF5 would break it
 SCANNED = Path("hand/30/radar_72.0_82.0_2")
@@ -67,12 +67,6 @@ def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
         residual_before_db=-10,
         residual_after_db=-30,
     )
-
-
-def antennas(folder: Path) -> None:
-    """An array's positions, and its calibration."""
-    np.savetxt(folder / "array.csv", POINTS_M, "%.17g", ",", header="x_m,y_m,z_m", comments="")
-    save_array(folder / ARRAY, array_calibration(POINTS_M, POINTS_M[:2]))
 
 
 def scan(folder: Path) -> None:

@@ -35,15 +35,15 @@ NUMBERS = (
 )
 TEXTS = ("", "../../etc/passwd", "/etc/passwd", "a\0b", "x" * 5000, "\u202e\x1b[31m", "..", "%s%n")
 VALUES = (
-    *(None, True, False, 0, -1, 1, 2, 10**9, -(10**9), 2**31, 2**63, 10**400, 0.5, 1e-320, 1e308),
+    *(None, True, 0, -1, 2, 10**9, -(10**9), 2**31, 2**63, 10**400, 0.5, 1e-320, 1e308),
     *(float("nan"), float("inf"), [], {}, [[]], [0], [1, 2], [{}], {"a": 1}, [None], ["a"]),
-    *([[0.0] * 4] * 4, [[1.0, 0.0], [0.0]], [1e308] * 3, {"version": 1}, [[[[[[[[[[]]]]]]]]]]),
+    *([[0.0] * 4] * 4, [[1.0, 0.0], [0.0]], {"version": 1}, [[[[[[[[[[]]]]]]]]]]),
 )
 STRANGE = (b"\xff\xfe", b"\x80", b"\xc3\x28", b"\0", b"\r", b"\xed\xa0\x80", b"\x1a")
 WORDS = (0, 1, 2, 127, 128, 255, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**63, 2**64 - 1)
 EDGE = 512  # bytes at a file's head and tail, where what matters usually lies
-EXTREMES = (np.nan, np.inf, -np.inf, 1e308, 1e-320, 0.0, -1.0)
-DTYPES = ("f8", "f4", ">f8", "i8", "u1", "?", "c16", "S5", "U5", "M8[s]", "V3", "i4,f4", "|O")
+EXTREMES = (np.nan, -np.inf, 1e308, 0.0)
+DTYPES = ("f8", ">f4", "i8", "u1", "c16", "U5", "M8[s]", "V3", "i4,f4", "|O")
 SHAPES = ((10**6, 10**6), (2**62, 4), (0,), (10**9,), (), (1,) * 32, (0, 2**62))
 
 
@@ -106,8 +106,7 @@ def lined(content: bytes, rng: random.Random) -> bytes:
 def strange(content: bytes, rng: random.Random) -> bytes:
     """Bytes that are no character of a text, or brackets without end."""
     at, deep = place(content, rng), rng.choice((50, 3000, 50_000))
-    first, last = rng.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"a.", b"")))
-    put = rng.choice((*STRANGE, first * deep, first * deep + last * deep))
+    put = rng.choice((*STRANGE, rng.choice((b"[", b'{"a":', b"{a=", b"a.")) * deep))
     return content[:at] + put + content[at:]
 
 
@@ -235,8 +234,7 @@ def hdf5(content: bytes, rng: random.Random) -> bytes:
             lambda name, item: sets.update({name: item[()]} if hasattr(item, "shape") else {})
         )
         if file.attrs and rng.randrange(6) == 0:
-            values = (0, "x", b"\xff", [1, 2], 2**63, 1.5, np.zeros((3, 3)))
-            file.attrs[rng.choice(list(file.attrs))] = rng.choice(values)
+            file.attrs[rng.choice(list(file.attrs))] = rng.choice((0, "x", b"\xff", [1, 2], 2**63))
         elif sets:
             name, values = rng.choice(list(sets.items()))
             del file[name]
@@ -254,7 +252,7 @@ def _replace(file: h5py.File, name: str, values: np.ndarray, rng: random.Random)
             file["away"] = h5py.ExternalLink(rng.choice(("/etc/passwd", ".")), "/")
             file[name] = h5py.SoftLink(rng.choice(("/" + name, "/nowhere", f"/away/away/{name}")))
         case 2:
-            file.create_dataset(name, data=rng.choice((["a", "b"], "text", np.void(b"abc"))))
+            file[name] = "text"
         case 3:
             large = (*shape[:-1], rng.choice((10**6, 2 * 10**8, 10**13)))
             file.create_dataset(name, large, kind, chunks=(*(1 for _ in large[1:]), 1024))
@@ -329,7 +327,7 @@ def mutated(name: str, content: bytes, rng: random.Random) -> bytes:
     return content
 
 
-LINKS = ("loop", "outside", "folder", "itself", "pipe", "device", "missing", "locked")
+LINKS = ("loop", "outside", "folder", "pipe", "device", "missing")
 
 
 def put(path: Path, link: str) -> None:
@@ -342,14 +340,10 @@ def put(path: Path, link: str) -> None:
             path.symlink_to("/etc/passwd")
         case "folder":
             path.mkdir()
-        case "itself":
-            path.symlink_to(".")
         case "pipe":
             os.mkfifo(path)
         case "device":
             path.symlink_to("/dev/zero")
-        case "locked":
-            path.touch(mode=0)
 
 
 def clear(path: Path) -> None:

@@ -13,17 +13,14 @@ from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.foam_panel import import_planar_scan
 from handbench.bench.datasets.maroon_alignment import load_any_transform
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import problems_of
-from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.camera_files import cameras_of, load_model
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.radar.data.arrays import load_positions
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.config import load
 from handbench.support.store import Stage, cached
@@ -171,14 +168,7 @@ READERS: tuple[Reader, ...] = (
         ("scan.npy", "phase.txt"),
         3,
     ),
-    Reader(
-        "antennas", captures.antennas, lambda f: load_positions(f / "array.csv"), ("array.csv",)
-    ),
-    Reader("array", captures.antennas, lambda f: load_array(f / "array.json"), ("array.json",)),
     Reader("scene", _benchmark, _scene, ("scene.toml",), 3),
-    Reader(
-        "benchmark", _benchmark, lambda f: load_benchmark(str(f / "bench.toml")), ("bench.toml",)
-    ),
     Reader(
         "validate",
         _benchmark,
