@@ -65,7 +65,10 @@ class Table:
             if not column.heading or column.name == self.by or not any(cells):
                 continue
             heading = column.heading if shown or not group else str(group)
-            width, side = max(map(len, (heading, *cells))), "<" if column.kind is str else ">"
+            width, side = (
+                max(map(len, (heading, "---", *cells))),
+                "<" if column.kind is str else ">",
+            )
             rule = "-" * width if side == "<" else "-" * (width - 1) + ":"
             shown.append([f"{cell:{side}{width}}" for cell in (heading, rule, *cells)])
         return "".join("| " + " | ".join(line) + " |\n" for line in zip(*shown, strict=True))

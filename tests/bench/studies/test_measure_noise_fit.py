@@ -6,6 +6,7 @@ import pytest
 from handbench.bench.studies import measure_noise_fit
 
 
+@pytest.mark.slow
 def test_the_fit_comes_to_the_precision(ran, small_bench):
     """One ball's strongest point, so that the closed form is near already."""
     found = ran(measure_noise_fit, str(small_bench), "--precision-mm", "2", "--repeats", "4")

@@ -37,6 +37,7 @@ def test_every_case_is_a_valid_scene():
     assert all(case.scene_file().photos.width == case.width for case in cases)
 
 
+@pytest.mark.slow
 def test_the_true_surface_a_tenth_of_a_millimetre_too_large_is_scored_so(ran, monkeypatch):
     """In place of minutes of photogrammetry."""
     scenes = []

@@ -30,7 +30,7 @@ def of(monkeypatch):
 
 def test_a_case_that_fails_is_recorded_and_the_others_go_on(of, tmp_path):
     [table], failures = study.run(of(4, -1, 9), tmp_path)
-    assert table.markdown() == "| name | x |\n| ---- | -: |\n| of 4 | 2 |\n| of 9 | 3 |\n"
+    assert table.markdown() == "| name |   x |\n| ---- | --: |\n| of 4 |   2 |\n| of 9 |   3 |\n"
     assert failures == {"-1": "below zero"}
     assert (tmp_path / "roots.csv").read_text() == "name,x\nof 4,2.0\nof 9,3.0\n"
 
