@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -43,7 +44,8 @@ def module_of(file: Path) -> str:
     return ".".join(file.with_suffix("").parts).removesuffix(".__init__").removeprefix("handbench.")
 
 
-def imported(file: Path) -> Iterator[tuple[str, bool]]:
+@cache
+def imported(file: Path) -> list[tuple[str, bool]]:
     """Every imported module's full name, and whether it is imported inside a function; those for
     types alone are left out."""
 
@@ -60,7 +62,7 @@ def imported(file: Path) -> Iterator[tuple[str, bool]]:
         for child in ast.iter_child_nodes(node):
             yield from walk(child, lazy or isinstance(node, ast.FunctionDef))
 
-    yield from walk(ast.parse((ROOT / file).read_text("utf-8")), False)
+    return list(walk(ast.parse((ROOT / file).read_text("utf-8")), False))
 
 
 @pytest.mark.parametrize("package", MAY_IMPORT)
