@@ -12,6 +12,7 @@ from handbench.bench.studies.engine.scope import QUICK, Inputs, Scope, white_noi
 from handbench.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.grid import Axis
+from handbench.radar.simulation.forward import Scatterers
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import relative_error
 
@@ -56,7 +57,11 @@ def test_grown_grids_have_the_voxels_they_promise():
 
 @pytest.mark.slow
 def test_every_section_writes_its_rows(ran, monkeypatch):
-    """On a small volume, in threads in place of processes."""
+    """On a small volume and few scatterers, in threads in place of processes."""
+    near_m, far_m = [-0.015, -0.015, 0.285], [0.015, 0.015, 0.295]
+    spread_m = np.random.default_rng(0).uniform(near_m, far_m, (60, 3))
+    few = Scatterers(spread_m, np.ones(60))
+    monkeypatch.setattr(Inputs, "scatterers", property(lambda inputs: few))
     small = replace(
         QUICK,
         lateral=Axis(start_m=-0.02, stop_m=0.02, step_m=0.002),
