@@ -6,7 +6,7 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-random hard-cases fuzz faults mutation bench lint docs coverage requirements clean
+.PHONY: setup table test test-all test-random hard-cases fuzz mutation bench lint docs coverage requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
 
@@ -28,8 +28,13 @@ table: setup
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
 	-@$(BIN)/python -m docs.readme $(RUN) --check
 
+# The tests that take less than 5 s each; test-all runs all of them.
 test: lint
 	$(BIN)/python -m handbench.radar.warmup  # or both of the processes would compile the kernels
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+
+test-all: lint
+	$(BIN)/python -m handbench.radar.warmup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # A quarter of the test files, in random order, and property tests on more and fresh examples; SEED=N repeats a run.
@@ -51,11 +56,7 @@ hard-cases: setup
 
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
 fuzz: setup
-	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),50000) --seed $(or $(SEED),0) -o runs/fuzz
-
-# Runs killed, disks filled, folders gone, …: TRIES of each kind that is drawn at random, and all of the others.
-faults: setup
-	$(BIN)/python -m tests.faults --tries $(or $(TRIES),100) --seed $(or $(SEED),0)
+	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),20000) --seed $(or $(SEED),0) -o runs/fuzz
 
 # Random mutants of four packages against their tests, SAMPLE of each, in a copy of what git knows; an hour at most.
 MUTATION := runs/mutation
@@ -71,7 +72,7 @@ mutation: setup
 	  --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) --minutes 40 -o ../mutants.json
 
 bench: setup
-	$(BIN)/python -m tests.bench.studies.engine.measure_engine -o runs/bench.json
+	$(BIN)/python -m handbench.bench.studies.engine.measure_engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

@@ -15,15 +15,15 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
-from handbench.groundtruth.mesh.surface import Surface, read_surface
-from tests.bench.studies.measure_survey import (
+from handbench.bench.studies.measure_survey import (
     centre_errors_m,
     registered_images,
     surveyed_centres_m,
     umeyama,
 )
+from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
+from handbench.groundtruth.mesh.surface import Surface, read_surface
 
 
 def render(

@@ -12,12 +12,12 @@ import numpy as np
 
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.scenes.build import Scene, build
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.rays import load_open3d
-from tests.bench.studies.photogrammetry.photogrammetry_cases import Case
 
 IDEAL: dict[str, Any] = {"full_well_e": 1e12, "read_noise_e": 0.0, "blur_px": 0.0}
 ADDED: dict[

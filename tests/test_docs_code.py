@@ -17,20 +17,17 @@ import numpy as np
 import pytest
 import tomlkit
 
-import handbench as hb
-from handbench.bench.pipeline.image import configuration
 from handbench.calibration.spheres.description import default_target
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import METHODS, method
 from handbench.radar.simulation.catalogue import Effect
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.config import Config
 from tests.radar.simulated_points import point_capture
-from tests.test_docs import DOCS, PAGES, ROOT, blocks, toml_of
+from tests.test_docs import DOCS, PAGES, ROOT, blocks
 
 FENCES = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NOT_RUN = {  # how a block begins → why it is not executed here
@@ -148,44 +145,3 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeyp
             r"def (test_\w+)", code
         ):  # a recipe's own, of what its blocks before made
             names[test]()
-
-
-def test_what_is_not_executed_is_there_and_few():
-    codes = [code for page in PAGES for code, _ in ran(page)]
-    assert all(any(code.startswith(beginning) for code in codes) for beginning in NOT_RUN)
-    assert len(NOT_RUN) <= 4 < len(codes) / 5
-
-
-@pytest.fixture(scope="module")
-def tutorials_hand(tmp_path_factory) -> hb.Capture:
-    """The hand of the tutorial with a coarser mesh, the tones that are used, and the effects that
-    take no time."""
-    folder = tmp_path_factory.mktemp("tutorial")
-    effects = 'effects = ["obliquity", "shadow_centre", "skin", "noise"]'
-    sensor = "[sensor]\nsweep = []\ntones_hz = [82e9, 81.9e9, 81.8e9, 81e9]\n"
-    text = toml_of("tutorial.md", "[target]").replace(
-        "[target]", f"{effects}\n[target]\nedge_m = 2e-3"
-    )
-    text = re.sub(r"\[sensor\]\n.*?\n\n", sensor, text, flags=re.DOTALL)
-    (folder / "hand.toml").write_text(text, "utf-8")
-    return hb.simulate(folder / "hand.toml", folder / "capture")
-
-
-def test_the_example_method_is_right_on_the_tutorials_hand(tutorials_hand, registry):
-    """Against the simulator's own surface. Its tones are five times as far apart as 2-FSK's: noise
-    moves a depth a fifth as far, and speckle less; half of 2-FSK's error is asked for (measured:
-    0.3)."""
-    exec(
-        compile(blocks(DOCS / "methods.md", "python")[0], "docs/methods.md", "exec"),
-        {"__name__": "page"},
-    )
-    mae_mm = {
-        id: tutorials_hand.reconstruct(id).evaluate()["mae_mm"] for id in ("2fsk", "wide2fsk")
-    }
-    assert mae_mm["wide2fsk"] < mae_mm["2fsk"] / 2 < 5  # in the paper 6.6 mm
-    for first_m, reached in ((0.30, True), (0.45, False)):
-        found = tutorials_hand.reconstruct("wide2fsk", first_depth_m=first_m)
-        config = configuration(tutorials_hand.folder, "wide2fsk", {"first_depth_m": first_m})
-        said = " ".join(notes(found.map, tutorials_hand.echoes, config))
-        assert (found.evaluate()["mae_mm"] < 5) == reached
-        assert ("set first_depth_m=0.29" in said or "set first_depth_m=0.30" in said) != reached

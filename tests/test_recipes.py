@@ -11,16 +11,7 @@ from handbench.cli.main import main
 from tests.test_docs import DOCS, blocks
 
 PAGE = DOCS / "recipes.md"
-FEWER = [
-    "--set",
-    "x.start_m=-0.03",
-    "--set",
-    "x.stop_m=0.03",
-    "--set",
-    "y.start_m=-0.03",
-    "--set",
-    "y.stop_m=0.03",
-]
+FEWER = [f"--set={end}" for a in "xy" for end in (f"{a}.start_m=-0.03", f"{a}.stop_m=0.03")]
 # Folder of the recipe's capture → its map's file; fewer pixels, to be quick; how near the point is
 # found in x, y, z (half a pixel or voxel; of phases, which take the path's slope as 2, a
 # millimetre); and where x points the other way.
@@ -39,27 +30,17 @@ def test_a_recipe_leads_to_its_point(name, tmp_path, monkeypatch, capsys):
     [code] = [code for code in blocks(PAGE, "python") if f'Path("{name}").mkdir()' in code]
     made: dict = {}
     exec(compile(code, PAGE.name, "exec"), made)
-    commands = [
-        line
-        for block in blocks(PAGE, "")
-        for line in block.splitlines()
-        if f" {name} " in f"{line} "
-    ]
+    lines = "".join(blocks(PAGE, "")).splitlines()
+    commands = [shlex.split(line)[1:] for line in lines if f" {name} " in f"{line} "]
     assert commands
-    for command in commands:
-        words = shlex.split(command)[1:]
+    for words in commands:
         assert main([*words, *(fewer if words[0] == "reconstruct" else [])]) == 0
     with np.load(tmp_path / file) as depth:
         row, column = np.unravel_index(depth["amplitude_db"].argmax(), depth["z_m"].shape)
         found_m = np.array([depth["x_m"][column], depth["y_m"][row], depth["z_m"][row, column]])
     assert (np.abs(found_m - made["point_m"] * turned) <= near_m).all(), found_m
-    said = capsys.readouterr()
-    lines = (
-        [line for told in blocks(PAGE, "text") for line in told.splitlines()]
-        if name == "raster"
-        else []
-    )
-    assert len(lines) == 2 * (name == "raster")
-    for line in lines:  # but for the numbers of pixels
-        assert re.sub(r"\d+ of \d+", "", line) in re.sub(r"\d+ of \d+", "", said.err)
-    assert ("136 of its 256 pairs were not measured" in said.out) == (name == "ring")
+    printed = capsys.readouterr()
+    if name == "raster":  # the page's own lines, but for the numbers of pixels
+        for line in "".join(blocks(PAGE, "text")).splitlines():
+            assert re.sub(r"\d+ of \d+", "", line) in re.sub(r"\d+ of \d+", "", printed.err)
+    assert ("136 of its 256 pairs were not measured" in printed.out) == (name == "ring")

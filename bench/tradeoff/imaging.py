@@ -10,8 +10,8 @@ at a point sums samples times phases over tones and channels (C = transmitters Ã
                             above the threshold
 
 The steps after the images (phases, filters, projection) do not sum over channels, take thousands of
-times fewer operations, and are not counted. `radar.imaging.api.count_imaging` counts the operations of a
-frame, with the passes and points of its echoes. The engine makes the same images with fewer
+times fewer operations, and are not counted. `radar.imaging.api.count_imaging` counts the operations
+of a frame, with the passes and points of its echoes. The engine makes the same images with fewer
 operations, which are not counted. Times are measured against two baselines: the exact sum for both
 methods (for the volume, a few planes, scaled); and this engine.
 """

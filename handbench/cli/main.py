@@ -26,7 +26,7 @@ FORMER = {  # commands of earlier versions: what takes their place
     "design": "'handbench compare', which says how many hands show a difference",
     "draw": "'handbench show'",
     "export": "gone: handbench reads MAROON's layout ('handbench import') and does not write it",
-    "study": "a script: 'python -m tests.bench.studies.exact.measure_exact' in a clone",
+    "study": "a script: 'python -m tests.references.exact.measure_exact' in a clone",
     "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
     "hands": "'handbench simulate hands'",
     "leaderboard": "'handbench report A B', of two result folders or more",

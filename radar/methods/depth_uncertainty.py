@@ -16,7 +16,7 @@ p_gross is the probability, per pixel, that a depth is off by more than 5 mm fro
 surface: a logistic function of features of any method's map and its tones: the images at the depth
 found (are they coherent, and which depth do they suggest?), depth steps and echoes next to the
 pixel, the method's own σ and flags, and means over the scene, since few scenes contain most wrong
-depths. The weights of trust.toml are fitted by tests/bench/studies/trust/measure_trust.py to scenes
+depths. The weights of trust.toml are fitted by bench/studies/trust/measure_trust.py to scenes
 of known surfaces; features are clipped to about the range of these scenes.
 """
 

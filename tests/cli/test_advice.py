@@ -11,7 +11,7 @@ from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import methods
 
 C = 299_792_458.0
@@ -41,13 +41,13 @@ def foreign(folder, tones_hz, noise=False):
 
 
 @pytest.mark.parametrize(
-    "id", [m.id for m in methods() if asked_hz(m.configure({}, "defaults")) is not None]
+    "id", [m.id for m in methods() if requested_tones_hz(m.configure({}, "defaults")) is not None]
 )
 def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
     command = [*foreign(tmp_path, np.linspace(76e9, 81e9, 26)[::-1]), "--method", id]
     assert main(command) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
-    advice = shlex.split(re.search(r"as by (--set .*)$", error)[1])
+    advice = shlex.split(re.search(r"e\.g\. (--set .*)$", error)[1])
     assert main([*command, *advice]) == 0, advice
     with np.load(tmp_path / "depth.npz") as depth:
         assert np.isfinite(depth["z_m"]).any()
@@ -71,15 +71,15 @@ def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
     """Noise alone: no depth is coherent, and where the pair looks is named."""
     command = foreign(tmp_path, [82e9, 81.8e9, 79.5e9], noise=True)
     assert main([*command[: -len(SMALL)], "--method", "2fsk"]) == 0
-    said = "pixels are flagged; the closest tones tell depths within 375 mm of first_depth_m = 0.45"
-    assert said in capsys.readouterr().err
+    advice = "the closest tones determine depths within 375 mm of first_depth_m = 0.45"
+    assert f"pixels are flagged; {advice}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("tones_hz", "first_m", "told"),
     [
-        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths, as closer tones tell; set"),
-        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths, as closer tones tell; set"),
+        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths; set"),
+        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; set"),
         ([82e9, 81.9e9, 81e9], 0.3, None),
         ([82e9, 81e9], 0.45, None),  # nothing tells
     ],
@@ -99,7 +99,7 @@ def test_a_target_a_period_away_is_said_where_closer_tones_tell(
 @pytest.mark.parametrize(
     ("tones_hz", "method", "end"),
     [
-        (np.linspace(72e9, 82e9, 26), "broadband", "as by --set count=26"),  # only what differs
+        (np.linspace(72e9, 82e9, 26), "broadband", "e.g. --set count=26"),  # only what differs
         ([77e9, 78e9], "3fsk", ""),  # too few
         ([76e9, 77e9, 77.01e9, 81e9], "broadband", ""),  # which no sweep has
     ],

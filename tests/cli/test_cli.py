@@ -11,7 +11,7 @@ import pytest
 
 from handbench.bench.datasets.native import NativeCapture
 from handbench.cli.main import FORMER, main
-from handbench.cli.options import COMMANDS, declared
+from handbench.cli.options import COMMANDS, declared_commands
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
@@ -116,10 +116,12 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(wrong, monkeypatch, ca
 
 
 def test_refusals_are_known_of_every_command_that_takes_arguments():
-    assert {line.split()[0] for line, *_ in REFUSALS} >= set(declared(COMMANDS)) - {"doctor"}
-    assert not set(FORMER) & set(declared(COMMANDS))
+    assert {line.split()[0] for line, *_ in REFUSALS} >= set(declared_commands(COMMANDS)) - {
+        "doctor"
+    }
+    assert not set(FORMER) & set(declared_commands(COMMANDS))
     for successor in re.findall(r"'handbench ([a-z-]+)", " ".join(FORMER.values())):
-        assert successor in declared(COMMANDS)
+        assert successor in declared_commands(COMMANDS)
 
 
 def test_capture_to_metrics(made, tmp_path, capsys):

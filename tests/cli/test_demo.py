@@ -14,7 +14,7 @@ from handbench.bench.run import benchmark_file
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.cli import demo
 from handbench.cli.main import main, parser
-from handbench.radar.methods.advice import asked_hz
+from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import methods
 
 NEXT = ["reconstruct", "evaluate", "simulate", "list"]
@@ -62,6 +62,6 @@ def test_every_method_finds_its_tones_in_the_demo():
         tomllib.loads(SCENE.read_text("utf-8"))
     ).sensor.frequencies_hz
     for method in methods():
-        asked = asked_hz(method.configure({}, "test"))
+        asked = requested_tones_hz(method.configure({}, "test"))
         if asked is not None:
             assert np.abs(there_hz[:, None] - asked).min(axis=0).max() < 1e6, method.id

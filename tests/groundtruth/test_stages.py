@@ -13,11 +13,11 @@ from handbench.groundtruth import dense_stage, mesh_stage, pipeline, sparse_stag
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import Target
+from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.frame import Scale
-from handbench.groundtruth.sparse.inputs import Inputs
+from handbench.groundtruth.sparse.inputs import SparseInputs
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import adjusted, noisy_model
@@ -51,14 +51,14 @@ def counted(tmp_path, monkeypatch):
     monkeypatch.setattr(
         sparse_stage,
         "gather",
-        lambda _, options: (Inputs(find_photos(photos), None, None, {}), options),
+        lambda _, options: (SparseInputs(find_photos(photos), None, None, {}), options),
     )
     monkeypatch.setattr(sparse_stage, "register", step("sparse", solved))
     monkeypatch.setattr(dense_stage, "dense_cloud", step("dense", cloud))
     monkeypatch.setattr(
         mesh_stage,
         "measured_surface",
-        step("mesh", (surface, Target("all parts", 0.0, (1.0,), 0, 0.0))),
+        step("mesh", (surface, TargetParts("all parts", 0.0, (1.0,), 0, 0.0))),
     )
     monkeypatch.setattr(pipeline, "resolve", lambda folder, options: (find_photos(folder), options))
 

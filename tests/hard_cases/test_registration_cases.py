@@ -25,8 +25,13 @@ from handbench.calibration.spheres.description import (
     default_target,
     match,
 )
-from handbench.calibration.spheres.optical_detection import Cloud, Sphere, find_spheres, fit_sphere
-from handbench.calibration.spheres.radar_detection import Ball
+from handbench.calibration.spheres.optical_detection import (
+    OrientedPoints,
+    Sphere,
+    find_spheres,
+    fit_sphere,
+)
+from handbench.calibration.spheres.radar_detection import DetectedBall
 from handbench.calibration.transforms import Transform, condition_number
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
@@ -231,7 +236,7 @@ def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Spher
     points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
     start_m = 1e-3 * np.array([1, -1, 1])
     return fit_sphere(
-        Cloud(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
+        OrientedPoints(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
     )
 
 
@@ -297,7 +302,7 @@ def test_exact_sphere() -> Seen:
     radius_m, clouds = 9 * 2.0**-9, (("whole", whole), ("half", whole[whole[:, 2] > 0]))
     for (name, points_m), sigma_m in product(clouds, (0.0, RADIUS_SIGMA_M)):
         found = fit_sphere(
-            Cloud(points_m, points_m / radius_m, oriented=True),
+            OrientedPoints(points_m, points_m / radius_m, oriented=True),
             np.zeros(3),
             radius_m,
             (0,),
@@ -326,7 +331,7 @@ def test_too_little() -> Works:
 
 def fitted(
     centres_m: np.ndarray, noise: float, off_m: float, strength: float = 1.0
-) -> dict[int, Ball]:
+) -> dict[int, DetectedBall]:
     """The fit to the echoes of up to three balls that stand at centres [n, 3], from places off_m
     away along each axis; noise: its power over the echoes'; strength: of the echoes."""
     first, second = default_target().element[:2]
@@ -336,7 +341,7 @@ def fitted(
     samples = strength * np.sum(one_by_one, axis=0, dtype=np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
-    seeds = {i: Ball(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    seeds = {i: DetectedBall(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
     return fit_balls(capture(samples + level * (white[0] + 1j * white[1]), TONES_HZ), target, seeds)
 
 

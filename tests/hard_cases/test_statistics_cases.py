@@ -22,13 +22,13 @@ from handbench.bench.evaluation.intervals import (
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     HEADLINE,
-    averaged,
+    mean_figures,
     of_captures,
     pool,
     precision,
     strongest_scatterer_z_m,
 )
-from handbench.bench.evaluation.paired import compare, corrected, f_test, paired
+from handbench.bench.evaluation.paired import compare, f_test, holm_corrected, paired_test
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
 from handbench.calibration.transforms import Transform
@@ -134,7 +134,7 @@ def test_many_samples() -> Seen:
     a rounding each, one by one."""
     error_m = 1e-3 + 1e-6 * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     one = of_captures([a_map(error_m)])
-    found = averaged(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
+    found = mean_figures(pd.concat([one] * 1112))  # 90 000 pixels each: 10⁸
     wanted = _exact_mm(error_m) | {"bias_mm": 1000 * balls(error_m).mean()}
     wanted["pooled_mae_mm"] = wanted["mae_mm"]
     return ((key, _relative(found[key], value) / EPS) for key, value in wanted.items())
@@ -245,11 +245,11 @@ def test_tiny_p() -> Seen:
         gained = balls(b := t / sqrt(5) + apart)
         exact, found = (
             two_sided(gained.mean() / deviation(b, lost=1) * arb(5).sqrt(), 4),
-            paired(np.zeros(5), b).p,
+            paired_test(np.zeros(5), b).p,
         )
         yield f"t = {t:g}", _relative(found, exact) if 0 <= found <= 1 else np.inf
-    yield "no spread, a difference", paired(np.zeros(5), np.full(5, 1e-3)).p
-    yield "no difference", 1 - paired(np.ones(5), np.ones(5)).p
+    yield "no spread, a difference", paired_test(np.zeros(5), np.full(5, 1e-3)).p
+    yield "no difference", 1 - paired_test(np.ones(5), np.ones(5)).p
 
 
 @hard_case(
@@ -275,7 +275,9 @@ def test_ties() -> Seen:
     for p in ([], [0.0], [1.0] * 6, [0.01] * 6, *(list(rng.choice(chosen, 6)) for _ in range(40))):
         yield (
             str(p),
-            max((abs(a - b) for a, b in zip(corrected(p), closed(p), strict=True)), default=0.0),
+            max(
+                (abs(a - b) for a, b in zip(holm_corrected(p), closed(p), strict=True)), default=0.0
+            ),
         )
 
 

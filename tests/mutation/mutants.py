@@ -33,7 +33,8 @@ OPERATORS = (
     *(f"ReplaceBinaryOperator_{pair}" for pair in f"{BINARY} {SHIFTS}".split()),
     *(f"ReplaceComparisonOperator_{pair}" for pair in COMPARED.split()),
     *(f"ReplaceUnaryOperator_{pair}" for pair in UNARY.split()),
-    "AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "NumberReplacer",
+    "AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse",
+    "ReplaceFalseWithTrue", "NumberReplacer",
     "ReplaceBreakWithContinue", "ReplaceContinueWithBreak", "ZeroIterationForLoop",
 )  # fmt: skip
 LEFT_OUT = {

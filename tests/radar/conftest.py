@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import pytest
 
-from handbench.radar.imaging.plan import Sorted, TreePlan, fresh_plans
+from handbench.radar.imaging.plan import SortedPoints, TreePlan, fresh_plans
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def planned() -> Iterator[None]:
     as it is."""
     of_all = TreePlan.cost
 
-    def cost(plan: TreePlan, where: Sorted | None = None) -> float:
+    def cost(plan: TreePlan, where: SortedPoints | None = None) -> float:
         return of_all(plan) if where is None else 0.0
 
     with (

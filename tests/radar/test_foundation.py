@@ -358,7 +358,7 @@ def test_values_that_differ_hash_differently(tmp_path):
 
 
 def test_objects_of_unknown_content_are_not_hashed():
-    with pytest.raises(TypeError, match="cannot tell values of object apart"):
+    with pytest.raises(TypeError, match="cannot distinguish values of object"):
         content_hash({"a": object()})
 
 

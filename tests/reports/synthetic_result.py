@@ -11,14 +11,14 @@ import pandas as pd
 from PIL import Image
 
 from handbench.bench import results
-from handbench.bench.evaluation.alike import SMOOTHING, Alike
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treat
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, treated_figures
 from handbench.bench.evaluation.floor import budget, floor_interval, floor_mm
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import METRICS, of_captures
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from handbench.bench.evaluation.tables import CURVES, EQUAL, REPEATS, TASKS, frame
+from handbench.bench.evaluation.treatments import SMOOTHING, TreatedDepths
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference
 
@@ -80,19 +80,19 @@ def write_synthetic(
         c: known(z + MESH_SIGMA_M * rng.normal(size=z.shape), "photogrammetry")
         for c, z in truth.items()
     }
-    maps_alike: dict[str, dict[str, Alike]] = {c: {} for c in captures}
+    maps_alike: dict[str, dict[str, TreatedDepths]] = {c: {} for c in captures}
     for reference in references:
         for c in captures:
             z, sigma = surfaces[reference][c].z_m, surfaces[reference][c].sigma_m
-            results.write_surface(folder, c, reference, results.Surface(axis, axis, z, sigma))
+            results.write_surface(folder, c, reference, results.SurfaceMap(axis, axis, z, sigma))
     for method, (_, deviation_mm, bias_mm, share, seconds) in methods.items():
         maps = {reference: [] for reference in references}
         for c in captures:
             error_mm = bias_mm + deviation_mm * blurred(rng.normal(size=truth[c].shape))
             z = truth[c] + 1e-3 * error_mm
             z[blurred(rng.normal(size=z.shape)) > 2.5 * share - 1] = np.nan
-            results.write_surface(folder, c, method, results.Surface(axis, axis, z))
-            maps_alike[c][method] = Alike(z, z, -np.hypot(axis, axis[:, None]))
+            results.write_surface(folder, c, method, results.SurfaceMap(axis, axis, z))
+            maps_alike[c][method] = TreatedDepths(z, z, -np.hypot(axis, axis[:, None]))
             cost = (seconds, 2 * seconds, 300.0, False, None, "", None, 0.05, 1e-6)
             tasks.append((f"{c}-{method}", c, method, "image", *cost))
             for reference in references:
@@ -125,11 +125,11 @@ def write_synthetic(
 
 
 def equal_treatment(
-    alike: dict[str, dict[str, Alike]], truth: dict[str, np.ndarray], reference: str
+    alike: dict[str, dict[str, TreatedDepths]], truth: dict[str, np.ndarray], reference: str
 ) -> dict[str, pd.DataFrame]:
     """Tables of equal treatment; the maps are the same under each treatment."""
     figures, curves = [], []
-    each = [treat(maps, truth[c]) for c, maps in alike.items()]
+    each = [treated_figures(maps, truth[c]) for c, maps in alike.items()]
     for method in each[0]:
         for treatment in SMOOTHING:
             captures = pd.DataFrame([treated[method].figures for treated in each], dtype=float)

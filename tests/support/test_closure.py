@@ -10,12 +10,12 @@ import grimp
 import numpy as np
 import pytest
 
-from handbench.support.closure import Sources, installed
+from handbench.support.code_hash import Sources, installed
 from tests.installed_copy import copy_package
 
 STAGES = {
     "simulate": "handbench.bench.run.simulate_stage",
-    "inspect": "handbench.bench.validation.doubts",
+    "inspect": "handbench.bench.validation.capture_warnings",
     "sparse": "handbench.groundtruth.sparse_stage",
     "dense": "handbench.groundtruth.dense_stage",
     "mesh": "handbench.groundtruth.mesh_stage",
@@ -135,7 +135,7 @@ def test_every_way_to_import(tmp_path, case):
         file.write_text(text)
         (file.parent / "__init__.py").touch()
     assert (
-        set(Sources(tmp_path).closure("handbench.bench.one")[0])
+        set(Sources(tmp_path).imports_of("handbench.bench.one")[0])
         - {"handbench.bench", "handbench.bench.one"}
         == expected
     )
@@ -146,7 +146,7 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
     (tmp_path / "bench" / "one.py").write_text(
         "import cv2.aruco, json\nfrom numpy.linalg import norm\nimport nowhere"
     )
-    assert Sources(tmp_path).closure("handbench.bench.one") == (
+    assert Sources(tmp_path).imports_of("handbench.bench.one") == (
         ["handbench.bench.one"],
         ["cv2", "nowhere", "numpy"],
     )
@@ -156,7 +156,7 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
     assert installed("cv2")[0].startswith("opencv-contrib-python-headless ")
     before = Sources(tmp_path).key("handbench.bench.one")
     monkeypatch.setattr(
-        "handbench.support.closure.installed", lambda name: (f"{name} of tomorrow",)
+        "handbench.support.code_hash.installed", lambda name: (f"{name} of tomorrow",)
     )
     assert Sources(tmp_path).key("handbench.bench.one") != before
     with pytest.raises(ModuleNotFoundError, match=r"handbench\.bench\.no: is no module"):
@@ -194,7 +194,7 @@ def test_data_beside_a_module_count_with_it(tmp_path):
 def test_nothing_that_a_stage_runs_is_imported_under_a_name_that_nobody_can_read():
     """`import_module(name)` would hide what it imports: no stage's code has it. The registry's
     plug-ins have their own key, and the package's own file looks up what its users name."""
-    modules = {module for start in STAGES.values() for module in Sources().closure(start)[0]}
+    modules = {module for start in STAGES.values() for module in Sources().imports_of(start)[0]}
     for module in modules - {"handbench"}:
         source = Path(str(find_spec(module).origin)).read_bytes()
         if b"import_module" in source or b"__import__" in source:

@@ -19,8 +19,8 @@ from handbench.support import limits
 from handbench.support.config import Config, parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_bytes, read_json, read_npz, require_file, write_npz
-from handbench.support.hdf5 import opened
-from handbench.support.pictures import opened_picture
+from handbench.support.hdf5 import open_hdf5
+from handbench.support.pictures import open_picture
 
 HANG_S = 60  # of the processor: what is read in a second here takes no minute anywhere
 
@@ -123,7 +123,7 @@ def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, s
     heap = b"GCOL\x01\0\0\0" + struct.pack("<Q", 16 + len(content)) + content
     (tmp_path / "a.h5").write_bytes(b"x" * 40 + heap + bytes(40))  # what follows is no part of it
     said = "a heap of texts in it is broken" if broken else "signature not found"
-    with pytest.raises((ValueError, OSError), match=said), opened(tmp_path / "a.h5"):
+    with pytest.raises((ValueError, OSError), match=said), open_hdf5(tmp_path / "a.h5"):
         pass
 
 
@@ -174,7 +174,7 @@ def test_a_large_picture_holds_so_many_pixels_a_byte(tmp_path, mode, pixels_a_by
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     least = -(-(9000 * 9000) // pixels_a_byte)
     (tmp_path / "a.png").write_bytes(content + bytes(least - len(content)))
-    with opened_picture(tmp_path / "a.png") as image:
+    with open_picture(tmp_path / "a.png") as image:
         assert image.size == (9000, 9000)
     (tmp_path / "a.png").write_bytes(content + bytes(least - 1 - len(content)))
     refused_picture(tmp_path / "a.png", "9000 × 9000 pixels")
@@ -199,14 +199,14 @@ def test_what_has_no_end_is_not_waited_for(tmp_path):
 
 
 def refused_picture(path, message):
-    with pytest.raises(HandbenchError, match=message), opened_picture(path):
+    with pytest.raises(HandbenchError, match=message), open_picture(path):
         pass
 
 
 def test_pictures_of_many_scans_or_other_forms_are_refused(tmp_path):
     Image.new("L", (64, 64)).save(tmp_path / "a.jpg", progressive=True)
     whole = (tmp_path / "a.jpg").read_bytes()
-    with opened_picture(tmp_path / "a.jpg") as image:
+    with open_picture(tmp_path / "a.jpg") as image:
         assert image.size == (64, 64)
     at = whole.rfind(b"\xff\xda")
     (tmp_path / "a.jpg").write_bytes(whole[:at] + whole[at:-2] * 40 + whole[-2:])

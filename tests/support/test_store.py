@@ -24,7 +24,7 @@ def make(folder: Path, end: BaseException | None = None) -> None:
 def of(monkeypatch):
     """A stage by its name and what it depends on; this module stands for one of the packages."""
     made.clear()
-    monkeypatch.setattr(store.closure, "key_of", lambda module: module)
+    monkeypatch.setattr(store.code_hash, "key_of", lambda module: module)
     return lambda name, inputs, **given: Stage(name, make, given, inputs)
 
 
@@ -52,7 +52,7 @@ def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, of, 
 
 def test_changed_code_is_another_folder(of, monkeypatch):
     before = of("dense", ["a"])
-    monkeypatch.setattr(store.closure, "key_of", lambda module: f"{module} changed")
+    monkeypatch.setattr(store.code_hash, "key_of", lambda module: f"{module} changed")
     assert of("dense", ["a"]).key != before.key
     plugged = [Stage("dense", make, {}, ["a"], plugged=(code,)).key for code in ("one", "another")]
     assert len({before.key, *plugged}) == 3

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.mapped_capture import Mapping, Pairs
+from handbench.bench.datasets.mapped_capture import Mapping, PairsMapping
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
 from handbench.support.config import load
@@ -105,7 +105,7 @@ def test_the_files_of_the_page_are_read():
     )
     assert BenchFile.model_validate(bench).dataset[0].distances == (30,)
     assert (
-        Pairs.model_validate(more.pop("pairs")).first == 1
+        PairsMapping.model_validate(more.pop("pairs")).first == 1
     )  # of samples by pair, which these are not
     told = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
     assert (

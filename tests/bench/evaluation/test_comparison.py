@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from handbench.bench.evaluation.paired import compare, f_test, paired, unpaired
+from handbench.bench.evaluation.paired import compare, f_test, paired_test, welch_test
 from handbench.bench.results.result_folder import best, shown
 from handbench.support.errors import HandbenchError
 
@@ -49,14 +49,14 @@ def test_six_captures_have_students_paired_test():
 def test_two_samples_have_welchs_test():
     one, other = speckle(1, 7), speckle(2, 9) + 0.05
     expected = stats.ttest_ind(other, one, equal_var=False)
-    found = unpaired(one, other)
+    found = welch_test(one, other)
     assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
     assert found[1:3] == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-9)
     ones, none = np.ones(5), np.full(6, np.nan)
-    assert unpaired(ones, 1.5 * ones) == (0.5, 0.5, 0.5, 0.0)  # which do not scatter
-    assert unpaired(ones, ones) == (0, 0, 0, 1)
-    assert unpaired(ones[:4], 1.5 * ones)[0] == 0.5 and np.isnan(unpaired(ones[:4], ones).p)
-    assert np.isnan(unpaired(none, ones)[0]) and np.isnan(paired(none, none)[0])
+    assert welch_test(ones, 1.5 * ones) == (0.5, 0.5, 0.5, 0.0)  # which do not scatter
+    assert welch_test(ones, ones) == (0, 0, 0, 1)
+    assert welch_test(ones[:4], 1.5 * ones)[0] == 0.5 and np.isnan(welch_test(ones[:4], ones).p)
+    assert np.isnan(welch_test(none, ones)[0]) and np.isnan(paired_test(none, none)[0])
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_what_cannot_be_tested_says_so():
     four = speckle(0, 4)
     lines = compare({"a": four, "b": four + 0.5, "c": np.full(4, np.nan)}, "truth")
     assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None)
-    said = "a is ahead of b by 0.50 mm (MAE) on these 4: too few captures to tell of others"
+    said = "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
     assert lines.sentence[0] == said
     assert not shown(lines).any() and best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.evaluation.alike import Alike
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treat
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, risk_mm, treated_figures
 from handbench.bench.evaluation.metrics import over_frames
+from handbench.bench.evaluation.treatments import TreatedDepths
 
 NAN = np.nan
 REFERENCE_M = np.array([[0.3, 0.3, 0.3], [0.3, 0.3, NAN]])
@@ -16,10 +16,10 @@ REFERENCE_M = np.array([[0.3, 0.3, 0.3], [0.3, 0.3, NAN]])
 
 def alike(
     z_mm: list[list[float]], db: list[list[float]], open_mm: list[list[float]] | None = None
-) -> Alike:
+) -> TreatedDepths:
     """A map in millimetres behind the reference plane."""
     z_m, open_m = (0.3 + 1e-3 * np.array(values, float) for values in (z_mm, open_mm or z_mm))
-    return Alike(z_m, open_m, np.array(db, float))
+    return TreatedDepths(z_m, open_m, np.array(db, float))
 
 
 FIRST = alike([[1, 2, NAN], [4, 8, 9]], [[0, -5, -9], [-3, -1, 0]], [[1, 2, 16], [4, 8, 9]])
@@ -27,7 +27,7 @@ SECOND = alike([[-3, NAN, 5], [7, 1, NAN]], [[-4, -3, -2], [-1, 0, 0]])
 
 
 def test_errors_stand_on_the_pixels_that_all_see():
-    found = treat({"a": FIRST, "b": SECOND}, REFERENCE_M)
+    found = treated_figures({"a": FIRST, "b": SECOND}, REFERENCE_M)
     assert found["a"].figures["mae_mm"] == pytest.approx((1 + 4 + 8) / 3)
     assert found["b"].figures["mae_mm"] == pytest.approx((3 + 7 + 1) / 3)
     assert found["b"].figures["max_mm"] == pytest.approx(7)
@@ -41,7 +41,9 @@ def test_the_curve_takes_the_strongest_pixels_first_whatever_the_threshold():
     )
     np.testing.assert_allclose(risk_mm(FIRST, REFERENCE_M), first)
     np.testing.assert_allclose(risk_mm(SECOND, REFERENCE_M), second)
-    found = treat({"a": FIRST, "b": SECOND}, REFERENCE_M)  # both reach four of five pixels
+    found = treated_figures(
+        {"a": FIRST, "b": SECOND}, REFERENCE_M
+    )  # both reach four of five pixels
     assert found["a"].figures["aurc_to_percent"] == pytest.approx(80)
     assert found["a"].figures["aurc_mm"] == pytest.approx(first[:4].mean())
     assert found["b"].figures["aurc_mm"] == pytest.approx(second.mean())
@@ -56,7 +58,7 @@ def test_amplitudes_that_say_nothing_give_the_mean_error_and_a_perfect_order_its
     n, plane_m = 40, np.full((5, 8), 0.3)
     error_mm = np.random.default_rng(seed).permutation(np.arange(1.0, n + 1)).reshape(5, 8)
     z_m = plane_m + 1e-3 * error_mm
-    found = treat({s: Alike(z_m, z_m, s * error_mm) for s in (-1, 1)}, plane_m)
+    found = treated_figures({s: TreatedDepths(z_m, z_m, s * error_mm) for s in (-1, 1)}, plane_m)
     assert found[-1].figures["aurc_mm"] == pytest.approx((n + 3) / 4)
     assert found[1].figures["aurc_mm"] == pytest.approx(n + 1 - (n + 3) / 4)
     assert [of.figures["mae_mm"] for of in found.values()] == pytest.approx([(n + 1) / 2] * 2)
@@ -64,10 +66,10 @@ def test_amplitudes_that_say_nothing_give_the_mean_error_and_a_perfect_order_its
 
 def test_nothing_in_common_and_no_surface_are_not_figures():
     empty = alike([[NAN] * 3] * 2, [[0] * 3] * 2)
-    found = treat({"a": FIRST, "b": empty}, REFERENCE_M)
+    found = treated_figures({"a": FIRST, "b": empty}, REFERENCE_M)
     assert found["a"].figures["mae_mm"] is None and found["a"].figures["aurc_mm"] is None
     assert found["a"].figures["common_percent"] == 0
-    without = treat({"a": FIRST}, np.full((2, 3), NAN))
+    without = treated_figures({"a": FIRST}, np.full((2, 3), NAN))
     assert without["a"].figures["common_percent"] is None and np.isnan(without["a"].curve_mm).all()
 
 

@@ -18,7 +18,7 @@ from handbench.bench.evaluation.intervals import (
     note,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import averaged, of_captures
+from handbench.bench.evaluation.metrics import mean_figures, of_captures
 
 AXIS_M = 2.5e-3 * np.arange(12)
 BETWEEN_MM = 0.7  # deviation of captures' biases
@@ -65,7 +65,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
     """By hand: captures of 36 and 144 pixels, one without any; the pooled figures beside them."""
     quarter, peak_mm = np.zeros((12, 12), bool), np.ones((12, 12))
     quarter[:6, :6], peak_mm[0, 0] = True, 10
-    found = averaged(of_captures([seen(4.0, quarter), seen(peak_mm), seen(1.0, False)]))
+    found = mean_figures(of_captures([seen(4.0, quarter), seen(peak_mm), seen(1.0, False)]))
     one_mm = (143 + 10) / 144
     expected = {
         "mae_mm": (4 + one_mm) / 2,
@@ -76,7 +76,7 @@ def test_figures_are_formed_for_each_capture_and_then_averaged():
         "n_observed": 180,
     }
     assert {key: found[key] for key in expected} == pytest.approx(expected)
-    nothing = averaged(of_captures([seen(1.0, False)] * 6))
+    nothing = mean_figures(of_captures([seen(1.0, False)] * 6))
     assert nothing["mae_mm"] is nothing["pooled_max_mm"] is None and nothing["n_observed"] == 0
 
 
@@ -118,7 +118,7 @@ def test_too_little_has_no_interval_and_it_is_said():
     assert mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
     said = "captures: too few captures to tell how others differ; 5 or more have intervals"
     assert note(4) == f"4 {said}" and note(1).startswith("1 capture: too few")
-    assert note(FEWEST).startswith("5 captures: the intervals speak of")
+    assert note(FEWEST).startswith("5 captures: the intervals are those of")
     assert precision_interval([]) is None is precision_interval([np.array([0.3, np.nan])])
     assert precision_interval([np.full(10, 0.25)]) == (0, 0)
     # a bootstrap of three draws each of them: the ends are the least and the largest

@@ -39,7 +39,7 @@ def result(
     for name, errors in zip(names, errors_mm, strict=True):
         seen = error_map(AXIS_M, AXIS_M, z_m + 1e-3 * errors, z_m)
         results.write_errors(folder, name, "3fsk", "truth", seen)
-        results.write_surface(folder, name, "truth", results.Surface(AXIS_M, AXIS_M, z_m))
+        results.write_surface(folder, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, z_m))
     repeated_m = 0.3 + 1e-3 * np.random.default_rng(len(names)).normal(size=10)
     repeats = frame(REPEATS, [("B", "3fsk", i, z) for i, z in enumerate(repeated_m)])
     configs = {name: {"step_m": 0.001} for name in names}
@@ -119,7 +119,7 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     found = {n: result(tmp_path / n, speckle(0)[-k:], NAMES[-k:]) for n, k in count.items()}
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES[1:]:
-        surface = results.Surface(AXIS_M, AXIS_M, fewer_m)
+        surface = results.SurfaceMap(AXIS_M, AXIS_M, fewer_m)
         results.write_surface(tmp_path / side, name, "truth", surface)
     compared = compare_results(found["a"], found["b"])
     assert line(compared).paired == same

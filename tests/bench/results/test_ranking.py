@@ -7,7 +7,7 @@ import pytest
 
 from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.bench.results import MethodFacts, load
-from handbench.bench.results.ranking import ranked
+from handbench.bench.results.ranking import rank_methods
 from handbench.support.errors import HandbenchError
 
 NAMES = tuple("ABCDEFGH")
@@ -39,7 +39,7 @@ def test_methods_between_which_nothing_is_shown_share_a_rank(result):
     noise = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
     a = result("a", first=50 + noise, third=40 + noise[::-1])
     b = result("b", second=49.99 + np.roll(noise, 2) * [1, 1, 1, 1, -1, -1, -1, -1])
-    table, about = ranked([a, b])
+    table, about = rank_methods([a, b])
     assert table.method.tolist() == ["FIRST", "SECOND", "THIRD"]
     assert table["rank"].tolist() == [1, 1, 3]
     assert table.result.tolist() == [str(a.folder), str(b.folder), str(a.folder)]
@@ -53,7 +53,7 @@ def test_methods_between_which_nothing_is_shown_share_a_rank(result):
 def test_captures_that_one_result_lacks_are_left_out(result):
     a = result("a", names=("A", "B"), one=[10.0, 90.0], inputs={"B": "1"})
     b = result("b", names=("B", "C"), two=[80.0, 0.0], inputs={"B": "2"})
-    table, about = ranked([a, b])
+    table, about = rank_methods([a, b])
     assert table.method.tolist() == ["ONE", "TWO"] and table.complete_2mm_percent.tolist() == [
         90,
         80,
@@ -65,7 +65,7 @@ def test_captures_that_one_result_lacks_are_left_out(result):
 def test_results_that_share_nothing_are_refused(result):
     """One method of two results stands twice."""
     noise = np.arange(8.0)
-    table, _ = ranked([result("a", same=50 + noise), result("b", same=60 + noise)])
+    table, _ = rank_methods([result("a", same=50 + noise), result("b", same=60 + noise)])
     assert table["rank"].tolist() == [1, 2] and table.result.str[-1].tolist() == ["b", "a"]
     a, b = result("a", names=("A",), one=1.0), result("b", names=("A",), two=1.0)
     of_maroon = b.about.model_copy(update={"protocol": {"id": "maroon", "version": 1}})
@@ -75,4 +75,4 @@ def test_results_that_share_nothing_are_refused(result):
         (replace(b, about=of_maroon), "by the protocols"),
     ):
         with pytest.raises(HandbenchError, match=words):
-            ranked([a, other])
+            rank_methods([a, other])

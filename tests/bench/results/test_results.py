@@ -39,8 +39,8 @@ def rows() -> pd.DataFrame:
 @pytest.fixture
 def folder(tmp_path):
     """The smallest complete result: one capture, one method, one reference."""
-    results.write_surface(tmp_path, "B", "truth", results.Surface(AXIS, AXIS, Z))
-    results.write_surface(tmp_path, "B", "3fsk", results.Surface(AXIS, AXIS, Z + 1e-3))
+    results.write_surface(tmp_path, "B", "truth", results.SurfaceMap(AXIS, AXIS, Z))
+    results.write_surface(tmp_path, "B", "3fsk", results.SurfaceMap(AXIS, AXIS, Z + 1e-3))
     results.write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
     results.write_tables(tmp_path, table=rows(), tasks=TASK, repeats=REPEATED)
     results.write_config(tmp_path, 'name = "ü"\n')

@@ -83,7 +83,7 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     for stage in (
         "run.simulate_stage.simulate",
-        "validation.doubts.make",
+        "validation.capture_warnings.make",
         "run.reconstruct_stage.reconstruct",
         "run.repeat_stage.repeat",
     ):

@@ -18,7 +18,7 @@ from handbench.support.parallel import workers
 from handbench.support.store import Stage, Stamp
 
 if TYPE_CHECKING:
-    from handbench.bench.run.runner import Done
+    from handbench.bench.run.runner import StageOutcome
 
 SPAN_S = 0.2
 
@@ -34,7 +34,7 @@ def stage_of(name: str, capture: str, method: str = "") -> Stage:
 
 def performed(
     executor: Executor, job: Callable[[Path, Stage], Any], root: Path, stages: list[Stage]
-) -> list[Done]:
+) -> list[StageOutcome]:
     """The outcomes of stages that a run has an executor carry out, by a job that stands for the
     real ones."""
     from handbench.bench.run import jobs, runner

@@ -24,13 +24,13 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import DESCRIPTION, save_capture_file
 from handbench.bench.run import jobs, runner
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, load_benchmark
-from handbench.bench.run.outcome import Capture
+from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.support.folder import MARKER, WORK
 from handbench.support.store import Stage
 
 
-def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
+def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[RunCapture]]:
     """The first hands of the embedded benchmark `hands` by its methods and one more; kept once they
     have been run."""
     bench, base = load_benchmark("hands")
@@ -41,18 +41,20 @@ def first_hands(folder: Path, count: int) -> tuple[BenchFile, list[Capture]]:
     return bench, [opened(stage.folder(folder / WORK) / CAPTURE, stage.key) for stage in stages]
 
 
-def opened(place: Path, key: str) -> Capture:
+def opened(place: Path, key: str) -> RunCapture:
     """A capture of a run."""
-    return Capture(place, key, open_capture(place).about)
+    return RunCapture(place, key, open_capture(place).about)
 
 
-def kept(bench: BenchFile, capture: Capture) -> list[Stage]:
+def kept(bench: BenchFile, capture: RunCapture) -> list[Stage]:
     """The stages of a capture that a run of the copies finds done."""
     images = [jobs.imaging(bench, Path(), capture, entry) for entry in bench.method]
     return [jobs.inspection(capture), *(stage for stages in images for stage in stages)]
 
 
-def copies(bench: BenchFile, hands: list[Capture], first: Path, folder: Path, count: int) -> Path:
+def copies(
+    bench: BenchFile, hands: list[RunCapture], first: Path, folder: Path, count: int
+) -> Path:
     """Write a benchmark of so many copies, whose files are those of the hands, and of a run that
     has imaged them."""
     work, names = folder / "out" / WORK, [f"hand{number:04d}" for number in range(count)]

@@ -32,7 +32,7 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder
-from handbench.support.folder import claimed
+from handbench.support.folder import locked
 from handbench.support.store import MANIFEST
 from tests.bench.run.faults import DISK, content, instant, nobody_s_rights
 from tests.faults.disk import files_of_at_most
@@ -132,8 +132,8 @@ def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
     """The lock is the system's: it holds between processes, and falls with the one that holds
     it."""
     hold = (
-        "import sys; from pathlib import Path; from handbench.support.folder import claimed\n"
-        "with claimed(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
+        "import sys; from pathlib import Path; from handbench.support.folder import locked\n"
+        "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
     )
     holder = subprocess.Popen(
         [sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT
@@ -141,12 +141,12 @@ def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
     assert holder.stdout.readline() == b"held\n"
     with (
         pytest.raises(HandbenchError, match="another run is writing here"),
-        claimed(tmp_path / "out"),
+        locked(tmp_path / "out"),
     ):
         pass
     holder.kill()
     holder.communicate()
-    with claimed(tmp_path / "out") as work:
+    with locked(tmp_path / "out") as work:
         assert work.is_dir()
 
 

@@ -13,7 +13,7 @@ from handbench.bench.run.runner import run
 from handbench.bench.tradeoff.run import run as tradeoff
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
-from handbench.support.folder import MARKER, claimed, drop
+from handbench.support.folder import MARKER, drop, locked
 from handbench.support.store import MANIFEST, Stage, cached
 from tests.bench.run.faults import content, instant
 
@@ -43,7 +43,7 @@ def unharmed(home):
 
 
 def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed, monkeypatch):
-    monkeypatch.setattr("handbench.support.closure.key_of", lambda module: module)
+    monkeypatch.setattr("handbench.support.code_hash.key_of", lambda module: module)
     one = Stage("dense", print, {}, [])
     (tmp_path / "stages").mkdir()
     one.folder(tmp_path / "stages").symlink_to(home)
@@ -53,7 +53,7 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
     with pytest.raises(HandbenchError, match="linked: is a link"):
         cached(tmp_path / "linked", one)
     with (
-        pytest.raises(HandbenchError, match="a link stands in the folder's place"),
+        pytest.raises(HandbenchError, match="a link is in the folder's place"),
         atomic_folder(tmp_path / "linked"),
     ):
         pass
@@ -61,13 +61,13 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
 
 
 def test_what_belongs_to_somebody_else_is_left_alone(tmp_path, monkeypatch):
-    with claimed(tmp_path / "out"):
+    with locked(tmp_path / "out"):
         pass
     (tmp_path / "out" / "table.csv").write_text("theirs")
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 4711)
     with (
         pytest.raises(HandbenchError, match=r"is another user's \(number \d+\)"),
-        claimed(tmp_path / "out"),
+        locked(tmp_path / "out"),
     ):
         pass
     with pytest.raises(HandbenchError, match=r"table\.csv: is another user's"):
@@ -94,7 +94,7 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
             os.mkfifo(out / name)
         else:
             (out / name).symlink_to(targets.get(to, tmp_path / "pipe"))
-        words = f"{(out / name).name}: is {what}, which no run wrote; it is left alone"
+        words = f"{(out / name).name}: is {what}, which no run wrote; it stays unchanged"
         with pytest.raises(HandbenchError, match=words):
             command(bench, base, out, overwrite=True)
         assert os.path.lexists(out / name)
@@ -145,5 +145,5 @@ def test_a_capture_s_hash_takes_regular_files_alone(tmp_path, home, unharmed):
         (capture / "round").unlink()
     os.mkfifo(capture / "pipe")
     for asked in (capture, Path("/dev/zero")):
-        with pytest.raises(HandbenchError, match="is no file whose content could be told"):
+        with pytest.raises(HandbenchError, match="is not a readable file"):
             content_hash(asked)

@@ -13,9 +13,9 @@ from handbench.bench.evaluation.metrics import precision
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.run.sweep import Sweep
+from handbench.bench.run.sweep import TradeoffSweep
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.tradeoff.run import opened
+from handbench.bench.tradeoff.run import open_inputs
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.errors import HandbenchError
@@ -37,7 +37,9 @@ def printed(small_bench, monkeypatch) -> Path:
     """The small benchmark: the ball measures the accuracy alone, and two balls the precision, which
     have two tones, of which narrowband makes no image, and cameras. Nothing is doubted: two tones
     fit no surface well, and are looked at for long (test_inspect)."""
-    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    monkeypatch.setattr(
+        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
+    )
     scene = (small_bench.parent / "ball.toml").read_text().replace(", 79.5e9", "")
     for k in range(2):
         changed = scene.replace('"ball"', f'"print{k}"').replace("0.30", f"0.29{k}")
@@ -75,12 +77,12 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
         assert result.row("mae_mm", method, "truth").value == before.value
     assert not [file for file in out.glob("*/print*") if file.parent.name != "work"]
     text = "those that every method of the table finished"
-    expected = f"1 of 1 captures: {text}; the precision alone: 2 of 2 captures: {text}"
+    expected = f"1 of 1 captures: {text}; for the precision only: 2 of 2 captures: {text}"
     assert result.about.protocol["basis"] == expected
     bench, base = load_benchmark(str(printed))
-    bench = bench.model_copy(update={"tradeoff": Sweep(sections=("imaging",))})
+    bench = bench.model_copy(update={"tradeoff": TradeoffSweep(sections=("imaging",))})
     (tmp_path / "work").mkdir()  # a trade-off sweeps the captures of the accuracy
-    assert [c.name for c in opened(bench, base, tmp_path / "work").captures] == ["ball"]
+    assert [c.name for c in open_inputs(bench, base, tmp_path / "work").captures] == ["ball"]
 
 
 TARGET = '[calibration]\nscene = "ball.toml"\nmeasures = ["accuracy"]\n[[method]]\nid = "2fsk"'
@@ -94,7 +96,7 @@ BALL = 'measures = ["accuracy"]'
         (BALL, "measures = []", "measures"),
         (BALL, 'measures = ["accuracy", "accuracy"]', "names one twice"),
         (BALL, 'measures = ["speed"]', "measures.*'accuracy' or 'precision'"),
-        ("precision = true", "", "the precision alone, but no method has precision = true"),
+        ("precision = true", "", "only the precision, but no method has precision = true"),
         ('[[method]]\nid = "2fsk"', TARGET, "unknown key 'calibration.*measures'"),
     ],
 )

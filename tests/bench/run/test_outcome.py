@@ -16,7 +16,7 @@ from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.results.about import MEASURES
 from handbench.bench.run import outcome, scoring, write_result
 from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
-from handbench.bench.run.outcome import Capture, Outcome
+from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
@@ -40,7 +40,7 @@ def written(small_bench, tmp_path):
         Surface(corners_m, faces, np.full(4, sigma_m), np.ones(4, bool)).save(mesh)
         transform = Transform("photo", "radar", np.eye(4), covariance)
         names = "spoilt", "plate"
-        captures = [Capture(tmp_path / n, "0" * 64, CaptureFile(name=n)) for n in names]
+        captures = [RunCapture(tmp_path / n, "0" * 64, CaptureFile(name=n)) for n in names]
         found = Outcome(bench, captures, [])
         found.references["spoilt"] = {"truth": (lost, identity("radar"))}
         of_plate = {"photogrammetry": (mesh, transform), "truth": (mesh, identity("radar"))}
@@ -54,7 +54,7 @@ def written(small_bench, tmp_path):
                 found.seconds[name, id] = [0.1]
         for capture in captures:
             save_capture_file(capture.folder, capture.about)
-            with outcome.failing(found.failures, capture.name, "score"):
+            with outcome.recorded_failure(found.failures, capture.name, "score"):
                 scored = tmp_path / "scored" / capture.name
                 files = found.references[capture.name]
                 scoring.make(scored, str(capture.folder), maps, files, bench.protocol)
@@ -137,8 +137,10 @@ def basis(lost: dict[str, str]) -> tuple[str, str, str, str]:
         for method, names in lost.items()
         for name in names
     ]
-    known = [Capture(Path(name), "", CaptureFile(name=name), of) for name, of in captures.items()]
-    found = outcome.basis(Outcome(bench, known, [], failures))
+    known = [
+        RunCapture(Path(name), "", CaptureFile(name=name), of) for name, of in captures.items()
+    ]
+    found = outcome.common_subset(Outcome(bench, known, [], failures))
     of_each = ("".join(c.name for c in some) for some in (found.captures, found.repeated))
     return *of_each, " ".join(entry.id for entry in found.methods), found.text
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.run import jobs
-from handbench.bench.run.benchmark_file import BenchFile, embedded, load_benchmark
+from handbench.bench.run.benchmark_file import BenchFile, embedded_benchmarks, load_benchmark
 from handbench.bench.validation.inspection import problems_of
 from handbench.support.errors import HandbenchError
 
@@ -77,7 +77,7 @@ def test_only_hands_have_persons_and_each_once(tmp_path: Path) -> None:
 
 def test_the_embedded_hands_are_twelve_people() -> None:
     bench, base = load_benchmark("hands")
-    assert sorted(embedded()) == ["hands", "paper_table"]
+    assert sorted(embedded_benchmarks()) == ["hands", "paper_table"]
     persons = sorted(number for source in bench.capture for number in source.persons or ())
     assert persons == list(range(1, 13)) and bench.reproduces is None
     assert bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad

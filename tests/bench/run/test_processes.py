@@ -13,7 +13,7 @@ import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.executors import Here, Processes
+from handbench.bench.run.executors import LocalExecutor, ProcessExecutor
 from handbench.bench.run.runner import run
 from handbench.support.parallel import workers
 from tests.bench.run.jobs_of_tests import performed, slow, spans, stage_of, stuck
@@ -21,8 +21,8 @@ from tests.bench.run.test_schedule import several
 
 
 @pytest.fixture
-def beside() -> Iterator[Processes]:
-    with Processes(min(len(os.sched_getaffinity(0)), 2)) as found:
+def beside() -> Iterator[ProcessExecutor]:
+    with ProcessExecutor(min(len(os.sched_getaffinity(0)), 2)) as found:
         yield found
 
 
@@ -63,7 +63,7 @@ def test_a_bug_keeps_its_exception_and_where_it_was(beside, tmp_path):
 def _slowly(root: Path) -> None:
     # ignored where a shell started the tests in background
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with Processes(min(len(os.sched_getaffinity(0)), 2)) as beside:
+    with ProcessExecutor(min(len(os.sched_getaffinity(0)), 2)) as beside:
         performed(beside, slow, root, [stage_of("mesh", "a"), stage_of("mesh", "b")])
 
 
@@ -93,7 +93,8 @@ def test_a_stage_that_ends_its_process_fails_alone(beside, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("count", "core_s", "kind"), [(1, 1e9, Here), (2, 1.0, Here), (2, 1e9, Processes)]
+    ("count", "core_s", "kind"),
+    [(1, 1e9, LocalExecutor), (2, 1.0, LocalExecutor), (2, 1e9, ProcessExecutor)],
 )
 def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, core_s, kind):
     monkeypatch.setattr(executors, "room", lambda *_: count)

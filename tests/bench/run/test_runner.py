@@ -133,7 +133,9 @@ def other(small_bench, recorded) -> Path:
 def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
     small_bench, small_result, other, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("handbench.bench.validation.doubts.of_capture", lambda recorded: iter(()))
+    monkeypatch.setattr(
+        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
+    )
     echoes = load_capture(other / "echoes.h5")
     two = {"samples": echoes.samples[:, -2:], "frequencies_hz": echoes.frequencies_hz[-2:]}
     save_capture(other / "echoes.h5", replace(echoes, **two))  # enough for 2-FSK alone

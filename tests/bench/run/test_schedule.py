@@ -17,7 +17,7 @@ import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.executors import HASH, Cluster, Here, elsewhere
+from handbench.bench.run.executors import HASH, DaskExecutor, LocalExecutor, elsewhere
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
 from handbench.support.store import Stage, cached
@@ -126,14 +126,14 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_p
 @pytest.fixture(params=["in place", "cluster"])
 def executor(request, tmp_path) -> Iterator[Executor]:
     if request.param == "in place":
-        yield Here()
+        yield LocalExecutor()
         return
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     # Threads of this process: what is tested is the client's side.
     with distributed.Client(
         processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
     ) as client:
-        yield Cluster(client)
+        yield DaskExecutor(client)
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
@@ -174,7 +174,7 @@ def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
         distributed.Client(cluster, set_as_default=False) as client,
     ):
         stages = [stage_of(HASH, name) for name in names]
-        ended = performed(Cluster(client), deadly, tmp_path, stages)
+        ended = performed(DaskExecutor(client), deadly, tmp_path, stages)
     assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
     assert ended[2].failure.message == "1 workers died over it; give the workers more memory"
 

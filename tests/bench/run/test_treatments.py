@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.evaluation.alike import OPEN_DB, WINDOW_PX
+from handbench.bench.evaluation.treatments import OPEN_DB, WINDOW_PX
 from handbench.bench.run import reconstruct_stage
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.reconstruct_stage import read_treated, settled, write_treated
@@ -155,7 +155,7 @@ def test_a_run_has_equal_treatment_frames_and_enough_times(small_bench, tmp_path
     maps = {}
     for method in ("2fsk", "narrowband"):
         [folder] = (out / "work").glob(f"reconstruct-ball-{method}-*")
-        maps[method] = np.load(folder / "alike.npz")["none_z_m"].astype(float)
+        maps[method] = np.load(folder / "treated.npz")["none_z_m"].astype(float)
         seconds = json.loads((folder / "timing.json").read_text())["seconds"]
         assert len(seconds) == 4 and seconds[-1] == 7.0 != max(seconds[:3])
     truth_m = np.load(results.depth_path(out, "ball", "truth"))["z_m"]

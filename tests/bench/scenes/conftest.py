@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from handbench.bench.scenes.bodies import Body
+from handbench.bench.scenes.bodies import PhotoBody
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.light import Light, bake
 from handbench.bench.scenes.photographs import Studio
@@ -39,7 +39,7 @@ def ball() -> Callable[..., Studio]:
     baked: dict[int, Light] = {}
     printed = cache(plate_print)
 
-    def remembered(rays: object, body: Body) -> Light:
+    def remembered(rays: object, body: PhotoBody) -> Light:
         if len(body.faces) not in baked:
             baked[len(body.faces)] = bake(rays, body)
         return baked[len(body.faces)]

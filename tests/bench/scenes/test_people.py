@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handbench.bench.scenes.bones import held, radii_m, skeleton
+from handbench.bench.scenes.bones import person_pose, radii_m, skeleton
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.implicit import Field, zero_set
@@ -28,7 +28,7 @@ MEAN_FIELD_M = [
 
 
 def test_the_mean_hand_is_what_it_was() -> None:
-    assert person(0) is MEAN and held(POSES["F"], 0) is POSES["F"]
+    assert person(0) is MEAN and person_pose(POSES["F"], 0) is POSES["F"]
     points_m = np.random.default_rng(0).uniform((-0.06, -0.09, -0.04), (0.06, 0.12, 0.03), (12, 3))
     for field in (hand_field(POSES["F"]), hand_field(POSES["F"], person(0))):
         assert (
@@ -65,7 +65,7 @@ def test_sizes_and_proportions_are_the_published_ones() -> None:
 @settings(max_examples=4, deadline=None)
 @given(NUMBERS, st.sampled_from("BFUAY"))
 def test_every_person_has_one_sound_hand(number: int, letter: str) -> None:
-    own, pose = person(number), held(POSES[letter], number)
+    own, pose = person(number), person_pose(POSES[letter], number)
     surface = hand_mesh(pose, COARSE_M, own)
     assert surface.is_edge_manifold(allow_boundary_edges=False)
     assert len(surface.cluster_connected_triangles()[1]) == 1
@@ -97,7 +97,7 @@ def test_digits_that_touch_in_a_letter_touch_in_every_hand(
     letter: str, finger: str, number: int
 ) -> None:
     mean_m = depth_of_contact_m(POSES[letter], "thumb", finger, 0)
-    own_m = depth_of_contact_m(held(POSES[letter], number), "thumb", finger, number)
+    own_m = depth_of_contact_m(person_pose(POSES[letter], number), "thumb", finger, number)
     assert own_m == pytest.approx(mean_m, abs=1e-3)
 
 

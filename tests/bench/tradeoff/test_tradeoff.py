@@ -16,7 +16,7 @@ from handbench.bench.results import (
     load_tradeoff,
     write_tradeoff,
 )
-from handbench.bench.run.sweep import Sweep, completed, default, imaging_settings
+from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, default, imaging_settings
 from handbench.bench.tradeoff.imaging import counted_factor
 from handbench.bench.tradeoff.settings import answer, dominates, front, rank, with_acquisition
 from handbench.cli.tradeoff import LENGTHS, TIMES, quantity
@@ -99,8 +99,8 @@ def test_the_paper_s_count_on_its_own_grids():
     assert counted_factor(BroadbandConfig(), ThreeToneConfig()) == pytest.approx(128 * 81 / 7)
 
 
-def sweep(**entry: object) -> Sweep:
-    return parse(Sweep, {"imaging": [entry]}, "test")
+def sweep(**entry: object) -> TradeoffSweep:
+    return parse(TradeoffSweep, {"imaging": [entry]}, "test")
 
 
 def test_knobs_multiply_and_go_into_tables():
@@ -208,7 +208,9 @@ def test_the_default_sweep_is_whole_and_a_reference_is_one_of_it():
     settings = imaging_settings(default(), {})
     assert default().reference in {s.name for s in settings}
     assert {"2fsk", "3fsk", "broadband", "narrowband"} <= {s.method for s in settings}
-    own = completed(Sweep(repeats=7))
-    assert (own.repeats, own.imaging) == (7, default().imaging) and completed(None) == default()
+    own = complete_sweep(TradeoffSweep(repeats=7))
+    assert (own.repeats, own.imaging) == (7, default().imaging) and complete_sweep(
+        None
+    ) == default()
     with pytest.raises(HandbenchError, match=r"tradeoff\.reference: no setting 'x'"):
         imaging_settings(sweep(method="2fsk").model_copy(update={"reference": "x"}), {})

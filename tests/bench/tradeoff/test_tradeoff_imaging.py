@@ -14,7 +14,7 @@ from handbench.bench.tradeoff.run import run, setting_path
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_points, image_volume, project_volume, watch
+from handbench.radar.imaging.api import count_imaging, image_points, image_volume, project_volume
 from handbench.support.errors import HandbenchError
 
 AXES = "x = AXIS, y = AXIS".replace("AXIS", "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }")
@@ -130,7 +130,7 @@ def test_the_stopwatch_counts_terms_once_and_only_when_asked():
     )
     known = np.ones((2, 3, 2), np.complex64), np.array([80e9, 82e9]), array
     image_volume(*known, grid, None)
-    with watch() as laps:
+    with count_imaging() as laps:
         image_points(*known, np.ones((5, 3)), None)
         assert laps.terms == 5 * 12 and laps.tones == 2 and laps.imaging_s > 0
         project_volume(*known, grid, None)  # which images a volume

@@ -14,16 +14,16 @@ import pytest
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.run.benchmark_file import BenchFile, Source
-from handbench.bench.run.outcome import Capture, Outcome
-from handbench.bench.run.sweep import SimulationKnobs, Sweep
+from handbench.bench.run.outcome import Outcome, RunCapture
+from handbench.bench.run.sweep import SimulationKnobs, TradeoffSweep
 from handbench.bench.scenes.build import build, load_scene
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.tradeoff import groundtruth, simulated_sections
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
-from handbench.bench.tradeoff.settings import Inputs
+from handbench.bench.tradeoff.settings import TradeoffInputs
 from handbench.bench.tradeoff.simulated_sections import (
-    Way,
+    SimulationVariant,
     measure_registration,
     measure_simulation,
 )
@@ -51,18 +51,18 @@ BALL = {
 
 
 @pytest.fixture(scope="module")
-def ball(tmp_path_factory) -> Capture:
+def ball(tmp_path_factory) -> RunCapture:
     """A capture without echoes: photographs, truth and description."""
     folder = tmp_path_factory.mktemp("ball") / "capture"
     write_photos(build(parse(SceneFile, BALL, "the ball")), folder)
-    return Capture(folder, "", open_capture(folder).about)
+    return RunCapture(folder, "", open_capture(folder).about)
 
 
 def inputs(
-    folder: Path, *captures: Capture, seed: int = 1, repeats: int = 1, **knobs: dict
-) -> Inputs:
+    folder: Path, *captures: RunCapture, seed: int = 1, repeats: int = 1, **knobs: dict
+) -> TradeoffInputs:
     """The inputs of a section with these knobs; every capture has a true surface."""
-    sweep = parse(Sweep, {"repeats": repeats, **knobs}, "tradeoff")
+    sweep = parse(TradeoffSweep, {"repeats": repeats, **knobs}, "tradeoff")
     known = {
         "version": 1,
         "name": "swept",
@@ -73,7 +73,9 @@ def inputs(
     references = {
         capture.name: {"truth": (capture.folder / "truth.ply", None)} for capture in captures
     }
-    return Inputs(bench, folder, folder, Outcome(bench, list(captures), [], references=references))
+    return TradeoffInputs(
+        bench, folder, folder, Outcome(bench, list(captures), [], references=references)
+    )
 
 
 @pytest.mark.slow
@@ -119,7 +121,7 @@ def shifted(monkeypatch):
     return reconstruct
 
 
-def too_small(ball: Capture) -> Surface:
+def too_small(ball: RunCapture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
     scene = build(
         parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball")
@@ -168,7 +170,11 @@ def test_what_another_does_is_not_listed_beside_it(small_bench):
     scene = echo_scene(load_scene(small_bench.parent / "ball.toml"))
 
     def on(*without: str) -> set[str]:
-        return {choice.effect for choice in Way(without=without).choices(scene) if choice.on}
+        return {
+            choice.effect
+            for choice in SimulationVariant(without=without).choices(scene)
+            if choice.on
+        }
 
     shadows = set(NO_SHADOWS)
     assert on() & shadows == {"shadow_diffraction"}
@@ -197,9 +203,11 @@ def drawn(monkeypatch):
             ]
             for side in (photo_m, radar_m)
         )
-        return simulated_sections.Registered(case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S)
+        return simulated_sections.TargetMeasurement(
+            case, Pairs.of(*sides), np.zeros((3, 3)), MEASURED_S
+        )
 
-    monkeypatch.setattr(simulated_sections, "registered", registered)
+    monkeypatch.setattr(simulated_sections, "measure_placement", registered)
     return refused
 
 

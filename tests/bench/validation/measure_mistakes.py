@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.scenes.echoes import echo_scene
+from handbench.bench.studies.ablation import assorted_scenes
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.capture import RadarCapture
@@ -27,7 +28,6 @@ from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
-from tests.bench.studies.ablation import assorted_scenes
 from tests.bench.validation.test_inspect import ECHOES, SURFACES
 
 TONES = {"sweep": [{"start_hz": 72e9, "stop_hz": 82e9, "count": 16}], "tones_hz": [81.8e9, 79.5e9]}

@@ -18,7 +18,7 @@ from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation import checks
-from handbench.bench.validation.mistakes import conjugated
+from handbench.bench.validation.mistakes import conjugation_warnings
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
@@ -160,7 +160,7 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
         noise *= 0.1 * (number % 2)
         noise *= np.abs(capture.samples).max()
         noisy = (capture.samples + noise[0] + 1j * noise[1]).astype(np.complex64)
-        assert conjugated(replace(capture, samples=noisy)) == []
+        assert conjugation_warnings(replace(capture, samples=noisy)) == []
 
 
 def scan_of(point_m: np.ndarray) -> RadarCapture:
@@ -179,8 +179,8 @@ def test_missing_columns_scans_and_single_tones_tell_their_sign(right):
     columns.samples[:, :, ::2] = 0
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
     for capture in (columns, scan_of(point_m), one):
-        [text] = conjugated(conjugate(capture))
-        assert conjugated(capture) == [] and "conjugate" in text
+        [text] = conjugation_warnings(conjugate(capture))
+        assert conjugation_warnings(capture) == [] and "conjugate" in text
 
 
 def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
@@ -253,7 +253,7 @@ def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
     for name, faces, words in (
         ("right", outside, "nothing looks wrong"),
         ("turned", outside[:, ::-1], "inside out"),
-        ("open", outside[:2], "belong to one triangle alone"),
+        ("open", outside[:2], "belong to only one triangle"),
     ):
         write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
         assert words in inspected(capsys, tmp_path / f"{name}.ply")

@@ -36,7 +36,7 @@ def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_
         as_is.share == pytest.approx(3e-3 / (2 * SLOPE * 0.04), abs=0.05)
         and as_is.share > 1 / mistakes.GAINED
     )
-    [found] = mistakes.misplaced(depth, plate(-SLOPE))
+    [found] = mistakes.misplacement_warnings(depth, plate(-SLOPE))
     assert "mirrored in y" in found and "mirrored in x" not in found
 
 
@@ -51,4 +51,4 @@ def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_
     ids=["right", "1.5 mm behind", "2 mm behind and flatter", "noise of 3 mm"],
 )
 def test_a_plate_that_is_right_but_for_its_errors_is_not_doubted(depth):
-    assert mistakes.misplaced(depth, plate(SLOPE)) == []
+    assert mistakes.misplacement_warnings(depth, plate(SLOPE)) == []

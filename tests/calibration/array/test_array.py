@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.calibration.array.array_file import ArrayCalibration, load_array, save_array
-from handbench.calibration.array.estimate import estimate_array, fitted
-from handbench.calibration.array.model import Antennas, Echoes, State
+from handbench.calibration.array.estimate import estimate_array, fit_state
+from handbench.calibration.array.model import Antennas, State, TargetEchoes
 from handbench.calibration.array.prior import DELAY_SIGMA_M, POSITION_SIGMA_M, gauges
 from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
@@ -223,7 +223,7 @@ def perfect(nominal_m: np.ndarray) -> Antennas:
     return Antennas(nominal_m, np.zeros(n, complex), np.zeros(n), np.zeros((n, 3)))
 
 
-def recorded(state: State, echoes: Echoes) -> np.ndarray:
+def recorded(state: State, echoes: TargetEchoes) -> np.ndarray:
     return np.stack([terms.sum(axis=1) for terms in echoes.terms(state)])
 
 
@@ -232,7 +232,7 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
     averages the number of directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 %
     is three standard errors."""
     random, nees = np.random.default_rng(11), []
-    echoes = Echoes(target, TONES_HZ[::2])
+    echoes = TargetEchoes(target, TONES_HZ[::2])
     for _ in range(12):
         sides = [
             Antennas(
@@ -257,7 +257,7 @@ def test_the_covariance_is_honest_in_every_direction(target, centres_m):
             sigma / np.sqrt(2) * random.standard_normal((*samples.shape, 2)) @ [1, 1j]
         )
         start = State(*(perfect(s.nominal_m) for s in sides), centres_m, np.zeros(5, complex))
-        found, covariance = fitted(samples.astype(np.complex64), start, echoes)
+        found, covariance = fit_state(samples.astype(np.complex64), start, echoes)
         miss = [
             (f.unknowns - t.unknowns).ravel() for f, t in ((found.tx, true.tx), (found.rx, true.rx))
         ]

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.registration.register import HAND_M, Motion, combine, motion, solve
+from handbench.calibration.registration.register import HAND_M, RigMotion, combine, motion, solve
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import Transform, identity
@@ -139,5 +139,5 @@ def test_a_shift_may_reach_as_far_as_its_ellipsoids_longest_axis():
     """A shift of 5 mm along x, with σ of 1, 2 and 3 mm along x, y and z."""
     reach_m = 1e-3 * np.sqrt(chi2.ppf(0.95, 3))
     covariance = np.diag([1e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-6])
-    interval_m = Motion(np.array([5e-3, 0, 0, 0, 0, 0]), covariance, "a", "b").interval_m
+    interval_m = RigMotion(np.array([5e-3, 0, 0, 0, 0, 0]), covariance, "a", "b").interval_m
     assert interval_m == pytest.approx((5e-3 - reach_m, 5e-3 + 3 * reach_m))

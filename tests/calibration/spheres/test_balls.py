@@ -13,7 +13,7 @@ from handbench.calibration.spheres.radar_detection import (
     ball_centre,
     find_balls,
     fit_echo,
-    separate,
+    separate_echoes,
 )
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
@@ -173,7 +173,7 @@ def test_the_covariance_of_a_peak_is_honest(rng):
         samples = (echo + noise(rng, echo.shape, 100 * np.mean(np.abs(echo) ** 2))).astype(
             np.complex64
         )
-        (peak,) = separate(
+        (peak,) = separate_echoes(
             samples, frequencies_hz, ARRAY, seed_m, EchoSearch(relaxations=0), radius_m
         )
         miss = ball_centre(peak.position_m, frequencies_hz, ARRAY, radius_m, 0.0) - true_m

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.calibration.spheres.description import Element, Target
-from handbench.calibration.spheres.optical_detection import Cloud, find_spheres, fit_sphere
+from handbench.calibration.spheres.optical_detection import OrientedPoints, find_spheres, fit_sphere
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import cap, pose
 
@@ -105,7 +105,7 @@ def test_the_covariance_is_honest(rng, part, patch_m, radius_sigma_m, trials, lo
             cells = np.floor(0.025 * outward / patch_m)
             error_m = error_m[np.unique(cells, axis=0, return_inverse=True)[1].ravel()]
         made_m = 0.025 + radius_sigma_m * rng.standard_normal()
-        cloud = Cloud((made_m + error_m)[:, None] * outward, outward, oriented=True)
+        cloud = OrientedPoints((made_m + error_m)[:, None] * outward, outward, oriented=True)
         start_m = np.array([1e-3, -1e-3, 1e-3])
         sphere = fit_sphere(cloud, start_m, 0.025, (0,), radius_sigma_m=radius_sigma_m)
         nees.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))

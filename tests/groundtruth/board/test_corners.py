@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.groundtruth.board.markers import refined, to_light
+from handbench.groundtruth.board.markers import refine_corners, to_light
 
 FINE = 8  # sub-pixels of the drawing
 QUAD = np.array(
@@ -38,15 +38,15 @@ def test_corners_are_exact_where_a_detector_draws_them_inwards(blur_px):
     cv2.cornerSubPix((tones * 255).round().astype(np.uint8), guess, (5, 5), (-1, -1), (3, 30, 0.01))
     detected = guess.reshape(4, 2).astype(np.float64)
     assert np.linalg.norm(detected - QUAD, axis=1).mean() > 0.3
-    assert np.linalg.norm(refined(to_light(tones), detected) - QUAD, axis=1).max() < 0.08
+    assert np.linalg.norm(refine_corners(to_light(tones), detected) - QUAD, axis=1).max() < 0.08
 
 
 def test_a_guess_two_pixels_off_is_enough():
     guess = QUAD + [(1.5, 1.0), (-1.2, 1.3), (-1.0, -1.5), (1.0, -1.0)]
-    assert np.linalg.norm(refined(drawing(), guess) - QUAD, axis=1).max() < 0.08
+    assert np.linalg.norm(refine_corners(drawing(), guess) - QUAD, axis=1).max() < 0.08
 
 
 def test_corners_beside_a_covered_edge_are_left_out():
-    corners = refined(drawing(cover=(125, 160, 60, 130)), QUAD)  # most of the lower edge
+    corners = refine_corners(drawing(cover=(125, 160, 60, 130)), QUAD)  # most of the lower edge
     assert np.isnan(corners[2:]).all()
     assert np.linalg.norm(corners[:2] - QUAD[:2], axis=1).max() < 0.08

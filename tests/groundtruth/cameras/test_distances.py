@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.groundtruth.cameras.cameras import registered
+from handbench.groundtruth.cameras.cameras import registered_images
 from handbench.groundtruth.options import Distance
 from handbench.groundtruth.sparse.frame import apply, distances_from_model
 from handbench.support.errors import HandbenchError
@@ -29,7 +29,7 @@ def test_one_distance_scales_and_leaves_the_frame(model):
     assert (scale.source, scale.features, scale.used, scale.residual_m) == ("distances", 1, 1, None)
     apply(model, matrix)
     np.testing.assert_allclose(
-        [image.projection_center() for image in registered(model)], 2.5 * CENTRES, atol=1e-9
+        [image.projection_center() for image in registered_images(model)], 2.5 * CENTRES, atol=1e-9
     )
 
 

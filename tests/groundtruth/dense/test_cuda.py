@@ -79,7 +79,7 @@ def stand_in(workspace: Path, options: dict) -> None:
         write_map(workspace / "stereo" / "normal_maps" / f"{image.name}.{kind}.bin", normals @ R.T)
 
 
-def right(maps: list[dense.DepthMap], depths_m: tuple[np.ndarray, ...]) -> None:
+def right(maps: list[dense.ViewDepth], depths_m: tuple[np.ndarray, ...]) -> None:
     """Check that the maps are as good as the processor's."""
     for m, depth_m in zip(maps, depths_m, strict=True):
         known = np.isfinite(m.depth_m)

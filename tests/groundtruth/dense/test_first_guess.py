@@ -4,7 +4,7 @@ a view."""
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.completion import rendered
+from handbench.groundtruth.dense.completion import render_cloud
 from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.views import Stereo, View
@@ -48,7 +48,9 @@ def test_a_cloud_shows_its_nearest_points_that_face_the_view():
     points_m = np.tile(rays[20], (4, 1)) * depth_m[:, None]
     normals = np.repeat([(0, 0, -1.0), (0, 0, -2.0), (0, 0, 1.0), (0, 0, -1.0)], SIZE[1], axis=0)
     few = np.ones(len(points_m))
-    shown_m, facing = rendered(Cloud(points_m, normals, few[:, None] > 0, few, ("v",), 1e-3), view)
+    shown_m, facing = render_cloud(
+        Cloud(points_m, normals, few[:, None] > 0, few, ("v",), 1e-3), view
+    )
     np.testing.assert_allclose(shown_m[20], 0.4, rtol=1e-12)
     np.testing.assert_allclose(facing[20], np.tile((0, 0, -1.0), (SIZE[1], 1)))
     assert np.isnan(np.delete(shown_m, 20, axis=0)).all()

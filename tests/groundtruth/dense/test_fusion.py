@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.dense import DepthMap
+from handbench.groundtruth.dense.dense import ViewDepth
 from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, fuse
 from handbench.groundtruth.dense.views import View
 
@@ -19,7 +19,7 @@ def wall(i, off_m=0.0, normal=TOWARDS, size=SIZE):
     depth_m = np.full(size, WALL_M + off_m)
     flat = np.zeros(size, np.float32)
     view = View(f"v{i}", flat, K, np.eye(3), np.array([-i * PIXEL_M, 0, 0]), flat, flat)
-    return DepthMap(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
+    return ViewDepth(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
 
 
 def test_points_are_means_and_spreads_are_standard_deviations():

@@ -11,7 +11,7 @@ from handbench.groundtruth.dense.volume import (
     Volume,
     board_plane,
     in_common_field,
-    narrowed,
+    narrow_volume,
     off_plane,
     plane_through,
     volume,
@@ -77,11 +77,11 @@ def test_coarse_depth_maps_narrow_the_volume_to_the_hand():
         [board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3]
     )
     cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=1e-3)
-    box_m = narrowed(found, cloud, PLANE, sparse).box()
+    box_m = narrow_volume(found, cloud, PLANE, sparse).box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
     assert (box_m >= found.box()[0]).all() and (box_m <= found.box()[1]).all()
     assert np.prod(np.ptp(box_m, axis=0)) < 0.4 * np.prod(np.ptp(found.box(), axis=0))
-    assert narrowed(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
+    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
 
 
 def test_skin_without_features_is_not_cut_away():
@@ -133,7 +133,10 @@ def test_a_surface_that_runs_on_is_said(capsys):
     assert capsys.readouterr().err == ""
     cut = replace(fits, box_m=(-0.2, -0.2, -0.01, 0.05, 0.2, 0.2))
     warn_of_cuts(cut, cloud, PLANE)
-    assert "at its side x = 0.050, and may run on there; give --box" in capsys.readouterr().err
+    assert (
+        "at its side x = 0.050, and the surface may continue there; set a larger --box"
+        in capsys.readouterr().err
+    )
     warn_of_cuts(replace(cut, source="given"), cloud, PLANE)
     assert capsys.readouterr().err == ""
 
@@ -153,7 +156,7 @@ def test_what_narrows_a_volume_is_higher_than_the_board_s_roughness_and_six_pixe
         aside_m = np.tile([0.5, 0.0, height_m], (400, 1))
         points_m = np.concatenate([hand_m, aside_m])
         cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=pixel_m)
-        boxes.append(narrowed(wide, cloud, plane, solved(points_m)).box())
+        boxes.append(narrow_volume(wide, cloud, plane, solved(points_m)).box())
     assert boxes[0][1, 0] < 0.12 and boxes[1][1, 0] > 0.5
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from handbench.groundtruth.dense.volume import plane_through
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.groundtruth.mesh.poisson import clean, surface
-from handbench.groundtruth.mesh.target import keep_target, margin_m, off_board
+from handbench.groundtruth.mesh.target import keep_target, margin_m, remove_board
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 
@@ -44,7 +44,7 @@ def together(*parts):
 
 def kept(cloud):
     """Vertices and record, as the mesh stage makes them."""
-    cloud = off_board(cloud, PLANE)
+    cloud = remove_board(cloud, PLANE)
     found = surface(cloud)
     target = keep_target(found, "target", PLANE, margin_m(PLANE, cloud.pixel_m))
     return np.asarray(found.vertices), target
@@ -115,6 +115,6 @@ def test_a_hundred_points_rise_off_the_board():
     heights_m = np.repeat([0.0121, 0.0119, 0.0061, 0.0059, -0.05], (100, 7, 5, 3, 200))
     points_m = heights_m[:, None] * (0, 0, 1)
     cloud = cloud_of(points_m, points_m)
-    assert len(off_board(cloud, PLANE).points_m) == 112
+    assert len(remove_board(cloud, PLANE).points_m) == 112
     with pytest.raises(HandbenchError, match=r"nothing rises more than 12\.0 mm"):
-        off_board(cloud.at(np.arange(1, 315)), PLANE)
+        remove_board(cloud.at(np.arange(1, 315)), PLANE)

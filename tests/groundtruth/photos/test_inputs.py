@@ -13,7 +13,7 @@ from handbench.groundtruth.options import Distance, Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.inputs import gather, resolve
 from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
-from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
+from handbench.groundtruth.sparse.sparse import check_geometry, warn_of_unregistered
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.room import around, look, photograph, true_camera
@@ -118,7 +118,7 @@ def test_hard_photographs_register_and_a_stranger_is_named(tmp_path, capsys):
         cv2.imwrite(str(tmp_path / f"p{i}.png"), pictures[i])
     Image.fromarray(look(centres[5], room=1)).save(tmp_path / "x.png")
     photos, model = solve(tmp_path)
-    assert unregistered(photos, model) == ("x.png",)
+    assert warn_of_unregistered(photos, model) == ("x.png",)
     assert "not registered, and not used: x.png" in capsys.readouterr().err
     check_geometry(model)
     images = sorted(model.images.values(), key=lambda image: image.name)

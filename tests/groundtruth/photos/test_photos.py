@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.photos import find_photos, read_gray, usable
+from handbench.groundtruth.photos.photos import find_photos, read_gray, select_usable
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.room import photograph
 
@@ -112,15 +112,15 @@ def names(photos):
 
 def test_repetitions_are_dropped(tmp_path, capsys):
     photograph(tmp_path)
-    assert names(usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p2.png", "p3.png"]
+    assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p2.png", "p3.png"]
     assert capsys.readouterr().err == ""
     Image.open(tmp_path / "p1.png").save(tmp_path / "p9.tif")  # another file, the same pixels
-    assert names(usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p2.png", "p3.png"]
+    assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p2.png", "p3.png"]
     assert "p9.tif: the same pixels as p1.png; left out" in capsys.readouterr().err
     for i in (0, 2, 3):
         (tmp_path / f"p{i}.png").write_bytes((tmp_path / "p1.png").read_bytes())
     with pytest.raises(HandbenchError, match="only 1 photographs differ; at least 3 are needed"):
-        usable(find_photos(tmp_path))
+        select_usable(find_photos(tmp_path))
 
 
 def blurred(path, kernel):
@@ -132,10 +132,10 @@ def test_a_blurred_photograph_is_left_out_if_enough_remain(tmp_path, capsys, kin
     photograph(tmp_path)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)) / 61.0
     blurred(tmp_path / "p2.png", disc if kind == "defocus" else np.eye(13) / 13)
-    assert names(usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p3.png"]
+    assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p3.png"]
     assert "p2.png: blurred (" in (said := capsys.readouterr().err) and "left out" in said
     (tmp_path / "p0.png").unlink()
-    assert names(usable(find_photos(tmp_path))) == ["p1.png", "p2.png", "p3.png"]
+    assert names(select_usable(find_photos(tmp_path))) == ["p1.png", "p2.png", "p3.png"]
     assert "used, since there are few" in capsys.readouterr().err
 
 
@@ -146,4 +146,4 @@ def test_photographs_without_texture_are_refused(tmp_path):
         shade += np.random.default_rng(i).normal(0, 2, shade.shape)
         Image.fromarray(shade.astype(np.uint8)).save(tmp_path / f"p{i}.png")
     with pytest.raises(HandbenchError, match="2 of 4 photographs show enough texture"):
-        usable(find_photos(tmp_path))
+        select_usable(find_photos(tmp_path))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import PARAMS, adjusted, noisy_model, off_in_sigmas, poses_of
@@ -58,7 +58,7 @@ def test_false_features_of_two_photographs_bend_nothing():
     """30 crossings that two neighbours show and that are nowhere, all 3 px to the right in the
     second."""
     colmap, clean, scene = load_pycolmap(), noisy_model(), noisy_model()
-    images = {image.name: image for image in registered(scene.model)}
+    images = {image.name: image for image in registered_images(scene.model)}
     for point in np.random.default_rng(5).uniform(-0.1, 0.1, (30, 3)):
         elements = []
         for name, right_px in (("p1.png", 0.0), ("p2.png", 3.0)):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.board.markers import detect_corners
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import (
     apply,
@@ -80,7 +80,7 @@ def test_too_few_points_and_points_on_a_line_are_refused(points_m):
 
 def test_a_model_is_carried_to_the_board_despite_a_wrong_corner(board, similarity):
     model, seen = model_of(board)
-    centres_m = np.array([image.projection_center() for image in registered(model)])
+    centres_m = np.array([image.projection_center() for image in registered_images(model)])
     apply(model, np.linalg.inv(similarity))
     seen["2.png"][(3, 1)] = seen["2.png"][(3, 1)] + (25.0, -10.0)  # seen by three others still
     matrix, scale = board_from_model(model, seen, board)
@@ -88,7 +88,7 @@ def test_a_model_is_carried_to_the_board_despite_a_wrong_corner(board, similarit
     assert scale.source == "board" and scale.features == 20 and scale.residual_m < 1e-7
     apply(model, matrix)
     np.testing.assert_allclose(
-        [image.projection_center() for image in registered(model)], centres_m, atol=1e-7
+        [image.projection_center() for image in registered_images(model)], centres_m, atol=1e-7
     )
 
 

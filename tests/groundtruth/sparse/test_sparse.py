@@ -3,17 +3,17 @@ starts."""
 
 import pytest
 
-from handbench.groundtruth.sparse.sparse import check_geometry, unregistered
+from handbench.groundtruth.sparse.sparse import check_geometry, warn_of_unregistered
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.synthetic_model import photos_of, synthetic_model
 
 
 def test_photographs_that_did_not_register_are_named(capsys):
     model = synthetic_model([(1, 0, 0.2), (1, 0.3, 0.2), (1, 0.6, 0.2)])
-    assert unregistered(photos_of(model), model) == ()
+    assert warn_of_unregistered(photos_of(model), model) == ()
     assert capsys.readouterr().err == ""
     model.deregister_frame(2)
-    assert unregistered(photos_of(model), model) == ("p1.png",)
+    assert warn_of_unregistered(photos_of(model), model) == ("p1.png",)
     assert "not registered, and not used: p1.png" in capsys.readouterr().err
 
 

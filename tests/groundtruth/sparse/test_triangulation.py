@@ -8,7 +8,7 @@ import pytest
 
 from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.camera_files import read_model
-from handbench.groundtruth.cameras.cameras import load_cameras, registered, save_cameras
+from handbench.groundtruth.cameras.cameras import load_cameras, registered_images, save_cameras
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
@@ -100,7 +100,7 @@ def test_a_model_without_points_is_completed(found, photos):
     completed = solved(photos, model=photos / "model", metric=True)
     assert completed.scale.source == "model" and completed.model.num_points3D() > 1000
     given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
-    for image in registered(completed.model):
+    for image in registered_images(completed.model):
         np.testing.assert_allclose(
             image.projection_center(), given[image.name].centre_m, atol=1e-12
         )

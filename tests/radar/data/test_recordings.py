@@ -9,9 +9,9 @@ import pytest
 
 from handbench.calibration.array.array_file import save_array, with_calibration
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
-from handbench.radar.data.capture import RadarCapture, thinned
+from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.recording import SPARSE, joined
+from handbench.radar.data.recording import SPARSE, join_arrays
 from handbench.support.errors import HandbenchError
 from tests.fuzz.capture_seeds import array_calibration
 
@@ -114,7 +114,7 @@ def test_a_short_list_of_pairs_is_no_array(tmp_path):
     capture = loaded(tmp_path, samples=samples, **together)
     assert isinstance(capture.aperture, BistaticScan)
     np.testing.assert_array_equal(capture.aperture.rx_m, places + [0.01, 0, 0])
-    np.testing.assert_array_equal(thinned(capture, 2).samples, samples[..., ::2])
+    np.testing.assert_array_equal(thin_antennas(capture, 2).samples, samples[..., ::2])
     fewer = {name: values[:-1] for name, values in together.items()}
     assert isinstance(loaded(tmp_path, samples=samples[..., :-1], **fewer).aperture, AntennaArray)
 
@@ -131,7 +131,7 @@ def test_several_arrays_receive_their_own_echoes_alone():
     one, other = (
         RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M + x, RX_M + x)) for x in (0.0, 1.0)
     )
-    capture = joined([one, other])
+    capture = join_arrays([one, other])
     assert capture.samples.shape == (2, 5, 2 * T, 2 * R)
     np.testing.assert_array_equal(
         capture.aperture.measured, np.kron(np.eye(2), np.ones((T, R))) > 0
@@ -141,9 +141,9 @@ def test_several_arrays_receive_their_own_echoes_alone():
         np.testing.assert_array_equal(capture.samples[block], SAMPLES)
         np.testing.assert_array_equal(capture.aperture.rx_m[k * R : (k + 1) * R], RX_M + x)
     with pytest.raises(HandbenchError, match="the same frames and tones of all"):
-        joined([one, replace(one, samples=SAMPLES[:1])])
+        join_arrays([one, replace(one, samples=SAMPLES[:1])])
     with pytest.raises(HandbenchError, match="1 of 2 are arrays"):
-        joined([one, RadarCapture(SAMPLES[..., 0, :], TONES_HZ, PlanarScan(RX_M))])
+        join_arrays([one, RadarCapture(SAMPLES[..., 0, :], TONES_HZ, PlanarScan(RX_M))])
 
 
 MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
@@ -196,11 +196,11 @@ def test_thinning_keeps_what_was_measured():
     capture = RadarCapture(
         np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)
     )
-    np.testing.assert_array_equal(thinned(capture, 2).aperture.measured, MEASURED[::2, ::2])
+    np.testing.assert_array_equal(thin_antennas(capture, 2).aperture.measured, MEASURED[::2, ::2])
     lonely = np.zeros((T, R), bool)
     lonely[1, 1] = True
     with pytest.raises(HandbenchError, match="is anything left"):
-        thinned(
+        thin_antennas(
             RadarCapture(np.where(lonely, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, lonely)),
             2,
         )

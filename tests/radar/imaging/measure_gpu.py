@@ -20,16 +20,14 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.evaluation.tables import Column
+from handbench.bench.studies.study import Record, Study, Table, measured
 from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
-from handbench.radar.imaging.device import array_module, chosen
+from handbench.radar.imaging.device import array_module, current_device
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
-from tests.bench.studies.columns import Record, Table
-from tests.bench.studies.script import measured
-from tests.bench.studies.study import Study
 from tests.radar.simulated_points import bumpy, points_capture, surface_points
 
 TOLERANCE = 1e-3
@@ -54,7 +52,6 @@ def study(work: Path, device: str, repeats: int) -> Study:
     configs = BroadbandConfig(), ThreeToneConfig(), SHARE
     return Study(
         "gpu",
-        "Imaging on a device",
         [f"{device}, {max(repeats, 1)} repeats"],
         lambda _: measure(*configs, max(repeats, 1)),
         lambda records: [Table("rows", COLUMNS, records)],
@@ -103,7 +100,7 @@ def _timed(name: str, work: Callable[[], Any], repeats: int) -> tuple[Any, Recor
 
 
 def _milliseconds(work: Callable[[], Any]) -> tuple[Any, float]:
-    if chosen() != "cuda":
+    if current_device() != "cuda":
         start = time.perf_counter()
         return work(), 1e3 * (time.perf_counter() - start)
     cuda = array_module().cuda

@@ -12,7 +12,13 @@ from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.imaging.device import SETTING, array_module, chosen, describe, use_device
+from handbench.radar.imaging.device import (
+    SETTING,
+    array_module,
+    current_device,
+    describe,
+    use_device,
+)
 from handbench.radar.imaging.gpu import executor, levels
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
@@ -142,11 +148,11 @@ def test_the_choice_holds_until_the_block_ends(device, monkeypatch):
     for option, setting in ((["--device", "cuda"], "numpy"), ([], "cuda")):
         monkeypatch.setenv(SETTING, setting)
         words = ["reconstruct", "here", "--method", "3fsk", "-o", "depth.npz", *option]
-        assert main(words) == 0 and chosen() == setting
+        assert main(words) == 0 and current_device() == setting
     assert seen == ["cuda: Stand-in"] * 2
     monkeypatch.delenv(SETTING)
     with use_device(None):
-        assert chosen() == describe() == "cpu"
+        assert current_device() == describe() == "cpu"
     assert SETTING not in os.environ
 
 
@@ -190,7 +196,7 @@ def test_unknown_devices_are_refused(monkeypatch):
         out_of_memory()
     monkeypatch.setenv(SETTING, "tpu")
     with pytest.raises(HandbenchError, match="is 'tpu'; expected cpu, cuda, numpy, or nothing"):
-        chosen()
+        current_device()
     with pytest.raises(HandbenchError, match="'cpu' runs no array code"):
         array_module("cpu")
 

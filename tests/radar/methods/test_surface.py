@@ -11,9 +11,9 @@ from handbench.radar.imaging.api import project_volume
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.methods.projection import (
     Peaks,
+    cached_peaks,
     maximum_projection,
     peak_offset,
-    peaks_kept,
     project,
     volume,
 )
@@ -47,13 +47,13 @@ def test_kept_peaks_are_those_of_the_same_echoes_and_voxels(monkeypatch):
         np.concatenate([first.samples, 2j * first.samples]), first.frequencies_hz, first.aperture
     )
     kept = {}
-    with peaks_kept(kept):
+    with cached_peaks(kept):
         for _ in range(2):  # a time is that of imaging, so nothing is taken from there
             project(capture, config, "x")
     assert len(imaged) == 2
     for other, frame, volumes in others:
         imaged.clear()
-        with peaks_kept(kept, reuse=True):
+        with cached_peaks(kept, reuse=True):
             depth = project(capture, other, "x", frame)
         assert len(imaged) == volumes
         assert np.array_equal(depth.z_m, project(capture, other, "x", frame).z_m, equal_nan=True)

@@ -16,7 +16,7 @@ from handbench.radar.methods.depth_uncertainty import (
     known_weights,
     probability,
     weights_of,
-    with_trust,
+    with_p_gross,
 )
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.registry import methods
@@ -84,7 +84,7 @@ def plate():
 
 
 def test_a_clean_plate_is_trusted(plate):
-    trusted = with_trust(*plate)
+    trusted = with_p_gross(*plate)
     on = np.isfinite(trusted.z_m)
     assert on.sum() > 100 and np.abs(trusted.z_m[on] - POINT_M[2]).max() < 0.005
     assert np.isnan(trusted.p_gross[~on]).all() and trusted.p_gross.dtype == np.float32
@@ -99,7 +99,7 @@ def test_a_wrong_period_is_doubted(plate):
     assert np.isfinite(z_m[patch]).all()
     z_m[patch] += PERIOD_M
     before, after = (
-        with_trust(map_, capture, config).p_gross[patch]
+        with_p_gross(map_, capture, config).p_gross[patch]
         for map_ in (depth, replace(depth, z_m=z_m))
     )
     assert (after > 0.01).all() and (after > 50 * before).all()
@@ -109,14 +109,14 @@ def test_noise_is_not_and_a_depth_behind_the_array_never(plate):
     _, capture, config = plate
     draws = np.random.default_rng(1).standard_normal((2, *capture.samples.shape)).astype(np.float32)
     noise = RadarCapture(draws[0] + 1j * draws[1], TONES_HZ, capture.aperture)
-    depth = with_trust(fsk_with_uncertainty(noise, config), noise, config)
+    depth = with_p_gross(fsk_with_uncertainty(noise, config), noise, config)
     assert np.nanquantile(depth.p_gross, 0.1) > 0.5
-    behind = with_trust(replace(depth, z_m=-np.abs(depth.z_m)), noise, config)
+    behind = with_p_gross(replace(depth, z_m=-np.abs(depth.z_m)), noise, config)
     assert (behind.p_gross[np.isfinite(behind.z_m)] == 1).all()
 
 
 def test_it_survives_the_file_and_drops_what_is_doubted(tmp_path, plate):
-    depth = with_trust(*plate)
+    depth = with_p_gross(*plate)
     depth.save(tmp_path / "depth.npz")
     again = load_depthmap(tmp_path / "depth.npz")
     assert np.array_equal(again.p_gross, depth.p_gross, equal_nan=True)

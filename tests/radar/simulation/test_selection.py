@@ -7,7 +7,7 @@ import pytest
 
 from handbench.radar.simulation import selection
 from handbench.radar.simulation.catalogue import Effect
-from handbench.radar.simulation.effects.coarse import QuickEstimate
+from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
 from handbench.radar.simulation.scene import Material
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.small_scenes import bead_scene

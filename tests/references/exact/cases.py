@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.scenes import finger_scenes
-from handbench.bench.scenes.finger_scenes import MATERIALS, NAMED, SCENES, Cylinder, Shape, Sphere
+from handbench.bench.scenes.finger_scenes import (
+    MATERIALS,
+    NAMED,
+    SCENES,
+    CoatedSphere,
+    Cylinder,
+    Shape,
+)
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -85,7 +92,7 @@ def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) ->
         cylinders = [one for one in case.bodies if isinstance(one, Cylinder)]
         return cylinder_echoes(cylinders, frequencies_hz, array, case.polarisation, filling)
     one, *further = case.bodies
-    if not isinstance(one, Sphere) or further:
+    if not isinstance(one, CoatedSphere) or further:
         raise HandbenchError(f"{case}: no exact solution; expected bare cylinders or one sphere")
     dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
     if coat is not None:

@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
-from handbench.bench.scenes.finger_scenes import Sphere
+from handbench.bench.scenes.finger_scenes import CoatedSphere
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 FURTHER_DEGREES = 4.3  # times the cube root of ka, beyond ka: what is left out is below 1e-8
 
 
 def sphere_echoes(
-    sphere: Sphere,
+    sphere: CoatedSphere,
     frequencies_hz: np.ndarray,
     array: AntennaArray,
     dipole: np.ndarray,
@@ -59,7 +59,7 @@ class _End(NamedTuple):
 
 
 def scattered_by_sphere(
-    sphere: Sphere,
+    sphere: CoatedSphere,
     k: float,
     tx_m: np.ndarray,
     rx_m: np.ndarray,
@@ -101,7 +101,7 @@ def scattered_by_sphere(
 
 
 def mie(
-    sphere: Sphere,
+    sphere: CoatedSphere,
     k: float,
     degrees: np.ndarray,
     permittivity: complex | None,

@@ -11,11 +11,11 @@ import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from tests.references.exact.dipole_fields import K, dipole_field
-from tests.references.exact.mie_series import Sphere, mie, scattered_by_sphere, sphere_echoes
+from tests.references.exact.mie_series import CoatedSphere, mie, scattered_by_sphere, sphere_echoes
 
 SKIN = 7.0 - 8.0j
 ALONG_Y = np.array([0.0, 1.0, 0.0])
-BALL = Sphere((0.01, -0.02, 0.2), 0.01)
+BALL = CoatedSphere((0.01, -0.02, 0.2), 0.01)
 TX_M = np.array([[0.03, 0.05, 0.0], [-0.06, 0.02, 0.01]])
 RX_M = np.array([[0.05, -0.06, 0.0], [0.0, 0.07, 0.0], [-0.02, 0.0, 0.03]])
 
@@ -35,7 +35,7 @@ def test_no_field_along_a_metal_surface():
 
 @pytest.mark.parametrize(("core", "coat"), [(None, None), (SKIN, None), (SKIN, 3 - 0.5j)])
 def test_transmitters_and_receivers_may_change_places(core, coat):
-    ball = Sphere(BALL.centre_m, BALL.radius_m, 4e-4 if coat else 0.0)
+    ball = CoatedSphere(BALL.centre_m, BALL.radius_m, 4e-4 if coat else 0.0)
     to, back = (
         scattered_by_sphere(ball, K, *ends, ALONG_Y, core, coat)
         for ends in ((TX_M, RX_M), (RX_M, TX_M))
@@ -47,7 +47,7 @@ def test_transmitters_and_receivers_may_change_places(core, coat):
 def test_a_large_sphere_mirrors(permittivity):
     """Geometrical optics at normal incidence: Γ/R · q/(q + R) e^{−2jkR}, 1/q = 1/R + 2/a; right to
     1/ka."""
-    distance_m, sphere = 0.2, Sphere((0.0, 0.0, 0.3), 0.1)
+    distance_m, sphere = 0.2, CoatedSphere((0.0, 0.0, 0.3), 0.1)
     index = 1e12 if permittivity is None else np.sqrt(permittivity)
     image_m = 1 / (1 / distance_m + 2 / sphere.radius_m)
     expected = (
@@ -72,7 +72,7 @@ def test_a_large_sphere_mirrors(permittivity):
 def test_a_small_sphere_is_rayleigh_s():
     """A dielectric sphere far smaller than the wave has the moment a³(ε − 1)/(ε + 2) of the field
     at its centre."""
-    tiny = Sphere(BALL.centre_m, 2e-5)
+    tiny = CoatedSphere(BALL.centre_m, 2e-5)
     field = scattered_by_sphere(tiny, K, TX_M[:1], TX_M[:1], ALONG_Y, SKIN)[0, 0]
     centre_m = np.array([tiny.centre_m])
     squared = sum(
@@ -84,11 +84,11 @@ def test_a_small_sphere_is_rayleigh_s():
 
 def test_a_coat_of_the_core_is_none_and_a_coat_of_air_is_none():
     degrees = np.arange(1, 20)
-    bare, coated = Sphere(BALL.centre_m, 0.01), Sphere(BALL.centre_m, 0.01, 1e-3)
+    bare, coated = CoatedSphere(BALL.centre_m, 0.01), CoatedSphere(BALL.centre_m, 0.01, 1e-3)
     np.testing.assert_allclose(
         mie(coated, K, degrees, SKIN, SKIN), mie(bare, K, degrees, SKIN, None), rtol=1e-9
     )
-    smaller = Sphere(BALL.centre_m, 9e-3)
+    smaller = CoatedSphere(BALL.centre_m, 9e-3)
     for filling in (SKIN, None):
         np.testing.assert_allclose(
             mie(coated, K, degrees, filling, 1.0),
@@ -99,7 +99,7 @@ def test_a_coat_of_the_core_is_none_and_a_coat_of_air_is_none():
 
 def test_what_absorbs_nothing_gives_everything_back():
     """|1 + 2a| = 1 for every wave of metal and of dielectrics without losses; less with losses."""
-    degrees, coated = np.arange(1, 15), Sphere(BALL.centre_m, 0.01, 1e-3)
+    degrees, coated = np.arange(1, 15), CoatedSphere(BALL.centre_m, 0.01, 1e-3)
     for core, coat in ((None, None), (4.0, None), (None, 2.5), (4.0, 2.5)):
         both = np.concatenate(mie(coated if coat else BALL, K, degrees, core, coat))
         np.testing.assert_allclose(np.abs(1 + 2 * both), 1, rtol=1e-10)

@@ -84,7 +84,7 @@ def test_what_cannot_be_printed_is_refused():
     corners_m = np.array(square(2, (0.1, 0)).corners_m)
     kite = ((0, 0, 0), (0.03, 0, 0), (0.05, -0.03, 0), (0, -0.03, 0))
     for number, other_m, complaint in (
-        (2, corners_m + (0, 0, 0.001), "do not lie in one plane"),
+        (2, corners_m + (0, 0, 0.001), "are not in one plane"),
         (2, corners_m * (1, -1, 1), "facing one way"),
         (2, np.array(kite), "sides of 30.00, 30.00, 36.06, 50.00 mm; expected a square"),
         (50, corners_m, "50 is not in the dictionary 'DICT_4X4_50', which has 0 to 49"),

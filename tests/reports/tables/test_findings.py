@@ -41,7 +41,7 @@ def test_a_claim_is_one_sentence(result):
         "3-FSK ahead by 0.20 mm unsmoothed"
     )
     [few] = findings(with_comparisons(result, frame(COMPARISONS, lines[2:3])))
-    assert few.endswith("(on these 2 captures, too few to tell of others)")
+    assert few.endswith("(2 captures: too few for a test)")
     assert findings(with_comparisons(result, frame(COMPARISONS, lines[-1:]))) == []
     assert "## Under equal treatment against photogrammetry" in markdown(result)
     assert "| MAE on common pixels (mm) | unsmoothed |" in markdown(result)

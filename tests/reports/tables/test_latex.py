@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from handbench.bench import results
 from handbench.bench.evaluation.tables import CHANGES, COMPARISONS, DIFFERENCES, TIMES, frame
 from handbench.bench.results import Claim, Section, Setting, Tradeoff, TradeoffFacts
-from handbench.bench.results.compare_results import Compared, Side
+from handbench.bench.results.compare_results import Compared, ComparedResult
 from handbench.reports.tables import comparison, latex
 
 HOSTILE = (
@@ -62,7 +62,7 @@ def tradeoff(name: str) -> Tradeoff:
 
 
 def compared(name: str) -> Compared:
-    side = Side(f"runs/{name}", name, (name, "F"), None)
+    side = ComparedResult(f"runs/{name}", name, (name, "F"), None)
     figures = (1.0, 0.9, 1.1, 2.0, 1.9, 2.1, 1.0, 0.8, 1.2, 1e-6)
     line = ("3fsk", name, "mae_mm", "MAE", "mm", "truth", *figures, True, 3, 3, "A", f"{name}: A")
     missing = ("b", "b_low", "b_high", "difference", "low", "high", "p_corrected")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects import further
+from handbench.radar.simulation.effects import clutter as clutter_effect
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.plates import sheet, sphere_body
@@ -23,7 +23,7 @@ HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
 def clutter(scene, **options):
     """The samples [f, t, r] that the effect adds."""
     before = bare_echoes(scene, **options)
-    return further.clutter(before).samples[0] - before.samples[0]
+    return clutter_effect.clutter(before).samples[0] - before.samples[0]
 
 
 def test_a_wide_plate_mirrors():

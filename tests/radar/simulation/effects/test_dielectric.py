@@ -9,7 +9,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects.dielectric import dielectric
 from handbench.radar.simulation.effects.target_surface import obliquity, shadow_centre
-from handbench.radar.simulation.physics.reflection import fresnel, layered
+from handbench.radar.simulation.physics.reflection import fresnel, layer_reflection
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes
 from handbench.radar.simulation.scene import Ball, Body, EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
@@ -87,7 +87,7 @@ def test_a_slab_of_foam_is_a_layer():
     scene = EchoScene(one, tones_hz, np.zeros(7), target=Body(corners, faces, foam))
     metal_shot = obliquity(bare_echoes(scene, tolerance=None))
     ratio = dielectric_samples(scene)[:, 0, 0] / metal_shot.samples[0, :, 0, 0]
-    expected = -layered(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
+    expected = -layer_reflection(np.full(7, 1.05), np.ones(7), thickness_m, tones_hz)
     assert np.ptp(np.abs(expected)) > 0.01  # the tones meet both a minimum and a maximum
     # The back is 12.5 mm further away, which costs it 2·12.5/5000 = 0.5 % of its amplitude 0.012.
     assert np.abs(ratio - expected).max() < 2e-4

@@ -9,7 +9,7 @@ import pytest
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.ablation import Ablation, worst_mm
 from handbench.radar.simulation.catalogue import CONTAINED
-from handbench.radar.simulation.effects.coarse import CLEAR
+from handbench.radar.simulation.effects.quick_estimate import CLEAR
 from handbench.radar.simulation.effects.target_surface import estimate_shadow_diffraction
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose

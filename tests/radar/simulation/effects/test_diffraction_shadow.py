@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects.further import _seen_behind
+from handbench.radar.simulation.effects.clutter import _seen_behind
 from handbench.radar.simulation.effects.target_surface import (
     obliquity,
     shadow_antennas,
@@ -20,7 +20,7 @@ from handbench.radar.simulation.physics.diffraction import (
     edge_waves,
     edges_of,
     outline,
-    seen_outline,
+    visible_outline,
 )
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
@@ -55,7 +55,7 @@ def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
         fields = []
         for at_m in antennas_m:
             edges = outline(BODY, edges_of(BODY), at_m, roundness)
-            seen = seen_outline(edges, rays, at_m)
+            seen = visible_outline(edges, rays, at_m)
             waves = edge_waves(at_m, cells, seen, np.array([2 * np.pi * turns]))
             fields.append(rays.in_sight(part.position_m, at_m) + waves[0])
         weights.append(sight.weights(leg, turns))

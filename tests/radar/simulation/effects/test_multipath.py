@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects import further
-from handbench.radar.simulation.effects.further import estimate_multipath, multipath
+from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import echoes_of_moving
+from handbench.radar.simulation.effects.multipath import estimate_multipath, multipath
 from handbench.radar.simulation.physics.bundles import traced_nodes
-from handbench.radar.simulation.physics.ray_tubes import Hits, landed, patches_of
+from handbench.radar.simulation.physics.ray_tubes import Hits, patches_of, tubes_around
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.support.rays import Rays
@@ -145,7 +145,7 @@ def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
             )
             zero = np.zeros(1, int)
             hits = Hits(zero, zero, zero[:, None], np.zeros((1, 3)), np.zeros(1))
-            tubes = landed(hits, mirror, wall, np.array([[0.0, 0, -500]]))
+            tubes = tubes_around(hits, mirror, wall, np.array([[0.0, 0, -500]]))
             assert tubes.caustics[0] == count
 
 
@@ -238,7 +238,7 @@ def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
     )
     expected = 12 * np.pi * 0.03**4 / WAVELENGTH_M**2
     assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
-    monkeypatch.setattr(further, "BOUNCES", 2)
+    monkeypatch.setattr(multipath_effect, "BOUNCES", 2)
     assert cross_section_m2(body) < 1e-3 * expected
 
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.special import j0
 
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.target_surface import roughened, waves_of
+from handbench.radar.simulation.effects.target_surface import displace_facets, waves_of
 from handbench.radar.simulation.physics.facets import facets_of
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
@@ -33,7 +33,7 @@ def test_layer_lines_leave_a_mirror_what_bessels_function_says(step_m):
     """A sine of depth H leaves J₀(kH) of what a flat plate mirrors; exp(−k²H²/4) is its expansion
     to fourth order."""
     rough = Roughness(layer_depth_m=2e-4, layer_pitch_m=2e-4, layers_along=(1, 0, 0))
-    lined = roughened(flat(step_m), *waves_of(rough, np.random.default_rng(1)), K)
+    lined = displace_facets(flat(step_m), *waves_of(rough, np.random.default_rng(1)), K)
     assert abs(echo(lined)) == pytest.approx(j0(K * 2e-4), abs=(K * 2e-4) ** 4 / 32)
 
 
@@ -41,7 +41,7 @@ def test_heights_have_their_spread_and_correlation():
     rough = Roughness(rms_m=1e-4, correlation_m=1e-3)
     facets = flat(1e-4)
     heights = [
-        roughened(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2]
+        displace_facets(facets, *waves_of(rough, np.random.default_rng(seed)), K).position_m[:, 2]
         for seed in range(40)
     ]
     assert np.std(heights) == pytest.approx(1e-4, rel=0.1)  # 40 surfaces of 36 patches: 3 %

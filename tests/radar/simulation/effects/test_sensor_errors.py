@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from handbench.radar.simulation.causes import Converter, Oscillator
-from handbench.radar.simulation.effects.sensor import direct_wave, full_scale, phase_rad, quantised
+from handbench.radar.simulation.effects.sensor import direct_wave, full_scale, phase_rad, quantise
 from handbench.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
@@ -118,11 +118,11 @@ def test_quantisation_is_white_noise_of_a_twelfth_of_a_step_squared():
     generator = np.random.default_rng(1)
     parts = generator.standard_normal((2, 2, 100, 100))
     samples = (parts[0] + 1j * parts[1]).astype(np.complex64)
-    error = quantised(samples, Converter(bits=8), 6.0) - samples
+    error = quantise(samples, Converter(bits=8), 6.0) - samples
     step = 12 / 256
     assert np.abs(error.real).max() <= step / 2 * 1.001
     assert np.mean(np.abs(error) ** 2) == pytest.approx(2 * step**2 / 12, rel=0.02)
-    clipped = quantised(10 * samples, Converter(bits=8), 6.0)
+    clipped = quantise(10 * samples, Converter(bits=8), 6.0)
     assert np.abs(clipped.real).max() < 6
 
 

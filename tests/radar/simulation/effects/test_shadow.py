@@ -14,7 +14,7 @@ from handbench.radar.simulation.physics import facets as splitting
 from handbench.radar.simulation.physics.facets import face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, facing
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, front_facets
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate, sphere_body
@@ -49,7 +49,7 @@ def by_rays(body: Body, facets, antennas_m) -> np.ndarray:
 
 def test_what_antennas_see_agrees_with_a_ray_to_every_facet():
     here = scene(FINGERS)
-    facets = facing(here, FINGERS)
+    facets = front_facets(here, FINGERS)
     antennas_m = np.concatenate([here.array.tx_m, here.array.rx_m])[::2]
     seen = facets_in_sight(rays_of(here, FINGERS), FINGERS, facets, antennas_m)
     expected = by_rays(FINGERS, facets, antennas_m)
@@ -64,7 +64,7 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
         plate((-0.02, -0.02, 0.3), (0, 0.04, 0), (0.04, 0, 0), 1), sphere_body(3e-3, (0, 0, 0.28))
     )
     here = scene(body)
-    facets = facing(here, body)
+    facets = front_facets(here, body)
     antennas_m = here.array.tx_m[::7]
     seen = facets_in_sight(rays_of(here, body), body, facets, antennas_m)
     on_plate = facets.face < 2
@@ -75,7 +75,7 @@ def test_a_coarse_face_in_the_shadow_of_something_small_is_asked_facet_by_facet(
 
 def test_shadows_from_the_centre_keep_what_it_sees():
     made = state(FINGERS, shadow_centre)
-    facets = facing(made.scene, FINGERS)
+    facets = front_facets(made.scene, FINGERS)
     expected = by_rays(FINGERS, facets, np.zeros((1, 3)))[0]
     assert np.array_equal(made.surface.facets.position_m, facets.position_m[expected])
     assert made.surface.seen is None
@@ -118,7 +118,7 @@ def test_a_facet_counts_when_only_one_side_of_the_aperture_sees_it(away):
     across = np.cross(along, towards)
     for side in (1, -1):
         body = plate(place_m, 1e-3 * side * across, 1e-3 * along, 1)
-        assert len(facing(EchoScene(qar50(), TONES_HZ, np.zeros(3), body), body)) > 0
+        assert len(front_facets(EchoScene(qar50(), TONES_HZ, np.zeros(3), body), body)) > 0
 
 
 def test_a_mesh_that_would_become_too_many_facets_is_refused(monkeypatch):

@@ -10,7 +10,7 @@ from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.effects.target_surface import skin
 from handbench.radar.simulation.physics.reflection import (
     fresnel,
-    layered,
+    layer_reflection,
     skin_permittivity,
     skin_reflection,
 )
@@ -52,9 +52,9 @@ def test_horny_layers_as_published(thickness_m, reflected_db, within_db):
 def test_a_quarter_wave_of_the_geometric_mean_matches():
     tone_hz, below = np.array([77e9]), np.array([4.0])
     quarter_m = 299_792_458.0 / 77e9 / 4 / np.sqrt(2)
-    assert abs(layered(np.array([2.0]), below, quarter_m, tone_hz)[0]) < 1e-12
+    assert abs(layer_reflection(np.array([2.0]), below, quarter_m, tone_hz)[0]) < 1e-12
     # A lossless mirror at depth d returns all, e^{−2jkn₁d} later: the sign of e^{+jωt}.
-    deep = layered(np.array([1.0]), np.array([1e12]), 1e-3, tone_hz)
+    deep = layer_reflection(np.array([1.0]), np.array([1e12]), 1e-3, tone_hz)
     assert deep[0] == pytest.approx(-np.exp(-4j * np.pi * 77e9 / 299_792_458.0 * 1e-3), abs=1e-5)
 
 

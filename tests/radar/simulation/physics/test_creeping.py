@@ -14,7 +14,7 @@ from handbench.radar.simulation.physics.diffraction import (
     edge_waves,
     edges_of,
     outline,
-    seen_outline,
+    visible_outline,
 )
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import Body, EchoScene
@@ -61,7 +61,9 @@ def fields(radius_m, antenna_m, points_m, polarisation, material):
     scene = EchoScene(qar50(), np.array([TONE_HZ]), np.zeros(1), body, polarisation_deg=angle_deg)
     rays, cells = Rays(body.vertices_m, body.faces), cells_of(points_m, 6e-3)
     for roundness in (None, roundness_of(scene, body)):
-        edges = seen_outline(outline(body, edges_of(body), antenna_m, roundness), rays, antenna_m)
+        edges = visible_outline(
+            outline(body, edges_of(body), antenna_m, roundness), rays, antenna_m
+        )
         waves = edge_waves(antenna_m, cells, edges, np.array([K]), farthest=40.0, widest=4.0)[0]
         yield rays.in_sight(points_m, antenna_m) + waves
 

@@ -12,7 +12,7 @@ from handbench.radar.simulation.physics.diffraction import (
     edge_waves,
     edges_of,
     outline,
-    seen_outline,
+    visible_outline,
 )
 from handbench.radar.simulation.scene import Body
 from handbench.support.rays import Rays, load_open3d
@@ -52,7 +52,7 @@ def test_a_straight_screen_diffracts_as_fresnel_says(x_m):
         np.stack([at_m, 0 * at_m, 0 * at_m + BEFORE_M], axis=1) * (BEFORE_M + BEHIND_M) / BEFORE_M
     )
     body = screen(x_m)
-    lines_m = seen_outline(
+    lines_m = visible_outline(
         outline(body, edges_of(body), ANTENNA_M), Rays(body.vertices_m, body.faces), ANTENNA_M
     )
     visible = ~((at_m > x_m[0]) & (at_m < x_m[1]))

@@ -1,0 +1,1 @@
+"""Studies: scripts that measure handbench itself."""

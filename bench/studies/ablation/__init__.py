@@ -1,0 +1,1 @@
+"""Scenes of all kinds: the effects that "auto" chooses."""

@@ -1,0 +1,1 @@
+"""The engine's benchmark: time, error and memory of imaging and simulation."""

@@ -1,0 +1,50 @@
+"""The engine's benchmark: what imaging and simulation cost, measured in one run.
+
+Seconds drift with the machine; ratio_to_exact, within one run, is what counts.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from handbench.bench.evaluation.tables import declared_tables
+from handbench.bench.studies.engine.checks import growth
+from handbench.bench.studies.engine.scope import QUICK, Inputs, Scope
+from handbench.bench.studies.engine.volume_rows import frame_rows, simulation_rows, volume_rows
+from handbench.bench.studies.study import Record, Study, Table, measured, parser
+
+SECTIONS = {
+    "volume": volume_rows,
+    "3-FSK frame": frame_rows,
+    "simulation": simulation_rows,
+    "growth": growth,
+}
+SCHEMAS = declared_tables(__file__)
+
+
+def study(work: Path, quick: bool) -> Study:
+    """Sections one after the other."""
+    inputs = Inputs(QUICK if quick else Scope())
+    return Study("engine", list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """Rows by section, and growth."""
+    rows, grown = ([r for r in records if ("method" in r) == of] for of in (True, False))
+    return [
+        Table("rows", SCHEMAS["rows"].columns, rows, by="section"),
+        Table("growth", SCHEMAS["growth"].columns, grown),
+    ]
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the tables."""
+    purpose = "what imaging and simulation cost in time, error and memory, and how that grows"
+    options = parser("engine.measure_engine", purpose)
+    quick = "a small volume, in two minutes: does it all run?"
+    options.add_argument("--quick", action="store_true", help=quick)
+    measured(options, study, "engine")
+
+
+if __name__ == "__main__":
+    main()

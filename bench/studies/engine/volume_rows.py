@@ -1,0 +1,222 @@
+"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine),
+of a 3-FSK frame and of the simulation of the hand's echoes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from handbench.bench.studies.engine import textbook
+from handbench.bench.studies.engine.reference import (
+    Reference,
+    column_peaks,
+    column_points_m,
+    reference,
+)
+from handbench.bench.studies.engine.scope import Inputs
+from handbench.bench.studies.engine.turns import Case, Measured, everything, interleaved, named
+from handbench.bench.studies.study import Record, relative_error
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume, project_volume
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
+from handbench.radar.simulation.forward import simulate
+from handbench.support.cost import gemm
+
+TOLERANCES = (None, 1e-3, 1e-5)
+FRAMES = 10  # timed together: a radar images frame after frame
+
+
+def frame_rows(inputs: Inputs) -> list[Record]:
+    """One 3-FSK frame: both stages at all pixels and all points on target. The error is that of the
+    plane's images of the first two tones; the points on target are so few that their exact sums
+    cost less than a plan."""
+    capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
+
+    def case(tolerance: float | None) -> Case:
+        chosen = config.model_copy(update={"tolerance": tolerance})
+        work = partial(fsk_with_uncertainty, capture, chosen)
+        return Case(named("fast", tolerance), work, everything, repeats=repeats, calls=FRAMES)
+
+    measured = interleaved("3-FSK frame", [case(t) for t in TOLERANCES])
+    depth: DepthMap = measured[named("fast", None)].first.kept
+    on_target = np.isfinite(depth.z_m)
+    plane = VoxelGrid(depth.x_m, depth.y_m, np.array([config.first_depth_m]))
+    tones = capture.tones(config.ladder_hz[:2])
+    images = {t: image_volume(*tones, capture.aperture, plane, t, apart=True) for t in TOLERANCES}
+
+    def known(tolerance: float | None, timings: Measured) -> Record:
+        z_m = timings.first.kept.z_m
+        return {
+            "relative_error": relative_error(images[tolerance], images[None]),
+            "depth_deviation_mm": 1e3 * float(np.nanmean(np.abs(z_m - depth.z_m))),
+            "mask_difference_px": int(np.count_nonzero(np.isfinite(z_m) != on_target)),
+            "frames_per_second": 1 / timings.seconds,
+            "points": int(np.count_nonzero(on_target)),
+        }
+
+    return _rows("3-FSK frame", measured, known)
+
+
+def simulation_rows(inputs: Inputs) -> list[Record]:
+    """All tones' echoes of the hand's scatterers."""
+    scatterers, repeats = inputs.scatterers, inputs.scope.repeats
+    work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
+    cases = [
+        Case(named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0)
+        for t in TOLERANCES
+    ]
+    measured = interleaved("simulation", cases)
+    exact, points = measured[named("fast", None)].first.kept, len(scatterers.position_m)
+
+    def known(tolerance: float | None, timings: Measured) -> Record:
+        gflops = None if tolerance else 8e-9 * points * exact.size / timings.seconds
+        error = relative_error(timings.first.kept, exact)
+        return {"relative_error": error, "gflops": gflops, "points": points}
+
+    return _rows("simulation", measured, known)
+
+
+def _rows(
+    section: str, measured: dict[str, Measured], known: Callable[[float | None, Measured], Record]
+) -> list[Record]:
+    """A record for each tolerance; the exact path has no error, tolerance or plan of its own."""
+    rows = []
+    for tolerance in TOLERANCES:
+        timings = measured[named("fast", tolerance)]
+        about = known(tolerance, timings)
+        if tolerance is None:
+            about["relative_error"] = None
+        else:
+            about |= {"tolerance": tolerance, "met": about["relative_error"] <= tolerance}
+            about["plan_seconds"] = timings.plan_s
+        rows.append(timings.record(section, measured[named("fast", None)], **about))
+    return rows
+
+
+SECTION = "volume"
+GEMM, EXACT, NUMPY, NUMBA = (
+    "float32 matrix product",
+    "exact",
+    "numpy, direct sum",
+    "numba, direct sum",
+)
+COMPRESSED = "range-compressed, linear interpolation"
+
+
+def volume_rows(inputs: Inputs) -> list[Record]:
+    """All rows of the volume, timed in turns."""
+    scope, checked = inputs.scope, reference(inputs)
+    ceiling = Case(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
+    cases = [ceiling, *_slow_cases(inputs, checked), *_fast_cases(inputs, checked)]
+    measured = interleaved(SECTION, cases)
+    gflops = 2e-9 * scope.gemm_size**3 / measured[GEMM].seconds
+    return [
+        measured[GEMM].record(SECTION, gflops=gflops),
+        *_slow_rows(inputs, checked, measured, gflops),
+        *(row for t in scope.tolerances for row in _fast_rows(inputs, checked, measured, t)),
+    ]
+
+
+def _slow_cases(inputs: Inputs, checked: Reference) -> list[Case]:
+    """The textbook's sums on the first of the checked voxels; interpolation on one plane, since it
+    lives on neighbouring voxels, less what it does for a single point; the exact path on one
+    plane."""
+    grid, scope = inputs.grid, inputs.scope
+    points_m = grid.points_at_m(checked.voxels)
+
+    def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
+        first = partial(image, *_echoes(inputs), points_m[:fixed]) if fixed else None
+        fraction = float(len(points_m) / np.prod(grid.shape))
+        work = partial(image, *_echoes(inputs), points_m)
+        return Case(method, work, everything, fraction, first, scope.repeats)
+
+    middle = len(grid.z_m) // 2
+    plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle : middle + 1])
+    exact = partial(image_volume, *_echoes(inputs), plane, None)
+    return [
+        case(NUMPY, textbook.numpy_sum, points_m[: scope.numpy_voxels]),
+        case(NUMBA, textbook.numba_sum, points_m[: scope.numba_voxels]),
+        case(COMPRESSED, textbook.range_compressed, plane.points_m().reshape(-1, 3), 1),
+        Case(EXACT, exact, fraction=1 / len(grid.z_m), repeats=scope.repeats),
+    ]
+
+
+def _fast_cases(inputs: Inputs, checked: Reference) -> list[Case]:
+    ways: tuple[tuple[str, Callable[..., Any], Callable[[Any], Any]], ...] = (
+        ("fast volume", image_volume, partial(_checked, checked.voxels)),
+        ("fast projection", project_volume, everything),
+    )
+    return [
+        Case(
+            named(way, t),
+            partial(image, *_echoes(inputs), inputs.grid, t),
+            keep,
+            repeats=inputs.scope.repeats,
+        )
+        for t in inputs.scope.tolerances
+        for way, image, keep in ways
+    ]
+
+
+def _slow_rows(
+    inputs: Inputs, checked: Reference, measured: dict[str, Measured], ceiling_gflops: float
+) -> list[Record]:
+    operations = 8e-9 * float(np.prod(inputs.grid.shape)) * inputs.samples["hand"].size
+    known: dict[str, Record] = {
+        name: {"gflops": operations / measured[name].seconds} for name in (NUMPY, NUMBA, EXACT)
+    }
+    known[NUMBA]["relative_error"] = checked.error(measured[NUMBA].first.kept, exact=checked.direct)
+    known[EXACT] |= {
+        "relative_error": checked.error(checked.exact["hand"], exact=checked.direct),
+        "share_of_gemm": known[EXACT]["gflops"] / ceiling_gflops,
+        "depth_deviation_mm": 0.0,
+    }
+    known[COMPRESSED] = _compressed_accuracy(inputs, checked)
+    order = (NUMPY, NUMBA, COMPRESSED, EXACT)
+    return [measured[name].record(SECTION, measured[EXACT], **known[name]) for name in order]
+
+
+def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
+    def image(source: str, points_m: np.ndarray) -> np.ndarray:
+        return textbook.range_compressed(*_echoes(inputs, source), points_m)
+
+    points_m = inputs.grid.points_at_m(checked.voxels)
+    columns = image("hand", column_points_m(inputs.grid, checked.pixels))
+    return {
+        "relative_error": checked.error(image("hand", points_m)),
+        "noise_error": checked.error(image("noise", points_m), "noise"),
+        "depth_deviation_mm": checked.deviation_mm(column_peaks(columns, inputs.grid)),
+    }
+
+
+def _fast_rows(
+    inputs: Inputs, checked: Reference, measured: dict[str, Measured], tolerance: float
+) -> list[Record]:
+    """Volume and projection; the projection's error is the volume's, whose plan it shares."""
+    ways = ("fast volume", "fast projection")
+    volume, projection = (measured[named(way, tolerance)] for way in ways)
+    values, peaks = volume.first.kept
+    noisy = image_volume(*_echoes(inputs, "noise"), inputs.grid, tolerance)
+    noise = noisy.ravel()[checked.voxels]
+    errors = {"relative_error": checked.error(values), "noise_error": checked.error(noise, "noise")}
+    known = {**errors, "tolerance": tolerance, "met": max(errors.values()) <= tolerance}
+    return [
+        one.record(
+            SECTION, measured[EXACT], **known, plan_seconds=one.plan_s, **checked.deviation(found)
+        )
+        for one, found in ((volume, peaks), (projection, projection.first.kept))
+    ]
+
+
+def _echoes(inputs: Inputs, source: str = "hand") -> tuple[Any, ...]:
+    return inputs.samples[source], inputs.tones_hz, inputs.array
+
+
+def _checked(voxels: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, Peaks]:
+    return volume.ravel()[voxels], strongest_voxels(volume)

@@ -1,0 +1,157 @@
+"""Photographs of hands rendered, reconstructed as a user would, and scored against the truth.
+
+python -m handbench.bench.studies.photogrammetry.measure_photogrammetry bars|sweep [--poses C,Y]
+
+`bars`: what a ground truth is held to. `sweep`: its price in time, on the first pose.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from handbench.bench.datasets.simulated import write_photos
+from handbench.bench.evaluation.metrics import BAND
+from handbench.bench.evaluation.tables import declared_tables
+from handbench.bench.scenes.build import Scene, build
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
+from handbench.bench.studies.study import Record, Study, Table, measured, parser
+from handbench.bench.tradeoff.groundtruth import radar_side
+from handbench.calibration.transforms import umeyama
+from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.mesh.mesh_files import raycasting_scene
+from handbench.groundtruth.options import Options
+from handbench.groundtruth.pipeline import ReconstructedMesh, reconstruct
+from handbench.support.cost import measured as costs
+from handbench.support.files import atomic_folder, content_hash
+
+COMPLETE_M = 1e-3
+WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # standard deviations
+
+
+def study(work: Path, what: str, poses: str) -> Study:
+    """`bars`: what a ground truth is held to, on all poses; `sweep`: its price in time, on the
+    first one."""
+    letters = tuple(poses.split(","))
+    return Study(
+        f"photogrammetry_{what}",
+        list(bars(letters) if what == "bars" else sweep(letters[0])),
+        lambda case: measure(case, work),
+        tables,
+        label=lambda case: f"{case.name}, {case.pose}",
+    )
+
+
+def tables(records: list[Record]) -> list[Table]:
+    """The one table, of all records."""
+    return [Table("rows", declared_tables(__file__)["rows"].columns, records)]
+
+
+def measure(case: Case, work: Path) -> Record:
+    """Photographs and stages are kept under `work`, so that cases which share them do so."""
+    file = case.scene_file()
+    scene = build(file, Path(case.pose).parent)
+    mesh = {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
+    values = {**file.model_dump(mode="json", exclude={"name"}), **mesh}
+    folder = work / f"{Path(case.pose).stem}-{content_hash(values)[:12]}"
+    if not (folder / "capture").is_dir():
+        with atomic_folder(folder / "capture") as temporary:
+            write_photos(scene, temporary)
+    taken = photos = folder / "capture" / "photos"
+    if not case.known:
+        photos = folder / "unknown"
+        intrinsics = shutil.ignore_patterns("*cameras.json")
+        if not photos.is_dir():
+            with atomic_folder(photos) as temporary:
+                shutil.copytree(taken, temporary, dirs_exist_ok=True, ignore=intrinsics)
+    # each rendered camera has a lens of its own, and none has EXIF data
+    lens, box_m = None if case.known else False, tuple(scene.box_m.ravel())
+    options = Options(quality=case.quality, box_m=box_m, shared_intrinsics=lens)
+    return reconstructed(case, scene, photos, options, folder / "reconstruction")
+
+
+def reconstructed(
+    case: Case, scene: Scene, photos: Path, options: Options, workdir: Path
+) -> Record:
+    """The case's record: its photographs reconstructed, and scored against the scene that they
+    show."""
+    with costs() as cost:
+        result = reconstruct(photos, options, workdir)
+    about = ("pose", "cameras", "width", "quality")
+    return {
+        "case": case.name,
+        **{name: getattr(case, name) for name in about},
+        **score(result, scene),
+        **{f"{stage}_s": seconds for stage, seconds in result.seconds.items()},
+        "all_s": sum(result.seconds.values()),
+        "cpu_s": cost.cpu_seconds,
+        "peak_memory_mb": cost.peak_memory_mb,
+    }
+
+
+def score(result: ReconstructedMesh, scene: Scene) -> Record:
+    """The result, whose frame is the photographs', against its scene: distances of the mesh's
+    observed vertices to the true surface; and the shares of them whose distance is inside so many
+    of their own standard deviations."""
+    surface, photo_from_radar = result.surface, scene.radar_from_photo.inverse()
+    points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
+    true_surface = raycasting_scene(scene.target_mesh)
+    signed_m = true_surface.compute_signed_distance(points_m.astype(np.float32)).numpy()
+    distance_m = np.abs(signed_m.astype(np.float64))
+    x_m, y_m, z_m = radar_side(scene.target_mesh, scene.radar_from_photo, scene.box_m)
+    side_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[np.isfinite(z_m)]
+    ratio = distance_m / surface.sigma_m[surface.observed]
+    true = {camera.name: camera for camera in scene.cameras}
+    off_m = [np.linalg.norm(one.centre_m - true[one.name].centre_m) for one in result.cameras]
+    return {
+        "median_m": float(np.median(distance_m)),
+        "signed_m": float(np.median(signed_m)),
+        "rms_m": float(np.sqrt(np.mean(distance_m**2))),
+        "p95_m": float(np.quantile(distance_m, 0.95)),
+        "max_m": float(distance_m.max()),
+        "complete": completeness(points_m, side_m),
+        "scale": scale_error(photo_from_radar.points(side_m), result.cameras, true),
+        "centre_m": float(np.mean(off_m)),
+        **{name: float(np.mean(ratio <= k)) for name, k in WITHIN.items()},
+    }
+
+
+def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
+    """Share of the points side_m [n, 3] that are within a millimetre of one of points_m [m, 3]."""
+    return float(
+        np.mean(KDTree(points_m).query(side_m, distance_upper_bound=COMPLETE_M)[0] < np.inf)
+    )
+
+
+def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:
+    """Relative error of the scale: points [n, 3] in the photo frame, photographed by the true
+    cameras and triangulated by ours, come out larger by so much."""
+    normal, right = np.zeros((len(points_m), 3, 3)), np.zeros((len(points_m), 3))
+    for camera in ours:
+        xy = np.asarray(camera.colmap().cam_from_img(true[camera.name].project(points_m)))
+        rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # the nearest point to all rays
+        normal += across
+        right += across @ camera.centre_m
+    found_m = np.linalg.solve(normal, right[..., None])[..., 0]
+    similarity = umeyama(points_m, found_m, with_scale=True)
+    return float(np.cbrt(np.linalg.det(similarity[:3, :3])) - 1)
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the table."""
+    purpose = "what photogrammetry's accuracy costs, and whether its error bars are honest"
+    options = parser("photogrammetry.measure_photogrammetry", purpose)
+    what = "what a ground truth is held to, or its price in time"
+    options.add_argument("what", choices=["bars", "sweep"], help=what)
+    poses = "letters or mesh files of hands, separated by commas; sweep takes the first"
+    options.add_argument("--poses", default="C,Y", help=f"{poses} (default C,Y)")
+    measured(options, study, "photogrammetry")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Registrations of photographs and radar whose truth is known."""

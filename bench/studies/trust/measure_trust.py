@@ -1,0 +1,235 @@
+"""Trust in depths: p_gross is calibrated on some random scenes and hands, and tested on other
+surfaces, on other hands, and on scenes of a generator that the calibration never saw.
+
+A pixel is wrong where its depth is more than 5 mm from the nearest depth that the true surface has
+within the pixel's resolution cell: a depth between two surfaces is wrong. What is measured shares
+the features with the product, and the truth with nothing that the methods know.
+
+python -m handbench.bench.studies.trust.measure_trust [--scenes N] [--methods A,B]
+[--captures CAPTURE …] [--fit]
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from handbench.bench.evaluation.tables import declared_tables
+from handbench.bench.studies.study import Record, Study, Table, parser
+from handbench.bench.studies.study import measured as studied
+from handbench.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
+from handbench.radar.data.depthmap import FLAGGED, DepthMap
+from handbench.radar.methods.depth_uncertainty import (
+    FEATURES,
+    GROSS_M,
+    WEIGHTS,
+    features,
+    known_weights,
+    probability,
+    weights_of,
+)
+from handbench.radar.methods.registry import method
+from handbench.support.errors import HandbenchError
+from handbench.support.files import write_text
+
+SCHEMAS = declared_tables(__file__)
+FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
+VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coherence", "narrowband")
+VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
+SILENT = 0.01  # p_gross below which nobody doubts a depth
+HANDS, ASSORTED = 10, 30  # scenes of points to one hand, and to one assorted scene
+# every second round of kinds: calibrating maps in which some depths move
+MOVED_EVERY, MOVED_M, MOVED_PX = 2, (0.01, 0.08), 3
+# of a squared standardised weight: keeps features that say the same from large opposite weights
+PENALTY = 1e-4
+BINS = np.array([0, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
+DROPPED_PERCENT = (0, 1, 2, 5, 10, 15, 20)
+
+
+def study(
+    work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int
+) -> Study:
+    """So many scenes of points, some hands and assorted scenes to them, and captures."""
+    chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
+    return Study(
+        "trust",
+        cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures),
+        partial(pixels, methods=chosen, seed=seed, work=work, fit=fit),
+        partial(tables, fit=fit),
+        seed=seed,
+    )
+
+
+def pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path, fit: bool) -> list[Record]:
+    """The pixels of one scene, by each method: features found [n, k], which are wrong [n], and
+    whether 2σ holds the error (1, 0; −1: unknown). Where weights are fitted,
+    some calibrating depths are moved."""
+    scene, of_points, records = known(case, seed, work), case.family == "points", []
+    few = len(scene.capture.frequencies_hz) < SWEPT // 2
+    calibrating = of_points and case.group == "calibration"
+    for id in methods:
+        if id in VOLUMES and (few or (of_points and case.number % VOLUMES_EVERY)):
+            continue
+        config = method(id).configure(scene.values(id), str(case))
+        try:
+            depth = method(id).run(scene.capture, config, 0).depth
+        except HandbenchError:  # refused: no map, no wrong depth
+            continue
+        if fit and calibrating and case.number // 20 % MOVED_EVERY == 0:
+            depth = moved(depth, case.number)
+        index, found = features(depth, scene.capture, config)
+        nearest_m, own_m = (off_m.ravel()[index] for off_m in scene.off_m(depth))
+        sigma_m = np.zeros(len(index)) if depth.sigma_m is None else depth.sigma_m.ravel()[index]
+        held = np.where(np.isfinite(own_m) & (sigma_m > 0), own_m <= 2 * sigma_m, -1)
+        records.append(
+            {
+                "group": case.group,
+                "family": case.family,
+                "method": id,
+                "found": found.astype(np.float16),
+                "wrong": nearest_m > GROSS_M,
+                "held": held.astype(np.int8),
+            }
+        )
+    return records
+
+
+def moved(depth: DepthMap, seed: int) -> DepthMap:
+    """The map with the depths about one of its pixels put off, as a wrong period would, of which
+    neither its σ nor its flags know."""
+    rng, on = np.random.default_rng(seed), np.argwhere(np.isfinite(depth.z_m))
+    row, column = rng.choice(on) if len(on) else (0, 0)
+    y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
+    near = np.hypot(y - row, x - column) <= MOVED_PX
+    return replace(depth, z_m=depth.z_m + rng.uniform(*MOVED_M) * rng.choice([-1, 1]) * near)
+
+
+def tables(records: list[Record], fit: bool) -> list[Table]:
+    """Figures by group and method, and their reliability; the weights are fitted anew and written
+    if so wished."""
+    rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
+    records = [record for record in records if len(record["wrong"])]
+    if fit:
+        for id in sorted({record["method"] for record in records}):
+            weights[id] = _fitted([r for r in records if r["method"] == id])
+        weights = known_weights() | weights | {"any": _fitted(records)}
+        write_text(WEIGHTS, as_toml(weights))
+    for (group, id), part in groupby(sorted(records, key=by), by):
+        these, facts = list(part), {"group": group, "method": id}
+        used = weights[id] if id in weights else weights_of(id)
+        p = [probability(record["found"].astype(np.float64), used) for record in these]
+        rows.append(facts | figures(p, these))
+        wrong = np.concatenate([record["wrong"] for record in these])
+        bins += [facts | one for one in reliability(np.concatenate(p), wrong)]
+    shown = Table("rows", SCHEMAS["rows"].columns, rows, by="group")
+    return [shown, Table("reliability", SCHEMAS["reliability"].columns, bins, shown=False)]
+
+
+def figures(p: list[np.ndarray], records: list[Record]) -> Record:
+    """The worth of p_gross and of σ in some scenes, each with p [n] of its pixels."""
+    wrong = [record["wrong"] for record in records]
+    silent = np.sort([np.count_nonzero(w & (q < SILENT)) for q, w in zip(p, wrong, strict=True)])
+    every, off = np.concatenate(p), np.concatenate(wrong)
+    within = np.concatenate([record["held"] for record in records])
+    doubted = every > FLAGGED
+    trusted = off[np.argsort(every, kind="stable")]
+    left = {d: trusted[: max(1, round(len(off) * (1 - d / 100)))] for d in DROPPED_PERCENT}
+    return {
+        "scenes": len(p),
+        "pixels": len(off),
+        "brier": float(np.mean((every - off) ** 2)),
+        **{f"left_{dropped}_percent": 100 * float(some.mean()) for dropped, some in left.items()},
+        "doubted_percent": 100 * float(np.mean(every >= SILENT)),
+        "silent_percent": _percent(silent.sum(), len(off)),
+        "concentrated_percent": _percent(silent[-len(silent) // 10 :].sum(), silent.sum()),
+        "held_percent": _percent((within > 0).sum(), (within >= 0).sum()),
+        "precision_percent": _percent((doubted & off).sum(), doubted.sum()),
+        "recall_percent": _percent((doubted & off).sum(), off.sum()),
+    }
+
+
+def _percent(part: int, whole: int) -> float | None:
+    return 100 * float(part) / float(whole) if whole else None
+
+
+def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
+    """Mean p, share wrong and number of the pixels in each of BINS that has any."""
+    place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
+    return [
+        {
+            "p_gross": float(p[place == i].mean()),
+            "wrong": float(wrong[place == i].mean()),
+            "pixels": int((place == i).sum()),
+        }
+        for i in np.unique(place)
+    ]
+
+
+def _fitted(records: list[Record]) -> np.ndarray:
+    """The weights that calibrating scenes have, points and hands alike in all."""
+    some = [r for r in records if r["group"] == "calibration"]
+    if not some:
+        raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")
+    counts = {
+        r["family"]: sum(len(s["wrong"]) for s in some if s["family"] == r["family"]) for r in some
+    }
+    share = np.concatenate([np.full(len(r["wrong"]), 1 / counts[r["family"]]) for r in some])
+    found = np.concatenate([r["found"] for r in some]).astype(np.float64)
+    return fitted(found, np.concatenate([r["wrong"] for r in some]), share)
+
+
+def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Weights [1 + k], the constant first, that make wrong [n] likeliest given features [n, k];
+    share [n]: of each pixel in the likelihood."""
+    mean, scale = found.mean(axis=0), found.std(axis=0)
+    scale = np.where(scale > 1e-6, scale, np.inf)  # what never changes gets no weight
+    known = np.column_stack([np.ones(len(found)), (found - mean) / scale])
+    sign, share = np.where(wrong, 1.0, -1.0), share / share.sum()
+
+    def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
+        margin, penalised = sign * (known @ weights), np.r_[0.0, weights[1:]]
+        slope = -share * sign / (1 + np.exp(np.clip(margin, -500, 500)))
+        value = share @ np.logaddexp(0, -margin) + PENALTY * penalised @ penalised
+        return float(value), slope @ known + 2 * PENALTY * penalised
+
+    start, options = np.zeros(known.shape[1]), {"maxiter": 500}
+    weights = minimize(loss, start, jac=True, method="L-BFGS-B", options=options).x
+    slopes = weights[1:] / scale
+    return np.r_[weights[0] - slopes @ mean, slopes]
+
+
+def as_toml(weights: dict[str, np.ndarray]) -> str:
+    """The file of weights [1 + k] by method."""
+    command = "python -m handbench.bench.studies.trust.measure_trust --fit"
+    lines = [f"# Weights of p_gross, written by `{command}`."]
+    for id, values in weights.items():
+        named = zip(("constant", *FEATURES), values, strict=True)
+        lines += ["", f"[{id}]", *(f"{name} = {weight:.4f}" for name, weight in named)]
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Measure, write the files of a study, print the tables."""
+    purpose = "whether p_gross is honest: calibrated on some random scenes, tested on others"
+    options = parser("trust.measure_trust", purpose)
+    count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"
+    options.add_argument("--scenes", type=int, default=240, help=count)
+    ids = "ids, separated by commas (default: twelve that differ)"
+    options.add_argument("--methods", default="", help=ids)
+    folders = "folders with truth.ply, imaged at the methods' defaults"
+    options.add_argument("--captures", nargs="*", type=Path, default=[], help=folders)
+    weights = "fit the weights anew and write them to radar/methods/trust.toml"
+    options.add_argument("--fit", action="store_true", help=weights)
+    seed = "of the scenes (default 0); the weights stand on 0"
+    options.add_argument("--seed", type=int, default=0, help=seed)
+    studied(options, study, "trust")
+
+
+if __name__ == "__main__":
+    main()

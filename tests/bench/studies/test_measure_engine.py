@@ -1,0 +1,90 @@
+"""The engine's benchmark: its yardsticks are right, and every section writes its rows."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handbench.bench.studies.engine import measure_engine, turns
+from handbench.bench.studies.engine.checks import exponent, finer, larger, resampled
+from handbench.bench.studies.engine.scope import QUICK, Inputs, Scope, white_noise
+from handbench.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.grid import Axis
+from handbench.radar.simulation.forward import Scatterers
+from tests.radar.direct_sums import direct_sum
+from tests.radar.samples import relative_error
+
+TONES_HZ = np.linspace(72e9, 82e9, 64)
+
+
+# Range profiles are interpolated linearly between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's
+# edges.
+@pytest.mark.parametrize(
+    ("image", "error"),
+    [
+        (numpy_sum, 1e-12),
+        pytest.param(numba_sum, 1e-12, marks=pytest.mark.slow),  # compiles
+        pytest.param(range_compressed, 1e-3, marks=pytest.mark.slow),
+    ],
+)
+def test_yardsticks_agree_with_the_direct_sum(image, error):
+    array = AntennaArray(qar50().tx_m[::31], qar50().rx_m[::31])
+    samples = white_noise((64, *array.channels))
+    points = np.random.default_rng(0).uniform([-0.1, -0.1, 0.25], [0.1, 0.1, 0.32], (20, 3))
+    reference = direct_sum(samples, TONES_HZ, array, points)
+    assert relative_error(image(samples, TONES_HZ, array, points), reference) < error
+
+
+def test_growth_is_the_slope_of_the_logarithms():
+    assert exponent([1, 2, 4, 8], [3.0, 6.0, 12.0, 24.0]) == pytest.approx(1.0)
+    assert exponent([1, 10, 100], [5.0, 5.0, 5.0]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_grown_grids_have_the_voxels_they_promise():
+    grid = Inputs(Scope()).grid
+    for factor in (2, 16):
+        fine, wide = finer(grid, factor), larger(grid, factor)
+        assert np.prod(fine.shape) == pytest.approx(factor * np.prod(grid.shape), rel=0.02)
+        assert np.prod(wide.shape) == pytest.approx(factor * np.prod(grid.shape), rel=0.02)
+        assert fine.z_m[[0, -1]] == pytest.approx(grid.z_m[[0, -1]])
+        assert np.diff(wide.x_m)[0] == pytest.approx(np.diff(grid.x_m)[0])
+        assert wide.x_m.mean() == pytest.approx(grid.x_m.mean()) and wide.z_m[0] == grid.z_m[0]
+    assert resampled(qar50(), 94).tx_m == pytest.approx(qar50().tx_m)
+    assert resampled(qar50(), 24).channels == (24, 24)
+
+
+@pytest.mark.slow
+def test_every_section_writes_its_rows(ran, monkeypatch):
+    """On a small volume and few scatterers, in threads in place of processes."""
+    near_m, far_m = [-0.015, -0.015, 0.285], [0.015, 0.015, 0.295]
+    spread_m = np.random.default_rng(0).uniform(near_m, far_m, (60, 3))
+    few = Scatterers(spread_m, np.ones(60))
+    monkeypatch.setattr(Inputs, "scatterers", property(lambda inputs: few))
+    small = replace(
+        QUICK,
+        lateral=Axis(start_m=-0.02, stop_m=0.02, step_m=0.002),
+        depth=Axis(start_m=0.28, stop_m=0.30, step_m=0.002),
+        tolerances=(1e-3,),
+        gemm_size=256,
+        numpy_voxels=2,
+        numba_voxels=4,
+        growth=(1, 2),
+        channels=(12, 24),
+        tones=(16, 32),
+    )
+    monkeypatch.setattr(measure_engine, "QUICK", small)
+    monkeypatch.setattr(turns, "room", lambda: ThreadPoolExecutor(1))
+    found = ran(measure_engine, "--quick")
+    assert found["failures"] == {}
+    rows = {(row["section"], row["method"]): row for row in found["rows"]}
+    expected = {"seconds", "ratio_to_exact", "relative_error", "gflops", "peak_memory_mb"}
+    assert all(expected <= set(row) for row in rows.values())
+    assert all(row["met"] for row in rows.values() if "met" in row)
+    assert {section for section, _ in rows} == {"volume", "3-FSK frame", "simulation"}
+    assert rows["volume", "exact"]["ratio_to_exact"] == 1
+    assert rows["volume", "exact"]["relative_error"] < 1e-6
+    assert rows["volume", "range-compressed, linear interpolation"]["relative_error"] < 1e-3
+    assert rows["volume", "fast projection, 1e-3"]["mask_difference_px"] == 0
+    assert len(found["growth"]) == 4 and all(len(one["seconds"]) == 2 for one in found["growth"])

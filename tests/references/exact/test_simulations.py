@@ -1,0 +1,100 @@
+"""Simulations against exact solutions, in echoes and in maps: other formulas and other code, from
+the geometry on.
+
+The bounds are measured ones, rounded up by a tenth or so: physical optics has no limit that could
+be derived here. An effect that comes nearer to the exact echoes adds a row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handbench.bench.studies.study import relative_error
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
+from tests.radar.simulation.effects.plates import plate
+from tests.references.exact.cases import Case, body
+from tests.references.exact.cylinders import ALONG
+from tests.references.exact.half_planes import HalfPlane, half_plane_echoes
+from tests.references.exact.kept_echoes import against_exact
+from tests.references.exact.mie_series import CoatedSphere, sphere_echoes
+from tests.references.exact.sphere_clusters import COAT, SCENES, SKIN
+
+CLUSTERS = Path(__file__).parent / "sphere_clusters.npz"
+ONCE = ("obliquity", "shadow_antennas")
+TWICE = (*ONCE, "multipath")
+BENT = ("obliquity", "shadow_diffraction")
+BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK
+    ("one finger", "skin", ONCE, 0.06, 0.12, 0.045),
+    # 0.15 of bounces from the transmitters alone; their mean with those from the receivers is
+    # reciprocal.
+    ("fingers 6 mm apart", "skin", (*BENT, "multipath"), 0.17, 0.3, 0.23),
+    (
+        "fingers 1 mm apart",
+        "skin",
+        (*BENT, "multipath"),
+        0.29,
+        0.3,
+        0.2,
+    ),  # nearer with bounces that are too weak
+    ("finger before palm", "skin", BENT, 0.06, 0.32, 0.07),
+    ("finger before palm, 12 mm aside", "metal", (*BENT, "multipath"), 0.14, 2.8, 1.1),
+    ("sphere of 10 mm", "metal", ONCE, 0.06, 0.08, 0.08),
+    ("sphere of 10 mm", "skin", ONCE, 0.06, 0.05, 0.05),
+    ("sphere of 10 mm", "palm", ONCE, 0.13, 0.22, 0.16),
+)
+
+
+@pytest.mark.parametrize(("scene", "material", "effects", "echo", "two_mm", "three_mm"), BOUNDS)
+def test_a_simulation_is_as_near_as_it_was(scene, material, effects, echo, two_mm, three_mm):
+    found = against_exact(scene, material, *effects)
+    limits = {"echo_error": echo, "2fsk_mean_mm": two_mm, "3fsk_mean_mm": three_mm}
+    assert {name: found[name] for name, limit in limits.items() if found[name] > limit} == {}
+
+
+def _treams() -> tuple[dict[str, np.ndarray], AntennaArray]:
+    with np.load(CLUSTERS) as file:
+        return dict(file), AntennaArray(file["tx_m"], file["rx_m"])
+
+
+@pytest.mark.parametrize("name", ["sphere", "coated sphere"])
+def test_the_series_of_a_sphere_is_treams(name):
+    """Another program, which shares nothing with the series; its samples are kept in single
+    precision."""
+    known, array = _treams()
+    ((centre_m, radii_m),), _ = SCENES[name]
+    tones_hz, coated = known["frequencies_hz"], len(radii_m) > 1
+    core, coat = np.full(len(tones_hz), SKIN), np.full(len(tones_hz), COAT) if coated else None
+    sphere = CoatedSphere(centre_m, radii_m[-1], radii_m[-1] - radii_m[0] if coated else 0.0)
+    found = sphere_echoes(sphere, tones_hz, array, np.array([0.0, 1.0, 0.0]), core, coat)
+    expected = known[name.replace(" ", "_")]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "bound"), [("two spheres", 0.13), ("sphere before a larger one", 0.4)]
+)
+def test_clusters_of_spheres(name, bound):
+    known, array = _treams()
+    spheres = tuple(CoatedSphere(centre_m, radii_m[-1]) for centre_m, radii_m in SCENES[name][0])
+    tones_hz = known["frequencies_hz"]
+    scene = EchoScene(
+        array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG))
+    )
+    samples = simulate_scene(scene, choose(scene, (*TWICE, "dielectric"), 1.0)).capture.samples[0]
+    assert relative_error(samples, known[name.replace(" ", "_")]) < bound
+
+
+def test_a_plate_s_edge():
+    """Physical optics' edge against Sommerfeld's; the simulation leaves out the dipoles' pattern
+    too."""
+    whole, tones_hz = qar50(), np.array([79.5e9, 82e9])
+    array = AntennaArray(whole.tx_m[::6], whole.rx_m[::6])
+    body = plate((0.0, -0.16, 0.3), (0.0, 0.32, 0.0), (0.32, 0.0, 0.0), 160)
+    scene = EchoScene(array, tones_hz, np.zeros(2), body)
+    samples = simulate_scene(scene, choose(scene, ("obliquity",), 1.0)).capture.samples[0]
+    assert relative_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, array)) < 0.06
