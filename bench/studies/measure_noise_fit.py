@@ -87,7 +87,7 @@ def precision_mm(
         capture = echoes(replace(scene, file=file), repeats).capture
         maps = [fsk_with_uncertainty(capture, config, frame) for frame in range(repeats)]
         hands.append(strongest_z_m(maps))
-    return float(precision(hands)["precision_mm"])
+    return float(Record(precision(hands))["precision_mm"])
 
 
 def main() -> None:

@@ -32,7 +32,8 @@ FINE_HZ = 2 / (1 / 2.5e9 + 1 / 2.3e9)  # of the third tone against both others
 def test_a_phase_moves_a_depth_by_the_wavelength_of_the_difference(id, last_hz, difference_hz):
     """By c/(2πΔf) over the path's slope, the mean over the antennas."""
     capture, chosen = point_capture(POINT_M), method(id)
-    config = chosen.configure(around(POINT_M), "test")
+    known = {"off_axis": True, "first_depth_m": 0.3}
+    config = chosen.configure(around(POINT_M) | known, "test")
 
     def depth_m(phase_rad):
         turn = np.where(capture.frequencies_hz == last_hz, phase_rad, 0.0)[:, None, None]

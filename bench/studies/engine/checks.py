@@ -28,7 +28,8 @@ def growth(inputs: Inputs) -> list[Record]:
         count**2: _volume(tones_hz, resampled(array, count), grid) for count in scope.channels
     }
     grown["tones"] = {
-        count: _volume(np.linspace(*tones_hz[[0, -1]], count), array, grid) for count in scope.tones
+        count: _volume(np.linspace(tones_hz[0], tones_hz[-1], count), array, grid)
+        for count in scope.tones
     }
     return [_series(what, steps) for what, steps in grown.items()]
 

@@ -16,8 +16,8 @@ from handbench.radar.data.depthmap import amplitude_db
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.imaging.peaks import strongest_voxels
-from handbench.radar.methods.projection import Peaks, peak_offset
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.methods.projection import peak_offset
 
 STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean square
 

@@ -80,7 +80,9 @@ class Inputs:
         """The hand's facets that the array sees."""
         target = {"kind": "hand", "pose": "F", "edge_m": self.scope.edge_m}
         scene = build(SceneFile(version=1, name="F", target=target))
-        return shadow_centre(bare_echoes(echo_scene(scene))).surface.facets.optics
+        seen = shadow_centre(bare_echoes(echo_scene(scene))).surface
+        assert seen is not None  # a hand has one
+        return seen.facets.optics
 
     @property
     def grid(self) -> VoxelGrid:

@@ -20,6 +20,7 @@ from handbench.bench.studies.engine.reference import (
 from handbench.bench.studies.engine.scope import Inputs
 from handbench.bench.studies.engine.turns import Case, Measured, everything, interleaved, named
 from handbench.bench.studies.study import Record, relative_error
+from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume, project_volume
@@ -136,8 +137,7 @@ def _slow_cases(inputs: Inputs, checked: Reference) -> list[Case]:
         work = partial(image, *_echoes(inputs), points_m)
         return Case(method, work, everything, fraction, first, scope.repeats)
 
-    middle = len(grid.z_m) // 2
-    plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle : middle + 1])
+    plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[len(grid.z_m) // 2, None])
     exact = partial(image_volume, *_echoes(inputs), plane, None)
     return [
         case(NUMPY, textbook.numpy_sum, points_m[: scope.numpy_voxels]),
@@ -214,7 +214,7 @@ def _fast_rows(
     ]
 
 
-def _echoes(inputs: Inputs, source: str = "hand") -> tuple[Any, ...]:
+def _echoes(inputs: Inputs, source: str = "hand") -> tuple[np.ndarray, np.ndarray, AntennaArray]:
     return inputs.samples[source], inputs.tones_hz, inputs.array
 
 

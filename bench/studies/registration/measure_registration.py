@@ -72,10 +72,11 @@ def study(work: Path, what: str, trials: int | None) -> Study:
     """One of the two, of so many placements."""
     faults = [one for fault in FAULTS for one in ("none", fault)] if what == "faults" else ["none"]
     cases = [(n, faults[n % len(faults)]) for n in range(trials or TRIALS[what])]
+    carried_out = photographed if what == "full" else sampled
     return Study(
         f"registration_{what}",
         cases,
-        lambda case: (photographed if what == "full" else sampled)(*case, work),
+        lambda case: carried_out(case[0], case[1], work),
         tables,
         label=lambda case: f"placement {case[0]}, {case[1]}",
     )

@@ -151,7 +151,7 @@ def known(case: Case, seed: int, work: Path) -> Known:
     """The scene of a case; work: where assorted scenes keep meshes."""
     rng = np.random.default_rng([seed, case.number, len(case.family)])
     if case.family == "points":
-        return _points(*case.kind.split(", "), rng)
+        return _points(case.kind, rng)
     if case.family == "hands":
         return _built(_hand(case.kind, rng), rng)
     if case.family == "assorted":
@@ -163,7 +163,8 @@ def known(case: Case, seed: int, work: Path) -> Known:
     return Known(capture.echoes(1), None, 0.0, 0.0, off_mesh(read_mesh(capture.truth)))
 
 
-def _points(trouble: str, kind: str, rng: np.random.Generator) -> Known:
+def _points(trouble_kind: str, rng: np.random.Generator) -> Known:
+    trouble, kind = trouble_kind.split(", ")
     surface, middle_m = KINDS[kind](rng), float(rng.uniform(0.25, 0.35))
     capture, clutter_m = recorded(surface, middle_m, trouble, rng)
 
