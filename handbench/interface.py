@@ -280,9 +280,8 @@ class Depth(Plottable):
         from handbench.support.errors import HandbenchError
 
         if mesh is None and self.capture is not None:
-            mesh = (
-                self.capture.truth if transform is None else None
-            )  # which is in the radar's frame already
+            # which is in the radar's frame already
+            mesh = self.capture.truth if transform is None else None
             if mesh is None and self.capture.mesh is not None:
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:

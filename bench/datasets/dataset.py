@@ -24,14 +24,11 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, require_folder
 
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
-FOREIGN = {
-    "maroon": MaroonCapture,
-    "mapping": MappedCapture,
-}  # what can be imported, by the name of its data set
+# what can be imported, by the name of its data set
+FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}
 KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (HDF5, MATLAB) or radar_*/calibrated_data (MAROON)"
-AT_EMPTY_FILTERED = (
-    f"@{EMPTY_FILTERED}"  # behind a MAROON capture's path: its frames without the empty room
-)
+# behind a MAROON capture's path: its frames without the empty room
+AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"
 DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 

@@ -129,9 +129,8 @@ def _description(
     low, middle, high = (float(frequencies_hz[i]) for i in (0, -2, -1))
     tones = {"f1_hz": high, "f2_hz": middle}
     depth = {"z": {"start_m": 0.08, "stop_m": 0.13, "step_m": 0.001}}
-    unambiguous = {
-        "z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}
-    }  # c / (2 · 4 GHz) is 37.5 mm
+    # c / (2 · 4 GHz) is 37.5 mm
+    unambiguous = {"z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}}
     fsk = {**lateral, **tones, "first_depth_m": 0.10}
     sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
     return CaptureFile(

@@ -242,9 +242,8 @@ def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
     """Read one array of the mapping."""
     frequencies_hz = _real(of, mapping.frequencies.dataset)
     if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
-        raise _wrong(
-            mapping.frequencies.dataset, frequencies_hz, "[frequency]"
-        )  # MATLAB's have an axis of one more
+        # MATLAB's have an axis of one more
+        raise _wrong(mapping.frequencies.dataset, frequencies_hz, "[frequency]")
     with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
         frequencies_hz = frequencies_hz.reshape(-1) * UNITS[mapping.frequencies.unit]
     given = {
@@ -307,9 +306,8 @@ def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarra
         if values.ndim != len(axes) or values.shape != expected or values.size == 0:
             known = ", ".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in axes)
             raise _wrong(name, values, f"[{known}] as stored")
-    with np.errstate(
-        invalid="ignore", over="ignore"
-    ):  # what is infinite is refused with the capture
+    # what is infinite is refused with the capture
+    with np.errstate(invalid="ignore", over="ignore"):
         values = _joined(parts, axes)
     axes = tuple(axis for axis in axes if axis != RE_IM)
     return values.transpose([axes.index(axis) for axis in ORDER if axis in axes])

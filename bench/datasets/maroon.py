@@ -48,33 +48,19 @@ FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.jso
 REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
 EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
-MESHES = {
-    "masked": "mesh_masked.obj",
-    "whole": "mesh.obj",
-}  # the first: of photographs cut to the object
-BEHIND_M = {
-    "start_m": -0.05,
-    "stop_m": 0.10,
-    "step_m": 0.001,
-}  # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
-NEAR_ZMIN_M, ZMAX_M = (
-    0.26,
-    0.7,
-)  # their code's, where metadata.json has none: the first for objects at 0.3 m only
+# the first: of photographs cut to the object
+MESHES = {"masked": "mesh_masked.obj", "whole": "mesh.obj"}
+# their shipped box, 0.25 to 0.4 m for objects at 0.3 m
+BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}
+# their code's, where metadata.json has none: the first for objects at 0.3 m only
+NEAR_ZMIN_M, ZMAX_M = (0.26, 0.7)
 ROUNDED = 7  # decimals of metres: they keep float32
-PLANES = (
-    "2fsk",
-    "3fsk",
-    "nfsk",
-    "joint",
-    "prior-2fsk",
-    *LENSES,
-)  # the methods that want pixels, and those of voxels
+# the methods that want pixels, and those of voxels
+PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)
 PROJECTIONS = ("broadband", "narrowband")
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
-RADAR_KERNEL = (
-    4  # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
-)
+# the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
+RADAR_KERNEL = 4
 
 
 class Metadata(Config, extra="ignore"):

@@ -35,33 +35,23 @@ from handbench.support.pictures import open_picture
 from handbench.support.progress import say
 
 ALIGNMENT = "alignment.json"
-ROUNDING, TOO_CROOKED = (
-    1e-6,
-    1e-3,
-)  # largest element by which a matrix may miss its rotation: without a message, and at all
+# largest element by which a matrix may miss its rotation: without a message, and at all
+ROUNDING, TOO_CROOKED = (1e-6, 1e-3)
 FARTHEST_M = 10.0  # largest distance of two sensors of the set-up; more are millimetres
 MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 FRAMES = {"photogrammetry": "photo"}  # ours for theirs; the others keep their names
 PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
-LOOK = {
-    "x": PIXELS,
-    "y": PIXELS,
-    "coarse_filter_px": 3,
-    "fine_filter_px": 1,
-}  # 3-FSK, a ninth of the paper's pixels
+# 3-FSK, a ninth of the paper's pixels
+LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}
 FAR_MM = 20.0  # off the nearer reading the radar's depth is of something else
 # by which the reading that the matrix does not suggest must fit better; below, the object is
 # symmetric
 CLEAR_MM = 0.5
-LENSES = {
-    "kinect": "",
-    "realsense": "rgb",
-    "zed": "left",
-}  # sensor → its lens in calibration.json (Kinect: own form)
+# sensor → its lens in calibration.json (Kinect: own form)
+LENSES = {"kinect": "", "realsense": "rgb", "zed": "left"}
 SIDES = {"zed": "left"}  # sensor → further folder of its pictures
-LONGEST_MM = (
-    10.0  # step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
-)
+# step in depth over which neighbours are joined (code/main.py: triangulation_threshold)
+LONGEST_MM = 10.0
 # Kinect's modes NFOV_UNBINNED and 1080P, which their code asks for: sides of the whole picture,
 # corner and sides of it.
 MODES = {
@@ -69,20 +59,8 @@ MODES = {
     "PV0": ((1920, 1440), (0, 180), (1920, 1080)),
 }
 LOCATION, MODEL = "CALIBRATION_CameraLocation", "CALIBRATION_LensDistortionModelBrownConrady"
-BROWN_CONRADY = [
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    13,
-    12,
-    6,
-    7,
-    8,
-    9,
-]  # FULL_OPENCV's parameters among the factory's 14
+# FULL_OPENCV's parameters among the factory's 14
+BROWN_CONRADY = [0, 1, 2, 3, 4, 5, 13, 12, 6, 7, 8, 9]
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 
 
@@ -125,10 +103,8 @@ def save_alignment(path: str | Path, transform: Transform) -> None:
     handedness of its radar frame; in a new file x points right, as in MAROON's code. The form has
     no covariance."""
     transform.require("photo", "radar", "transform")
-    known: dict[str, Any] = {
-        "radar2world": np.eye(4),
-        "kinect_calib": {"space": "depth"},
-    }  # which no viewer corrects
+    # which no viewer corrects
+    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
     flip = MIRROR_X  # from our radar frame to theirs, or back
     if Path(path).exists():
         known |= read_table(path)
@@ -145,9 +121,8 @@ def save_alignment(path: str | Path, transform: Transform) -> None:
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
     """Read one of MAROON's JSON files. Raises HandbenchError for a file that is too large or holds
     no table."""
-    content = read_json(
-        path, what, RAW_VALUES, RAW_JSON_BYTES
-    )  # it also holds intermediate data of the calibration
+    # it also holds intermediate data of the calibration
+    content = read_json(path, what, RAW_VALUES, RAW_JSON_BYTES)
     if not isinstance(content, dict):
         raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
     return content

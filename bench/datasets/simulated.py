@@ -115,9 +115,8 @@ def write_photographs(
         image = photograph(camera, number)
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         with atomic_path(folder / camera.name) as temporary:
-            temporary.write_bytes(
-                packed.tobytes()
-            )  # not by OpenCV, which does not mind a full disk
+            # not by OpenCV, which does not mind a full disk
+            temporary.write_bytes(packed.tobytes())
 
     for_each(take, range(len(scene.cameras)))
     save_cameras(

@@ -95,9 +95,8 @@ def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap
     """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, as
     an error map: the deviations in place of errors, NaN where a repeat does not observe the pixel.
     The median of its |error| is the precision."""
-    several = (
-        len(z_m) > 1
-    )  # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
+    # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
+    several = len(z_m) > 1
     deviation_m = (
         np.std(z_m, axis=0, ddof=1, dtype=np.float64) if several else np.full(z_m.shape[1:], np.nan)
     )

@@ -71,18 +71,13 @@ BINS = {  # a bin holds its lower edge
 }
 Part = tuple[slice, slice]
 ALL, BEFORE, BEHIND = slice(None), slice(None, -1), slice(1, None)
+# x, then y
 ALONG: tuple[tuple[Part, Part], ...] = (
     ((ALL, BEFORE), (ALL, BEHIND)),
     ((BEFORE, ALL), (BEHIND, ALL)),
-)  # x, then y
-MEANS = (
-    "mean_mm",
-    "median_mm",
-    "absolute_mm",
-    "p95_mm",
-    "observed_percent",
-    "nll",
-)  # formed for each capture
+)
+# formed for each capture
+MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "nll")
 
 
 class Averages:

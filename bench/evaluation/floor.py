@@ -66,9 +66,8 @@ def floor_interval(
         bytes, Any
     ] = {}  # captures that share a registration share its error: drawn from the same state
     for m, r, observed in _observed(maps, references):
-        assert (
-            r.registration is not None and r.registration.covariance is not None
-        )  # σ is known, so they are too
+        # σ is known, so they are too
+        assert r.registration is not None and r.registration.covariance is not None
         key, covariance = r.registration.matrix.tobytes(), r.registration.covariance
         drawing = again if key in starts else rng
         again.bit_generator.state = starts.setdefault(key, rng.bit_generator.state)

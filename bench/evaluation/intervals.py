@@ -101,10 +101,8 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
     generator = np.random.default_rng(seed)
     p = np.exp(log_p - log_p.max())
     rho = generator.choice(len(RHO), RESAMPLES, p=p / p.sum())
-    measured_mm, scattered_mm = (
-        np.zeros(RESAMPLES),
-        np.zeros(RESAMPLES),
-    )  # sums over the hands, one at a time
+    # sums over the hands, one at a time
+    measured_mm, scattered_mm = (np.zeros(RESAMPLES), np.zeros(RESAMPLES))
     for freedom, square in zip((len(z) - 1 for z in hands), squares, strict=True):
         spread_mm = np.sqrt(square[rho] / freedom)
         measured_mm += spread_mm

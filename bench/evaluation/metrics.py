@@ -35,16 +35,13 @@ class Metric:
     paper: dict[str, float] = field(default_factory=dict)
 
 
-_KNOWN = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text("utf-8")
-)  # in the order of the tables
+# in the order of the tables
+_KNOWN = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 METRICS = {key: Metric(key, **facts) for key, facts in _KNOWN.items()}
-TITLES: dict[str, str] = tomllib.loads(
-    Path(__file__).with_name("titles.toml").read_text("utf-8")
-)  # of methods, by id
-PAPER = {
-    (m.key, method): value for m in METRICS.values() for method, value in m.paper.items()
-}  # and its figures
+# of methods, by id
+TITLES: dict[str, str] = tomllib.loads(Path(__file__).with_name("titles.toml").read_text("utf-8"))
+# and its figures
+PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m.paper.items()}
 
 
 def _measured_pixels(m: ErrorMap) -> ErrorMap:
@@ -88,9 +85,8 @@ def terms(m: ErrorMap) -> Terms:
 
 def figures(t: Terms) -> Terms:
     """Metrics from the sums of `terms`, elementwise; NaN or infinite if undefined."""
-    surface = np.where(
-        t["surface"] > 0, t["surface"], np.nan
-    )  # without one there is nothing to be found
+    # without one there is nothing to be found
+    surface = np.where(t["surface"] > 0, t["surface"], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         mae_m, mean_square_m2 = t["absolute_m"] / t["observed"], t["square_m2"] / t["observed"]
         to_reference_m, to_map_m = t["to_reference_m"] / t["judged"], t["to_map_m"] / t["surface"]

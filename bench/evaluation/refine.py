@@ -31,30 +31,22 @@ from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
-STEEPEST = (
-    0.5  # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
-)
+# cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
+STEEPEST = 0.5
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
-FINEST_M = (
-    1e-6  # scale of the distances below which nothing is an outlier: the ray caster's own error
-)
-CONDITION = (
-    300.0  # a direction that answers with less than 1/17 of the best one's distance is not held
-)
-STEPS, STILL_M = (
-    60,
-    1e-6,
-)  # Gauss–Newton steps at most, and the motion (rms of the pixels) that ends them
+# scale of the distances below which nothing is an outlier: the ray caster's own error
+FINEST_M = 1e-6
+# a direction that answers with less than 1/17 of the best one's distance is not held
+CONDITION = 300.0
+# Gauss–Newton steps at most, and the motion (rms of the pixels) that ends them
+STEPS, STILL_M = (60, 1e-6)
 LEFT, FASTEST, ROUND = 0.02, 0.95, 6  # standard deviations left to walk that end it; see _left
 # over which the left-over distances are asked how far they reach: three cells of a 5 × 5 mm filter
 PROBE_M = 0.008
-BIAS_M, BIAS_REACH_M = (
-    1.2e-4,
-    0.025,
-)  # 1σ of the radar's bias along z, and its reach: measured on simulated hands
-MOST_ABSORBED = (
-    0.9  # of the distances' variance by the fit; more is too small a surface for its cells
-)
+# 1σ of the radar's bias along z, and its reach: measured on simulated hands
+BIAS_M, BIAS_REACH_M = (1.2e-4, 0.025)
+# of the distances' variance by the fit; more is too small a surface for its cells
+MOST_ABSORBED = 0.9
 FARTHEST_M, FARTHEST_RAD = 0.015, np.radians(10)  # beyond: another surface is as likely as this one
 FEWEST_PIXELS, FEWEST_BLOCKS = 100, 8  # six unknowns want more cells than unknowns that err apart
 DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
@@ -115,10 +107,8 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
             "do not settle: start nearer, or calibrate with a target"
         )
     change = matrix @ np.linalg.inv(start.matrix)
-    shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [
-        *pixels.centre_m,
-        1,
-    ]  # of the point that came there
+    # of the point that came there
+    shift_m = pixels.centre_m - np.linalg.inv(change)[:3] @ [*pixels.centre_m, 1]
     turn_rad = Rotation.from_matrix(change[:3, :3]).as_rotvec()
     shift, turn = float(np.linalg.norm(shift_m)), float(np.linalg.norm(turn_rad))
     if shift > FARTHEST_M or turn > FARTHEST_RAD:
@@ -282,9 +272,8 @@ def _covariance(
     determined directions [6, k], the start's along the free ones; None if the start has none."""
     if free.shape[1] and start is None:
         return None
-    to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(
-        np.repeat([1, 1 / pixels.radius_m], 3)
-    )  # from [τ, ω·radius_m]
+    # from [τ, ω·radius_m]
+    to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))
     covariance: np.ndarray = to_origin @ held @ scatter @ held.T @ to_origin.T
     if start is not None:
         unmoved = to_origin @ free @ free.T @ np.linalg.inv(to_origin)

@@ -15,24 +15,12 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
-SHARES = (
-    "observed_percent",
-    "complete_2mm_percent",
-)  # of the surface: what is seen, and what is seen and right
-HEADLINES = (
-    HEADLINE,
-    "floor_mm",
-    "max_mm",
-    *SHARES,
-    *EQUAL_METRICS,
-    "precision_mm",
-    "seconds",
-)  # read at a glance
-REFERENCES = (
-    "photogrammetry",
-    "completed",
-    "truth",
-)  # completed: by the truth, where photogrammetry has no surface
+# of the surface: what is seen, and what is seen and right
+SHARES = ("observed_percent", "complete_2mm_percent")
+# read at a glance
+HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *EQUAL_METRICS, "precision_mm", "seconds")
+# completed: by the truth, where photogrammetry has no surface
+REFERENCES = ("photogrammetry", "completed", "truth")
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")

@@ -50,9 +50,8 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 
 COMPARED_VERSION = 1
-SAME_SHARE = (
-    0.9  # of the pixels that either reference has, both must have, to be one hand in one place
-)
+# of the pixels that either reference has, both must have, to be one hand in one place
+SAME_SHARE = 0.9
 SAME_M = 5e-4  # and differ by at most this in the median
 NONE = (None, None)
 
@@ -266,9 +265,8 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
         lambda metric: METRICS[metric].better == "lower"
     )
     lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
-    alpha = ALPHA / max(
-        1, int(lines.p_corrected.notna().sum())
-    )  # the hardest step of the correction
+    # the hardest step of the correction
+    alpha = ALPHA / max(1, int(lines.p_corrected.notna().sum()))
     lines["needed"] = [
         _needed(difference, line.get("spreads"), alpha) if not better else np.nan
         for line, difference, better in zip(

@@ -44,10 +44,8 @@ if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
 EQUAL_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
-COMPARED = (
-    HEADLINE,
-    "observed_percent",
-)  # where a result of an earlier version does not say by what
+# where a result of an earlier version does not say by what
+COMPARED = (HEADLINE, "observed_percent")
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
 STRONGEST = "strongest_z_m"
 

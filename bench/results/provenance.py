@@ -35,10 +35,8 @@ def changes(a: Result, b: Result) -> pd.DataFrame:
 def _configuration(result: Result) -> dict[str, Any]:
     try:
         return _flat(plain_toml(result.config))
-    except (
-        ValueError,
-        RecursionError,
-    ):  # a record, not an input: that it cannot be read must not hide the figures
+    # a record, not an input: that it cannot be read must not hide the figures
+    except (ValueError, RecursionError):
         return {"config.toml": "not readable as TOML"}
 
 

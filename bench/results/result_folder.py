@@ -29,14 +29,8 @@ from handbench.support.progress import say
 if TYPE_CHECKING:
     import pandas as pd
 
-OLDER = (
-    "repeats",
-    "comparisons",
-    "equal",
-    "captures",
-    "causes",
-    "reliability",
-)  # files of version 0.2 only
+# files of version 0.2 only
+OLDER = ("repeats", "comparisons", "equal", "captures", "causes", "reliability")
 FURTHER = ("scores", "curves", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
@@ -178,9 +172,8 @@ def write_about(folder: Path, about: About) -> None:
     """Write result.json. Write it last: it marks the folder as complete. Values that are not finite
     become null."""
     with atomic_path(folder / "result.json") as temporary, temporary.open("wb") as file:
-        file.writelines(
-            (TypeAdapter(About).dump_json(about, indent=2), b"\n")
-        )  # text would take thrice as much memory
+        # text would take thrice as much memory
+        file.writelines((TypeAdapter(About).dump_json(about, indent=2), b"\n"))
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:

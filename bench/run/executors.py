@@ -40,23 +40,17 @@ if TYPE_CHECKING:  # an extra
     from distributed import Client
 
 HASH = "hash"  # no stage that is kept: a capture's folder has to be read to know what it holds
-WORTH_S = (
-    60.0  # processor time of a run, several times what the processes take to import the libraries
-)
+# processor time of a run, several times what the processes take to import the libraries
+WORTH_S = 60.0
 MOST = 4  # processes: rounds have about as many long stages
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
 # jobs that an executor has at once: enough for as many workers, and little of anyone's memory
 IN_FLIGHT = 256
 CONNECT_S = 20.0
-LOGS = (
-    "distributed",
-    "distributed.client",
-    "tornado.application",
-    "asyncio",
-)  # print tracebacks of lost connections
-_ALONE = (
-    threading.Lock()
-)  # a cost is measured of the whole process, which therefore does one job at a time
+# print tracebacks of lost connections
+LOGS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+# a cost is measured of the whole process, which therefore does one job at a time
+_ALONE = threading.Lock()
 
 
 class LocalExecutor(Executor):
@@ -266,9 +260,8 @@ def executor(
         with client:
             yield DaskExecutor(client)
     except (CancelledError, OSError) as error:
-        if (
-            isinstance(error, OSError) and error.errno is not None
-        ):  # a file's; those of connections have none
+        # a file's; those of connections have none
+        if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HandbenchError(
             "--scheduler: it has gone away; start it anew and run again, which resumes"

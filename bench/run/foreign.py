@@ -229,6 +229,5 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
 
 
 def _same(found: np.ndarray, expected: np.ndarray) -> bool:
-    return found.dtype.kind == "f" and bool(
-        np.abs(found - expected).max() <= SAME_M
-    )  # NaN is not near
+    # NaN is not near
+    return found.dtype.kind == "f" and bool(np.abs(found - expected).max() <= SAME_M)

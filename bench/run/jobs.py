@@ -220,8 +220,7 @@ def scoring(
     carried = {
         name: [t.matrix, t.covariance, mesh.parent.name] for name, (mesh, t) in references.items()
     }
-    imaged = {
-        method: file.parent.name for method, file in maps.items()
-    }  # a stage's folder is named by its key
+    # a stage's folder is named by its key
+    imaged = {method: file.parent.name for method, file in maps.items()}
     inputs = [capture.key, imaged, carried, bench.protocol]
     return Stage("score", score, given, inputs, capture.name)

@@ -23,9 +23,8 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
     values = {"quality": quality, "box_m": recorded.about.box_m, "seed": seed}
-    options = parse(
-        Options, {**values, "dense": "cpu"}, "groundtruth"
-    )  # a table is the same on every machine
+    # a table is the same on every machine
+    options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")
     return recorded.photos, options
 
 

@@ -26,21 +26,13 @@ from handbench.support.pictures import open_picture
 
 CHANNELS, TONES = 94 * 94, 128  # the paper's radar, for what is not known before it is read
 STAGE_S, SCORED_S = 0.1, 2.7e-6  # a stage that has nothing to do; a pixel that is scored
-PIXEL_S, VOXEL_S, SAMPLE_S = (
-    7e-6,
-    3.6e-7,
-    3.5e-6,
-)  # a pixel's tone, a voxel of a volume, a sample of the method's tones
-FITTED_S, FOCUSED_S = (
-    0.6,
-    2.2,
-)  # to inspect a capture: its map is held against its surface; without one, its focus
+# a pixel's tone, a voxel of a volume, a sample of the method's tones
+PIXEL_S, VOXEL_S, SAMPLE_S = (7e-6, 3.6e-7, 3.5e-6)
+# to inspect a capture: its map is held against its surface; without one, its focus
+FITTED_S, FOCUSED_S = (0.6, 2.2)
 FRAME = 0.15  # of a stage, for each frame behind the first
-BODY_S, HAND_S, PHOTO_S = (
-    0.5,
-    20.0,
-    0.9,
-)  # echoes of a small body and of a hand; a simulated megapixel
+# echoes of a small body and of a hand; a simulated megapixel
+BODY_S, HAND_S, PHOTO_S = (0.5, 20.0, 0.9)
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 
 

@@ -22,10 +22,8 @@ from handbench.support.files import read_npz, write_json, write_npz
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-SETTLED, SETTLE_S = (
-    0.05,
-    0.5,
-)  # of a median time: how near its interval shall be, and for how long that is tried
+# of a median time: how near its interval shall be, and for how long that is tried
+SETTLED, SETTLE_S = (0.05, 0.5)
 
 
 def reconstruct(
@@ -55,9 +53,8 @@ def reconstruct(
 
             with cached_peaks(kept, reuse=True):
                 write_treated(folder, image, imager.task.settings, depths[0])
-    imager.task.with_uncertainty(depths[0]).save(
-        folder / DEPTH
-    )  # whose time is none of the method's
+    # whose time is none of the method's
+    imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
         write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
     times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
@@ -155,17 +152,15 @@ def write_treated(
 ) -> None:
     """Write the maps of every treatment → TREATED. image: makes the capture's depth map by a
     configuration of the method; own: the map by the method's own `settings`."""
-    from handbench.radar.methods.fsk import (
-        masked_mean,
-    )  # imports numba, which readers of the maps do not need
+    # imports numba, which readers of the maps do not need
+    from handbench.radar.methods.fsk import masked_mean
 
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
     known = type(settings).model_fields
     filters = [name for name in known if name.endswith(FILTERS)]
-    kept = dict.fromkeys(
-        (name for name in known if name.startswith(DROPS)), False
-    )  # no pixel is left out as uncertain
+    # no pixel is left out as uncertain
+    kept = dict.fromkeys((name for name in known if name.startswith(DROPS)), False)
     for treatment, size_px in SMOOTHING.items():
         for opened in (False, True):
             changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}

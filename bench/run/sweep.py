@@ -190,9 +190,8 @@ def imaging_settings(
             raise HandbenchError(
                 f"tradeoff.imaging: '{setting.name}' is listed twice; list it once"
             )
-        number = (
-            f"-no-{len(namesakes) + 1}" if namesakes else ""
-        )  # tables show nothing but the name
+        # tables show nothing but the name
+        number = f"-no-{len(namesakes) + 1}" if namesakes else ""
         settings.append(replace(setting, name=_checked(setting.name + number)))
     names = [setting.name for setting in settings]
     if sweep.reference is not None and sweep.reference not in names:

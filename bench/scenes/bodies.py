@@ -14,9 +14,8 @@ from handbench.bench.scenes.textures import Skin, foam, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh
 
-Albedo = Callable[
-    [np.ndarray], np.ndarray
-]  # points [n, 3] in the photo frame to reflectance [n, 3]
+# points [n, 3] in the photo frame to reflectance [n, 3]
+Albedo = Callable[[np.ndarray], np.ndarray]
 
 PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
 FRONT_M = 1e-5  # tolerance that separates the plate's front from its rim

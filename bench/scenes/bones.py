@@ -190,10 +190,8 @@ def _orthogonal(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 # parts that are nearer than this touch, and keep their distance; others stay as far apart at least
 TOUCHING_M = 2e-3
-CONTACT_M, ANGLE_DEG = (
-    2e-4,
-    5.0,
-)  # deviations from contact and from the letter's angles with the same weight
+# deviations from contact and from the letter's angles with the same weight
+CONTACT_M, ANGLE_DEG = (2e-4, 5.0)
 BALLS = 6  # of each bone
 ANGLES: dict[str, tuple[str, ...]] = {
     name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS

@@ -32,9 +32,8 @@ from handbench.support.rays import TriangleMesh
 CROP_MARGIN_M = 0.004
 BLOCK_GAP_M = 0.003  # the crop box ends this far above the block
 FOREARM_IN_BLOCK_M = 0.012
-STANDS = (
-    -0.8
-)  # a forearm whose direction has less of the photo frame's y than this is held from the side
+# a forearm whose direction has less of the photo frame's y than this is held from the side
+STANDS = -0.8
 
 
 @dataclass(frozen=True)
@@ -147,9 +146,8 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:
     match spec:
         case HandTarget():
-            from handbench.bench.scenes.hand import (
-                hand_mesh,
-            )  # imports numba, which readers of scenes do not need
+            # imports numba, which readers of scenes do not need
+            from handbench.bench.scenes.hand import hand_mesh
 
             return hand_mesh(spec.angles, spec.edge_m, spec.build)
         case SphereTarget():

@@ -33,13 +33,10 @@ TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone
 FOREARM_END_MM = -88.0
 MARGIN_M = 0.032  # of the box around all joints
 WITHIN_FINGER_MM, WITHIN_PALM_MM = 3.5, 13.0
-CONTACT_MM, WEB_MM = (
-    2.5,
-    11.0,
-)  # blend of fingers that merely touch (a narrow groove), and of fingers at their webs
-WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {
-    "thumb": (6.0, 22.0)
-}  # the web fades, from the knuckle
+# blend of fingers that merely touch (a narrow groove), and of fingers at their webs
+CONTACT_MM, WEB_MM = (2.5, 11.0)
+# the web fades, from the knuckle
+WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
@@ -79,9 +76,8 @@ def palm_field(pose: Pose, person: Person) -> Field:
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
     digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
-    arm = (
-        HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL
-    )  # from the forearm to the wrist
+    # from the forearm to the wrist
+    arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL
     end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0), person))
 
     def distance(points: np.ndarray) -> np.ndarray:
@@ -200,9 +196,8 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
         cone(own(-16, -38, 1), _bent(wrist, (-14, -94, 0), person), 13.5, 16.5),
     ]
     if wrist != WristPose():
-        parts.append(
-            cone(own(2, -16, 1), own(*WRIST_MM), 11.0, 13.0)
-        )  # the straight carpus ends where the wrist bends
+        # the straight carpus ends where the wrist bends
+        parts.append(cone(own(2, -16, 1), own(*WRIST_MM), 11.0, 13.0))
     return smooth_union(parts, 1e-3 * WITHIN_PALM_MM * thick)
 
 

@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 from handbench.support.compiled import njit
 from handbench.support.parallel import for_each
 
-Field = Callable[
-    [np.ndarray], np.ndarray
-]  # points [n, 3] to signed distances [n], metres, negative inside
+# points [n, 3] to signed distances [n], metres, negative inside
+Field = Callable[[np.ndarray], np.ndarray]
 
 CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
 NEWTON_STEPS = 20  # three suffice but at the groove between touching bodies
@@ -109,9 +108,8 @@ def project(field: Field, points_m: np.ndarray) -> np.ndarray:
         values = evaluate(field, points_m[off])
         off, values = off[np.abs(values) > ON_SURFACE_M], values[np.abs(values) > ON_SURFACE_M]
         slope = gradient(field, points_m[off])
-        steepness = np.maximum(
-            np.einsum("ij,ij->i", slope, slope), 0.05
-        )  # a flat spot must throw no point far away
+        # a flat spot must throw no point far away
+        steepness = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)
         points_m[off] -= (values / steepness)[:, None] * slope
     return points_m
 
@@ -163,11 +161,8 @@ def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """For every vertex of a closed mesh, the mean [n, 3] of the vertices connected to it by an
     edge."""
     total, count = np.zeros_like(vertices_m), np.zeros(len(vertices_m))
-    for a, b in (
-        (0, 1),
-        (1, 2),
-        (2, 0),
-    ):  # in a closed mesh these three run along each edge once per direction
+    # in a closed mesh these three run along each edge once per direction
+    for a, b in ((0, 1), (1, 2), (2, 0)):
         np.add.at(total, faces[:, a], vertices_m[faces[:, b]])
         np.add.at(count, faces[:, a], 1)
     return total / count[:, None]

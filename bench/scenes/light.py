@@ -49,9 +49,8 @@ LAMPS = (
     Lamp((0.05, -0.55, 0.95), 0.18, 0.16),
 )
 AMBIENT = 0.30
-FACING = AMBIENT + sum(
-    lamp.irradiance * lamp.centre_m[2] / lamp.reach_m for lamp in LAMPS
-)  # on the board's centre
+# on the board's centre
+FACING = AMBIENT + sum(lamp.irradiance * lamp.centre_m[2] / lamp.reach_m for lamp in LAMPS)
 LAMP_SAMPLES, SKY_SAMPLES = 24, 128
 SHADOW_OFFSET_M = 2e-4
 
@@ -120,9 +119,8 @@ def _sphere(count: int) -> np.ndarray:
 
 SHARPNESS = 10.0  # of the dots' borders
 NOISE_PER_DOT = 0.85  # the noise's wavelength over the dots' mean size along a line
-OBLIQUE = (
-    np.array([[2, -2, 1], [1, 2, 2]]) / 3
-)  # cuts the noise across its lattice, which would show
+# cuts the noise across its lattice, which would show
+OBLIQUE = np.array([[2, -2, 1], [1, 2, 2]]) / 3
 NEAREST_M = 0.05  # from the target's origin
 
 
@@ -183,9 +181,8 @@ class Projector:
         return 2 * self.contrast * FACING * picture * unshadowed
 
 
-SKIN_REFLECTANCE = (
-    0.028  # at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
-)
+# at normal incidence: ((n - 1) / (n + 1))² with skin's refractive index n = 1.4
+SKIN_REFLECTANCE = 0.028
 GRAZING = 1e-3  # smallest cosine towards the eye: interpolated normals may turn a little beyond 90°
 BLOCK = 20_000  # points per task
 
@@ -260,10 +257,8 @@ def _mirrored(
             if to_light > 0:
                 hx, hy, hz = lx / distance_m + ex, ly / distance_m + ey, lz / distance_m + ez
                 length = np.sqrt(hx * hx + hy * hy + hz * hz)
-                to_half, tilt = (
-                    (nx * hx + ny * hy + nz * hz) / length,
-                    min(length / 2, 1.0),
-                )  # |l + v| = 2 h·v
+                # |l + v| = 2 h·v
+                to_half, tilt = ((nx * hx + ny * hy + nz * hz) / length, min(length / 2, 1.0))
                 brdf = ggx(to_half, to_light, to_eye, tilt, roughness, SKIN_REFLECTANCE)
                 total += brdf * to_light * (reach_m / distance_m) ** 2
         result[i] = np.pi / len(lamp_m) * total

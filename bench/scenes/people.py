@@ -30,21 +30,16 @@ LENGTHS_MM = {
     "little": (53.7, 32.7, 18.1, 16.0),
 }
 MEAN_MM = (189.2, 83.4)  # hand length and breadth of the mean hand's mesh
-SIZES_MM = (
-    ((193.8, 9.8), (90.4, 4.2)),
-    ((180.5, 9.7), (79.4, 3.8)),
-)  # men, women: length, breadth: mean, deviation
+# men, women: length, breadth: mean, deviation
+SIZES_MM = (((193.8, 9.8), (90.4, 4.2)), ((180.5, 9.7), (79.4, 3.8)))
 BREADTH_WITH_LENGTH = 0.7
 # Deviations of logarithms.
 PALM, FINGER, PHALANX, GIRTH, FINGER_GIRTH, THICKNESS = 0.024, 0.025, 0.05, 0.04, 0.015, 0.03
 GIRTH_WITH_BREADTH = 0.7  # exponent
 TAILS = (0.02, 0.98)  # of every distribution: nothing rarer is drawn
 MOST_PEOPLE = 999_999
-DISTANCE_M, OFFSET_M, TILT_DEG = (
-    0.005,
-    (0.006, 0.008),
-    (4.0, 4.0, 3.0),
-)  # deviations of the placement
+# deviations of the placement
+DISTANCE_M, OFFSET_M, TILT_DEG = (0.005, (0.006, 0.008), (4.0, 4.0, 3.0))
 
 
 @dataclass(frozen=True)
@@ -93,9 +88,8 @@ def person(number: int) -> Person:
     for name, mean_mm in LENGTHS_MM.items():
         outer_mm = np.array(mean_mm[1:] if name != "thumb" else mean_mm)
         own = PHALANX * draws(len(outer_mm))
-        own += (
-            FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
-        )  # the digit's length is drawn separately
+        # the digit's length is drawn separately
+        own += FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
         factors = length * np.exp(own)
         bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
         girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))

@@ -23,9 +23,8 @@ EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see a
 ROWS = 32  # photographed at a time: what they need on the way stays in the cache
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
-R2_SEQUENCE = np.array(
-    [0.7548776662466927, 0.5698402909980532]
-)  # Roberts 2018: fills the pixel evenly
+# Roberts 2018: fills the pixel evenly
+R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])
 NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # seed of each effect's generator
 IDEAL: dict[
     str, dict[str, Any]
@@ -131,10 +130,8 @@ class Studio:
             key: found.numpy()
             for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
         }
-        distance_m, label = (
-            hits["t_hit"],
-            hits["geometry_ids"].view(np.int32),
-        )  # the number of none is the largest: -1
+        # the number of none is the largest: -1
+        distance_m, label = (hits["t_hit"], hits["geometry_ids"].view(np.int32))
         radiance = np.full(rays.shape, ROOM, dtype=np.float32)
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
             seen = np.flatnonzero(label == number)

@@ -27,11 +27,8 @@ class _Placed(Config):
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, 0.0)
-    rotation_deg: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # about the fixed x, y, z axes, in this order
+    # about the fixed x, y, z axes, in this order
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
@@ -145,9 +142,8 @@ class Sensor(SensorFaults):
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
-    polarisation_deg: float = Field(
-        default=90.0, ge=-360, le=360
-    )  # of the antennas' field, from x towards y
+    # of the antennas' field, from x towards y
+    polarisation_deg: float = Field(default=90.0, ge=-360, le=360)
 
     @model_validator(mode="after")
     def _some_tone(self) -> "Sensor":
@@ -176,26 +172,20 @@ class Photos(Config):
     read_noise_e: float = Field(default=6.0, ge=0)
     blur_px: float = Field(default=0.5, ge=0)  # Gaussian, standard deviation
     texture_contrast: float = Field(default=1.0, ge=0)  # 1 = natural skin or foam
-    highlights: float = Field(
-        default=0.0, ge=0, le=20
-    )  # lamps mirrored by the skin; 1 = refractive index 1.4
-    roughness: float = Field(
-        default=0.3, ge=0.1, le=1
-    )  # of the skin that mirrors: GGX's alpha; 0.15 = oily
+    # lamps mirrored by the skin; 1 = refractive index 1.4
+    highlights: float = Field(default=0.0, ge=0, le=20)
+    # of the skin that mirrors: GGX's alpha; 0.15 = oily
+    roughness: float = Field(default=0.3, ge=0.1, le=1)
     f_number: float | None = Field(default=None, ge=0.5, le=1000)  # None: all depths are in focus
     sensor_width_mm: float = Field(default=36.0, ge=1, le=100)
-    focus_m: float | None = Field(
-        default=None, gt=0, le=100
-    )  # along the optical axis; None: the target's origin
-    exposure_spread: float = Field(
-        default=0.0, ge=0, le=3
-    )  # standard deviation between photographs, stops
-    white_balance_spread: float = Field(
-        default=0.0, ge=0, le=2
-    )  # of red and blue against green, stops
-    motion_px: float = Field(
-        default=0.0, ge=0, le=100
-    )  # path of the moving camera, in a random direction
+    # along the optical axis; None: the target's origin
+    focus_m: float | None = Field(default=None, gt=0, le=100)
+    # standard deviation between photographs, stops
+    exposure_spread: float = Field(default=0.0, ge=0, le=3)
+    # of red and blue against green, stops
+    white_balance_spread: float = Field(default=0.0, ge=0, le=2)
+    # path of the moving camera, in a random direction
+    motion_px: float = Field(default=0.0, ge=0, le=100)
     speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
     speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame

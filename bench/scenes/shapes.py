@@ -22,9 +22,8 @@ def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
 def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
     """A closed cylinder about the y axis. around, along: numbers of steps."""
     made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
-    return mesh(
-        np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles)
-    )  # its axis is z
+    # its axis is z
+    return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))
 
 
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:

@@ -109,14 +109,11 @@ def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-OFF_AXIS_DEG = (
-    24.0,
-    30.0,
-)  # alternate, seen from the target; clear of the aperture and its housing
+# alternate, seen from the target; clear of the aperture and its housing
+OFF_AXIS_DEG = (24.0, 30.0)
 DISTANCE_M = (0.46, 0.50)
-FOCAL_PER_WIDTH = (
-    1.18  # focal length over image width: about 0.17 mm per pixel of 2400 at the target
-)
+# focal length over image width: about 0.17 mm per pixel of 2400 at the target
+FOCAL_PER_WIDTH = 1.18
 
 
 def rig(

@@ -95,11 +95,8 @@ def _made(element: Element, target: Target, rng: np.random.Generator) -> Element
 
 
 DENSITY_M2 = 2e6  # points on a square metre of foam: 2 per mm²
-NOISE_M, PATCH_NOISE_M, PATCH_M = (
-    3e-5,
-    1.5e-5,
-    3e-3,
-)  # of each point, and common to patches; measured on hands
+# of each point, and common to patches; measured on hands
+NOISE_M, PATCH_NOISE_M, PATCH_M = (3e-5, 1.5e-5, 3e-3)
 NORMAL_NOISE = 0.07  # per axis: 4°
 STEEPEST = 0.35  # cosine at which a camera sees too little of a surface
 CAMERAS = 8

@@ -125,9 +125,8 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
     task = prepare(
         echoes, method(setting.method), config, every_nth_antenna=setting.every_nth_antenna
     )
-    with suppress(
-        OSError, AttributeError
-    ):  # only glibc returns memory that a frame could reuse without growing
+    # only glibc returns memory that a frame could reuse without growing
+    with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
     with added_memory() as cost:
         _, first_s = timed(task.image)

@@ -72,9 +72,8 @@ def run(
     if sections is not None:
         sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
     bench = bench.model_copy(update={"tradeoff": sweep})
-    settings = imaging_settings(
-        sweep, known_configs(bench.method)
-    )  # errors are reported before anything is measured
+    # errors are reported before anything is measured
+    settings = imaging_settings(sweep, known_configs(bench.method))
     if "imaging" in sweep.sections:
         work_ahead = of_sweep(bench, base, settings, sweep.repeats)
         what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"

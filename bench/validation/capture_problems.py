@@ -56,10 +56,8 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.pictures import SUFFIXES
 
-LOOKED_AT, FEWEST_SEEN = (
-    3,
-    4,
-)  # photographs in which a board is looked for, at most; corners that make it one
+# photographs in which a board is looked for, at most; corners that make it one
+LOOKED_AT, FEWEST_SEEN = (3, 4)
 
 
 @dataclass(frozen=True)

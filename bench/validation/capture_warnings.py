@@ -29,15 +29,10 @@ from handbench.support.progress import say
 # share of pixels on the surface with which a mistake explains an image; and of the best other share
 EXPLAINED = 0.9
 FIRST = "first_depth_m"  # first depth of methods that have one
-FURTHER_M = (
-    1.2  # begun from there, the tones of PROBES reach what they do not from their own first depth
-)
-PROBES = (
-    "3fsk",
-    "2fsk",
-    "broadband",
-    "narrowband",
-)  # the first whose tones were measured is held against a surface
+# begun from there, the tones of PROBES reach what they do not from their own first depth
+FURTHER_M = 1.2
+# the first whose tones were measured is held against a surface
+PROBES = ("3fsk", "2fsk", "broadband", "narrowband")
 
 
 def make(folder: Path, capture: str) -> None:
@@ -85,9 +80,8 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
         )
         yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
         return
-    further, _ = (
-        _depth_map(recorded, capture, FURTHER_M) or imaged
-    )  # since the surface's distance may be the mistake
+    # since the surface's distance may be the mistake
+    further, _ = _depth_map(recorded, capture, FURTHER_M) or imaged
     yield from _likely_mistake(recorded, capture, surface, (depth, near, further), start_m)
 
 

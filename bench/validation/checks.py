@@ -26,18 +26,14 @@ if TYPE_CHECKING:
 
 LOWEST_HZ = 3e8  # of radars whose arrays have a size in metres
 HIGH_HZ = 1e12  # more is likelier a wrong unit
-MOST_WAVELENGTHS, LEAST_WAVELENGTHS = (
-    1000.0,
-    0.25,
-)  # of an array's extent; beyond, it is most likely in another unit
+# of an array's extent; beyond, it is most likely in another unit
+MOST_WAVELENGTHS, LEAST_WAVELENGTHS = (1000.0, 0.25)
 FEWEST_PLACES = 4  # antennas that may span less than LEAST_WAVELENGTHS
 FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
 SMALL_M = 5e-3  # a surface that small is likelier in another unit
 OPEN_PERCENT = 10  # of a surface's edges at its rim
-CROWDED_PERCENT, WIDE_M = (
-    50,
-    0.1,
-)  # of an image that nothing near a hand fills, if it is that wide and high
+# of an image that nothing near a hand fills, if it is that wide and high
+CROWDED_PERCENT, WIDE_M = (50, 0.1)
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
 NEAREST_M, FARTHEST_M = (0.05, 2.0)  # of cameras that photograph a hand, from the board next to it

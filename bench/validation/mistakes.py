@@ -23,29 +23,19 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.support.errors import HandbenchError
 
-ANTENNAS, POSITIONS, TONES = (
-    32,
-    400,
-    32,
-)  # at most, of a kind and of a scan: more do not change which is sharpest
+# at most, of a kind and of a scan: more do not change which is sharpest
+ANTENNAS, POSITIONS, TONES = (32, 400, 32)
 # an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
-WIDE, NEAR, FAR = (
-    0.85,
-    1.0,
-    8.0,
-)  # the box imaged, in apertures: to either side, and along z from and to
+# the box imaged, in apertures: to either side, and along z from and to
+WIDE, NEAR, FAR = (0.85, 1.0, 8.0)
 CELL, DEEP = 2.0, 8.0  # resolution cell and depth of focus two apertures away, in wavelengths
 NEAR_M = 3e-3  # a pixel that close is on the surface
 STRONGEST = 1500  # pixels that are looked at, at most: those that shine most
-CERTAIN, GAINED = (
-    0.3,
-    1.5,
-)  # share of pixels on the undone surface, at least, and over that on the surface as it is
-ROUGH_MM, FALLEN = (
-    1.0,
-    3.0,
-)  # median error of what may be improved, and how many times smaller it then is
+# share of pixels on the undone surface, at least, and over that on the surface as it is
+CERTAIN, GAINED = (0.3, 1.5)
+# median error of what may be improved, and how many times smaller it then is
+ROUGH_MM, FALLEN = (1.0, 3.0)
 
 
 def conjugation_warnings(capture: RadarCapture) -> list[str]:
@@ -62,14 +52,12 @@ def conjugation_warnings(capture: RadarCapture) -> list[str]:
 
 def sharpness_db(capture: RadarCapture) -> float:
     """Sharpness of a coarse image of the first frame."""
-    from handbench.radar.imaging.api import (
-        image_volume,
-    )  # compiled, which comparing a map with a surface does not need
+    # compiled, which comparing a map with a surface does not need
+    from handbench.radar.imaging.api import image_volume
 
     few = _reduced(capture)
-    volume = image_volume(
-        few.samples[0], few.frequencies_hz, few.aperture, _box(few), None
-    )  # a plan takes longer
+    # a plan takes longer
+    volume = image_volume(few.samples[0], few.frequencies_hz, few.aperture, _box(few), None)
     power = np.abs(volume).astype(np.float64) ** 2
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 

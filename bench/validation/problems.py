@@ -131,12 +131,10 @@ class _Scanner:
 
 Read = TypeVar("Read")
 Model = TypeVar("Model", bound=Config)
-Found = Generator[
-    "Problem", None, Read
-]  # problems on the way, then what was read (None: nothing could be)
-Place = Callable[
-    [str, bool], "Problem"
-]  # a text, and whether it is a warning, as a problem where it belongs
+# problems on the way, then what was read (None: nothing could be)
+Found = Generator["Problem", None, Read]
+# a text, and whether it is a warning, as a problem where it belongs
+Place = Callable[[str, bool], "Problem"]
 
 
 @dataclass(frozen=True)

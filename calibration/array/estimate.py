@@ -132,9 +132,8 @@ def _side(
     deviations."""
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     none = np.zeros(len(toward))
-    seen = np.column_stack(
-        [none, none + 1, none, -echoes.wavenumber.mean() * toward]
-    )  # by the unknowns of `Antennas`
+    # by the unknowns of `Antennas`
+    seen = np.column_stack([none, none + 1, none, -echoes.wavenumber.mean() * toward])
     level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(
         np.diagonal(covariance, axis1=1, axis2=2)
     ).T

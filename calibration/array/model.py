@@ -18,13 +18,8 @@ from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.physics.spheres import sphere_echo
 
-LEVEL, PHASE, DELAY, PLACE, EACH = (
-    0,
-    1,
-    2,
-    slice(3, 6),
-    6,
-)  # an antenna's unknowns: log level, phase, delay, offset
+# an antenna's unknowns: log level, phase, delay, offset
+LEVEL, PHASE, DELAY, PLACE, EACH = (0, 1, 2, slice(3, 6), 6)
 BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then phase (all)
 
 

@@ -203,9 +203,8 @@ def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
     for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
         log_gain = side.log_gain[live]
         turn = np.angle(np.exp(1j * log_gain.imag).mean())
-        phase = np.angle(
-            np.exp(1j * (log_gain.imag - turn))
-        )  # about 0, where the branch cut is far
+        # about 0, where the branch cut is far
+        phase = np.angle(np.exp(1j * (log_gain.imag - turn)))
         mean = log_gain.real.mean() + 1j * phase.mean()
         taken += mean + 1j * turn
         centred = log_gain.real + 1j * phase - mean

@@ -215,10 +215,8 @@ def combine(
     require_no_motion([solve(pairs, with_scale) for pairs in named], names)
     found = solve(sum(named[1:], named[0]), with_scale, common_m2)
     covariance = found.require_covariance()
-    unknowns, offsets = (
-        len(covariance),
-        [],
-    )  # covariance by the balls' offsets only, about the origin
+    # covariance by the balls' offsets only, about the origin
+    unknowns, offsets = (len(covariance), [])
     for pairs in named:
         middle_m = pairs.target_m.mean(axis=0)
         jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(

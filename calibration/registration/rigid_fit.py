@@ -28,9 +28,8 @@ from handbench.calibration.transforms import (
 )
 from handbench.support.errors import HandbenchError
 
-HUBER = float(
-    np.sqrt(chi2.ppf(0.99, 3))
-)  # residuals beyond this many standard deviations lose weight
+# residuals beyond this many standard deviations lose weight
+HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))
 MAX_STEPS = 50
 SIDES = ("source_m", "target_m", "source_m2", "target_m2")
 SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
@@ -178,9 +177,8 @@ def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
         jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :unknowns]
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         step = _solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
-        step /= max(
-            1.0, np.abs(step[3:]).max()
-        )  # pairs that contradict one another drive it anywhere
+        # pairs that contradict one another drive it anywhere
+        step /= max(1.0, np.abs(step[3:]).max())
         change = np.eye(4)
         change[:3, :3] = (
             np.exp(step[6] if with_scale else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()

@@ -26,9 +26,8 @@ MAX_STEPS = 8
 SETTLED_M = 5e-6  # size of the last step; the remaining error is of second order, some nanometres
 FARTHEST_M = 0.003  # largest distance of the fit from the peak
 TONES = 4  # every fourth tone is used for the effect of polarisation
-AROUND_M = 0.015 * np.array(
-    [p for p in product((-1, 0, 1), repeat=3) if any(p)]
-)  # beyond a ball's own peak
+# beyond a ball's own peak
+AROUND_M = 0.015 * np.array([p for p in product((-1, 0, 1), repeat=3) if any(p)])
 COLUMNS = 5  # of an element: ball, its three derivatives, foam's front
 # Real unknowns [7] in complex columns [5]: strength (re, im), place (3), front (re, im).
 REAL = block_diag([1, 1j], np.eye(3), [1, 1j])

@@ -23,9 +23,8 @@ MAX_MODES = 40  # maxima of the votes that are tried for each radius
 GATE = 0.15  # largest distance of a vote or point from a sphere, relative to the radius
 MAX_NORMAL_ANGLE_RAD = np.radians(35)
 MIN_COVERAGE = 0.12  # least visible share of the sphere's surface
-MAX_ROUGHNESS = (
-    0.03  # largest standard deviation of the points about the sphere, relative to its radius
-)
+# largest standard deviation of the points about the sphere, relative to its radius
+MAX_ROUGHNESS = 0.03
 RADIUS_TOLERANCE = 0.06  # largest relative difference of the freely fitted radius
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 # Dense matching puts convex surfaces too far inside, more so at steep angles. Resulting errors in
@@ -103,9 +102,8 @@ def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float)
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
     if normals is None:
-        nearest = range(
-            1, min(NEIGHBOURS, len(mean)) + 1
-        )  # a range, since k = 1 would drop an axis
+        # a range, since k = 1 would drop an axis
+        nearest = range(1, min(NEIGHBOURS, len(mean)) + 1)
         near = mean[cKDTree(mean).query(mean, k=nearest)[1]]
         spread = near - near.mean(axis=1, keepdims=True)
         return OrientedPoints(
@@ -161,9 +159,8 @@ def fit_sphere(
         weight = (1 - u2) ** 2
         score = weight * residual
         shared = _shared(points_m, score, PATCH * radius_m)
-        variance_m2 = (
-            shared * (score**2).sum() / weight.sum()
-        )  # the points' own, of sums over neighbours
+        # the points' own, of sums over neighbours
+        variance_m2 = shared * (score**2).sum() / weight.sum()
         prior = np.zeros((4, 4))  # information on the radius, in the units of the normal matrix
         prior[3, 3] = max(variance_m2, 1e-18) / max(radius_sigma_m, 1e-9) ** 2
         normal = (weight[:, None] * design).T @ design + prior
@@ -201,9 +198,8 @@ def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
         return 1.0
     for shift in product((0.0, 0.5), repeat=3):
         patch = _cells(points_m, patch_m, np.array(shift))
-        patches = (
-            len(patch) ** 2 / (np.bincount(patch) ** 2).sum()
-        )  # that count, for they are not equally full
+        # that count, for they are not equally full
+        patches = len(patch) ** 2 / (np.bincount(patch) ** 2).sum()
         ratios.append(
             (np.bincount(patch, score) ** 2).sum()
             / (score**2).sum()

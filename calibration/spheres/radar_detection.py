@@ -42,13 +42,11 @@ class EchoSearch(GridConfig):
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     y: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     z: Axis = Axis(start_m=0.2, stop_m=0.45, step_m=0.006)
-    threshold_db: float = Field(
-        default=-26.0, lt=0
-    )  # low: the foam's weak faces pull at the balls unless explained
+    # low: the foam's weak faces pull at the balls unless explained
+    threshold_db: float = Field(default=-26.0, lt=0)
     max_peaks: int = Field(default=16, ge=1)
-    relaxations: int = Field(
-        default=3, ge=0
-    )  # times that each echo is refined in what the others leave over
+    # times that each echo is refined in what the others leave over
+    relaxations: int = Field(default=3, ge=0)
 
     @property
     def threshold(self) -> float:
@@ -160,9 +158,8 @@ def separate_echoes(
             continue
         if not found:
             least = search.threshold * float(np.linalg.norm(echo))
-            least_seen = (
-                0.5 * search.threshold * seen[loudest]
-            )  # the half: a seed lies beside its peak
+            # the half: a seed lies beside its peak
+            least_seen = 0.5 * search.threshold * seen[loudest]
         found.append((position_m, echo))
         rest = rest - echo
     for _ in range(search.relaxations):

@@ -35,9 +35,8 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
     found = _chessboard_corners(picture, board)
     if board.marker:
         found |= _marker_corners(picture, to_light(tones), board)
-    return {
-        name: at + 0.5 for name, at in found.items()
-    }  # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
+    # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
+    return {name: at + 0.5 for name, at in found.items()}
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:

@@ -27,27 +27,10 @@ from handbench.support.limits import MODEL_BYTES
 from handbench.support.progress import say
 
 FEWEST_POINTS = 20  # least number of points in a photograph of a model
-TURNABLE = {
-    "f",
-    "fx",
-    "fy",
-    "cx",
-    "cy",
-    "k",
-    "k1",
-    "k2",
-    "k3",
-    "k4",
-    "k5",
-    "k6",
-    "p1",
-    "p2",
-}  # parameters of lens models that can be rotated
-PLAUSIBLE = (
-    0.1,
-    20.0,
-    100.0,
-)  # least and largest focal length over the picture's longer side, largest distortion
+# parameters of lens models that can be rotated
+TURNABLE = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"}
+# least and largest focal length over the picture's longer side, largest distortion
+PLAUSIBLE = (0.1, 20.0, 100.0)
 KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 

@@ -120,9 +120,8 @@ class Camera(Config):
     def directions(self, pixels: np.ndarray) -> np.ndarray:
         """World-frame unit directions [n, 3] through pixels [n, 2] (distortion undone)."""
         xy = np.asarray(self.colmap().cam_from_img(pixels))
-        rays = (
-            xy @ self.rotation[:2] + self.rotation[2]
-        )  # of (x, y, 1), in place: there are millions
+        # of (x, y, 1), in place: there are millions
+        rays = xy @ self.rotation[:2] + self.rotation[2]
         rays *= 1 / np.sqrt(1 + np.einsum("ij,ij->i", xy, xy))[:, None]
         return rays
 

@@ -46,9 +46,8 @@ def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
     local = cloud.points_m @ view.R.T + view.t
     faces = (((cloud.points_m - view.centre_m) * cloud.normals).sum(axis=1) < 0) & (local[:, 2] > 0)
-    order = np.flatnonzero(faces)[
-        np.argsort(-local[faces, 2], kind="stable")
-    ]  # the nearest is written last
+    # the nearest is written last
+    order = np.flatnonzero(faces)[np.argsort(-local[faces, 2], kind="stable")]
     pixels = local[order] @ view.K.T
     column, row = np.floor(pixels[:, :2] / pixels[:, 2:] + 0.5).T
     shown = (column >= 0) & (column < w) & (row >= 0) & (row < h)

@@ -31,9 +31,8 @@ FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
 LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
-BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad(
-    [12, 6, 25]
-)  # between a view and a good source
+# between a view and a good source
+BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])
 USUAL = Limits(cost=0.3, cosine=0.35)
 THOROUGH = Limits(cost=0.4, cosine=0.15)
 JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface

@@ -17,10 +17,8 @@ STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the dispari
 MEDIAN_PX = 5
 # standard deviation, in the full view, of the smoothing before disparities are differentiated
 SLOPE_PX = 3.0
-INCIDENCES = (
-    1.5,
-    4.0,
-)  # tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
+# tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
+INCIDENCES = (1.5, 4.0)
 SLANTS = tuple(
     (a * tangent, b * tangent)
     for tangent in INCIDENCES
@@ -90,9 +88,8 @@ def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) 
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
-    row = np.array(
-        [*slope, -slope[0] * w / 2 - slope[1] * h / 2]
-    )  # of the disparity, as a function of x
+    # of the disparity, as a function of x
+    row = np.array([*slope, -slope[0] * w / 2 - slope[1] * h / 2])
     swept = stereo._replace(A=stereo.A + stereo.b[:, :, None] * row, b=stereo.b * step)
     found = cv2.medianBlur(planesweep.swept_disparity(swept, first / step, count), MEDIAN_PX) * (
         step * stereo.unit / unit

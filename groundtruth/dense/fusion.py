@@ -15,10 +15,8 @@ from handbench.support.cost import require_free
 from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
-CONFIRMATIONS, FEW_VIEWS = (
-    2,
-    5,
-)  # other views that must agree; 1 where there are no more than a few views
+# other views that must agree; 1 where there are no more than a few views
+CONFIRMATIONS, FEW_VIEWS = (2, 5)
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
 AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many

@@ -21,35 +21,28 @@ RADIUS = 3
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
 ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row
-ROW = np.repeat(np.append(ORDER, 0), LANES).astype(
-    np.float32
-)  # and one without weight, for whole pairs of vectors
+# and one without weight, for whole pairs of vectors
+ROW = np.repeat(np.append(ORDER, 0), LANES).astype(np.float32)
 COLUMN = np.tile(np.append(np.arange(-RADIUS, RADIUS + 1), 0), len(ORDER) + 1).astype(np.float32)
 NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2)).astype(np.float32)
 NEARNESS[2 * RADIUS + 1 :: LANES] = NEARNESS[len(ORDER) * LANES :] = 0
-SAMPLES, SEARCHED = (
-    len(NEARNESS),
-    4 * LANES,
-)  # of the window that polishes, and of that which compares hypotheses
+# of the window that polishes, and of that which compares hypotheses
+SAMPLES, SEARCHED = (len(NEARNESS), 4 * LANES)
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
 POLISHES = 2
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
 BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
-MOST_BENT = (
-    0.08  # disparities per pixel²: a third of a disparity at the ends of the window's middle row
-)
+# disparities per pixel²: a third of a disparity at the ends of the window's middle row
+MOST_BENT = 0.08
 WORST = 2.0  # a hypothesis that a source does not see
-HOPEFUL, SHARE = (
-    0.4,
-    0.02,
-)  # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+# cost of a plane to begin with; share of a pixel's neighbours that must have such a one
+HOPEFUL, SHARE = (0.4, 0.02)
 UNMATCHED = 0.6  # cost from which a plane is not polished
 
-Window = tuple[
-    int, int, np.ndarray, np.ndarray, np.float32
-]  # column, row; values about their mean, weights, variance
+# column, row; values about their mean, weights, variance
+Window = tuple[int, int, np.ndarray, np.ndarray, np.float32]
 Triple = tuple[float, float, float]
 
 
@@ -215,10 +208,8 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         if bend is not None:
             rise = xx * dx * dx + yy * dy * dy + xy * dx * dy
             su, sv = su + rise * rise_u, sv + rise * rise_v
-        i, j = (
-            np.uint32(np.int32(sv)),
-            np.uint32(np.int32(su)),
-        )  # unsigned: no check for negative indices
+        # unsigned: no check for negative indices
+        i, j = (np.uint32(np.int32(sv)), np.uint32(np.int32(su)))
         fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
         top = sources[s, i, j] + fu * (sources[s, i, j + 1] - sources[s, i, j])
         bottom = sources[s, i + 1, j] + fu * (sources[s, i + 1, j + 1] - sources[s, i + 1, j])
@@ -300,9 +291,8 @@ def _pass(
     h, w = cost.shape
     iteration = step // 2
     for row in prange(h):
-        y = int(
-            np.int64(row)
-        )  # prange's index is unsigned: functions called with it would be compiled twice
+        # prange's index is unsigned: functions called with it would be compiled twice
+        y = int(np.int64(row))
         values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
         mismatch, chosen = (
             np.empty(len(stereo.sources)),
@@ -314,9 +304,8 @@ def _pass(
             window = _window(stereo.reference, y, x, values, weights, samples)
             best = plane = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
             least = np.inf
-            for n in range(
-                -1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0
-            ):  # first the pixel's own plane
+            # first the pixel's own plane
+            for n in range(-1, len(DIRECTIONS) + PERTURBATIONS if iteration > 0 else 0):
                 if 0 <= n < len(DIRECTIONS):
                     i, j = _best_neighbour(cost, y, x, n)
                     if i < 0:

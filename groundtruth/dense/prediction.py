@@ -12,17 +12,12 @@ from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.compiled import get_num_threads, set_num_threads
 
 TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
-HYPOTHESES = (
-    len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS
-)  # that an iteration tries at a pixel
-SWEPT, MATCHED = (
-    1.4,
-    0.19,
-)  # processor time of large pictures relative to the trial's, measured on three dense stages
-MAP_BYTES, VIEW_BYTES = (
-    32,
-    15,
-)  # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
+# that an iteration tries at a pixel
+HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS
+# processor time of large pictures relative to the trial's, measured on three dense stages
+SWEPT, MATCHED = (1.4, 0.19)
+# a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
+MAP_BYTES, VIEW_BYTES = (32, 15)
 SWEEP_BYTES = 4  # a plane and pixel
 FUSED_BYTES, FUSED_ALONE = 58, 72  # a pixel of each map, and of the one that is fused
 LIBRARY_BYTES = 3e8  # kernels and imported libraries

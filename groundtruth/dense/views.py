@@ -15,9 +15,8 @@ import numpy as np
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.photos.photos import Photo
 
-BORDER_PX = (
-    8  # kept around the region of interest, so that a matching window never leaves the picture
-)
+# kept around the region of interest, so that a matching window never leaves the picture
+BORDER_PX = 8
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,8 @@ class View:
         with np.errstate(invalid="ignore"):
             near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
         K = self.K / 2
-        K[:2, 2] -= (
-            0.25  # index i of the half picture is centred at index 2 i + 1/2 of the whole one
-        )
+        # index i of the half picture is centred at index 2 i + 1/2 of the whole one
+        K[:2, 2] -= 0.25
         K[2, 2] = 1
         return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
 
@@ -88,9 +86,8 @@ class Stereo(NamedTuple):
             np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True)
         )
         h, w = view.gray.shape
-        q = A @ [w / 2, h / 2, 1] + b * np.nanmean(
-            2 / (view.near_m + view.far_m)
-        )  # in the middle of view and depths
+        # in the middle of view and depths
+        q = A @ [w / 2, h / 2, 1] + b * np.nanmean(2 / (view.near_m + view.far_m))
         unit = 1 / float(
             np.linalg.norm((b[:, :2] - b[:, 2:] * q[:, :2] / q[:, 2:]) / q[:, 2:], axis=1).max()
         )
@@ -135,17 +132,15 @@ def open_view(
     gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     near, far = (np.full(gray.shape, z) for z in depth_range_m)
     if box_m is not None:
-        with np.errstate(
-            divide="ignore", invalid="ignore"
-        ):  # where each ray enters and leaves: the slab method
+        # where each ray enters and leaves: the slab method
+        with np.errstate(divide="ignore", invalid="ignore"):
             crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
         near, far = crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)
         near = np.maximum(near, depth_range_m[0] / 4)  # for a camera inside the box
     outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
     if mask is not None:
-        column, row = np.moveaxis(
-            np.floor((seen + 0.5) * shrink).astype(int), -1, 0
-        )  # beyond its edges: what is there
+        # beyond its edges: what is there
+        column, row = np.moveaxis(np.floor((seen + 0.5) * shrink).astype(int), -1, 0)
         outside |= ~mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
     near[outside] = far[outside] = np.nan
     if outside.all():

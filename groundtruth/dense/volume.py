@@ -15,9 +15,8 @@ from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.progress import say
 
-FLATTEST = (
-    0.02  # of a board's extent: one whose corners lie farther from their plane has several planes
-)
+# of a board's extent: one whose corners lie farther from their plane has several planes
+FLATTEST = 0.02
 FINEST_M = 1e-3  # least deviation of a board from its plane
 
 
@@ -203,9 +202,8 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
     common_m = cells_m[shown >= FEWEST_VIEWS]
     if not len(common_m):
         return box_m
-    cell_m = (
-        np.ptp(box_m, axis=0) / CELLS
-    )  # a half of it, and as much again for what is cut by a picture's edge
+    # a half of it, and as much again for what is cut by a picture's edge
+    cell_m = np.ptp(box_m, axis=0) / CELLS
     return np.clip(np.stack([common_m.min(axis=0) - cell_m, common_m.max(axis=0) + cell_m]), *box_m)
 
 

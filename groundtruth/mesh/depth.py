@@ -41,9 +41,8 @@ class Reference(NamedTuple):
         variance = np.einsum(
             "yxi,yxi->yx", self.leverage @ self.registration.require_covariance(), self.leverage
         )
-        return np.sqrt(
-            np.maximum(variance, 0)
-        )  # rounding may leave a covariance not quite positive
+        # rounding may leave a covariance not quite positive
+        return np.sqrt(np.maximum(variance, 0))
 
     @property
     def sigma_m(self) -> np.ndarray:
@@ -85,9 +84,8 @@ def reference_on_grid(
     corners = surface.vertices_m[faces]
     z, normal = _depth_of_plane(corners, x, y), _normal(corners)
     least = STEEPEST * np.linalg.norm(normal, axis=1, keepdims=True)
-    slant = normal / np.copysign(
-        np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:]
-    )  # n/n_z, ≤ 1/STEEPEST long
+    # n/n_z, ≤ 1/STEEPEST long
+    slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
     found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
     if registration is None or registration.covariance is None:

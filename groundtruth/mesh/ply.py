@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-MOST = (
-    50_000_000  # vertices, and faces: ten times what the finest scans have, and a few GB of memory
-)
+# vertices, and faces: ten times what the finest scans have, and a few GB of memory
+MOST = 50_000_000
 LONGEST_HEADER = 65_536  # bytes
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 LETTERS = "bBhHiIfd"  # of struct and numpy, for:
@@ -143,9 +142,8 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
 
 def _numbers(text: bytes) -> np.ndarray:
     """Parse all numbers of a text, float64."""
-    with warnings.catch_warnings(
-        action="error", category=DeprecationWarning
-    ):  # older numpy only warns of words
+    # older numpy only warns of words
+    with warnings.catch_warnings(action="error", category=DeprecationWarning):
         try:
             return np.fromstring(text, sep=" ") if text.strip() else np.zeros(0)
         except (DeprecationWarning, ValueError):

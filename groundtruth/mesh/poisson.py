@@ -73,9 +73,8 @@ def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)
-    extent = (
-        np.ptp(cloud.points_m, axis=0).max() * 1.1
-    )  # Poisson's cube is 1.1 times the points' box
+    # Poisson's cube is 1.1 times the points' box
+    extent = np.ptp(cloud.points_m, axis=0).max() * 1.1
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
         points, depth=depth, n_threads=1

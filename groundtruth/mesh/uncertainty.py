@@ -69,9 +69,8 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
     n = cloud.views.sum(axis=1)
     by_many = n > 2
     spread_m = cloud.spread_m
-    if (
-        by_many.any()
-    ):  # two maps of one pair agree however wrong they are: they take the others' spread
+    # two maps of one pair agree however wrong they are: they take the others' spread
+    if by_many.any():
         spread_m = np.where(by_many, spread_m, np.sqrt(np.mean(spread_m[by_many] ** 2)))
     return np.where(by_many, 2 * (n - 1) / (n * np.maximum(n - 2, 1)), 2.0) * spread_m**2
 

@@ -34,19 +34,14 @@ UNREAD = {
     *(".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".raw"),
 }
 FEWEST = 3
-QUARTER_TURNS = {
-    1: 0,
-    3: 2,
-    6: 1,
-    8: 3,
-}  # EXIF orientation: clockwise, from the stored to the upright picture
+# EXIF orientation: clockwise, from the stored to the upright picture
+QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}
 MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
 QUALITY_PX = 1000  # longer side at which quality is measured
 DIRECTIONS = 8
 FEWEST_FEATURES = 40  # of a photograph that may register
-BLURRED = (
-    0.5  # sharpness, against the median's: a blur of about 1.2 px (standard deviation) at LOOK_PX
-)
+# sharpness, against the median's: a blur of about 1.2 px (standard deviation) at LOOK_PX
+BLURRED = 0.5
 
 Exif = dict[int, Any]  # tag → value
 

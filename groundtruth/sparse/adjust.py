@@ -47,9 +47,8 @@ def _descend(bundle: Bundle) -> None:
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)
         diagonal = np.diag(matrix)
-        held = np.where(
-            diagonal > 0, damping * diagonal, 1.0
-        )  # undetermined parameters do not move
+        # undetermined parameters do not move
+        held = np.where(diagonal > 0, damping * diagonal, 1.0)
         step = np.linalg.solve(matrix + np.diag(held), right)
         points_step = np.einsum(
             "pij,pj->pi",
@@ -121,9 +120,8 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
     information, _, _ = bundle.normal().reduced(0.0)
     if scale.source == "poses" and scale.residual_m:
         for image in bundle.images:
-            columns = bundle.place[image.name][
-                :3
-            ]  # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
+            # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
+            columns = bundle.place[image.name][:3]
             information[columns, columns] += 1 / scale.residual_m**2
     return CameraCovariance(pseudo_inverse(information), bundle.place, bundle.free)
 

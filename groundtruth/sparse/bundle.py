@@ -127,9 +127,8 @@ class Bundle:
         self.points = [
             p for p in points if len({element.image_id for element in p.track.elements}) >= fewest
         ]
-        self.points_m = np.reshape(
-            [point.xyz for point in self.points], (-1, 3)
-        )  # asking for each takes longer
+        # asking for each takes longer
+        self.points_m = np.reshape([point.xyz for point in self.points], (-1, 3))
         self.features, self.known = self._features(), self._known()
         self._count_unknowns()
 
@@ -141,9 +140,8 @@ class Bundle:
         seen = []
         for image in (image for image in self.images if shown[image.image_id]):
             numbers, places = np.array(shown[image.image_id]).T
-            spread = np.ones(
-                len(places)
-            )  # standard deviations of the features over that of the smallest
+            # standard deviations of the features over that of the smallest
+            spread = np.ones(len(places))
             if image.name in self.scales_px:
                 spread = np.hypot(1.0, self.scales_px[image.name][places] / LOCATED_LIKE_PX)
             pixels = np.array([image.points2D[k].xy for k in places.tolist()])

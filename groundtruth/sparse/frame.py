@@ -137,9 +137,8 @@ def trimmed_similarity(
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
-    far = int(
-        (residuals_m > far_m).sum()
-    )  # a majority in a plane equals its mirror image, so points outside it decide
+    # a majority in a plane equals its mirror image, so points outside it decide
+    far = int((residuals_m > far_m).sum())
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
             f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has "

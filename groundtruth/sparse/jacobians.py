@@ -4,9 +4,8 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import camera_in, pycolmap
 
-POSE = (
-    6  # parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
-)
+# parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
+POSE = 6
 STEP = 1e-6  # of differences, relative
 
 

@@ -109,14 +109,11 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
     for names in lenses.groups(photos):
         # before the features, since these come in the order in which threads are done
         pycolmap.import_images(database, folder, mode.SINGLE, names, reader)
-    octaves, held = (
-        defaultdict(list),
-        lenses.known and lenses.focal_px,
-    )  # by known lenses and a board
+    # by known lenses and a board
+    octaves, held = (defaultdict(list), lenses.known and lenses.focal_px)
     for photo in photos:
-        side_px = max(
-            photo.width, photo.height
-        )  # octave −1 is that of twice the size, 1 that of half of it
+        # octave −1 is that of twice the size, 1 that of half of it
+        side_px = max(photo.width, photo.height)
         octaves[-1 if side_px < SMALL_PX else int(bool(held) and side_px >= LARGE_PX)].append(
             photo.name
         )
@@ -158,9 +155,8 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 def match(database: Path, seed: int) -> None:
     """Match every pair of photographs, and keep the geometrically consistent matches."""
     say("matching every pair")
-    matching = pycolmap.FeatureMatchingOptions(
-        num_threads=1
-    )  # with more, the index of descriptors does not repeat
+    # with more, the index of descriptors does not repeat
+    matching = pycolmap.FeatureMatchingOptions(num_threads=1)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
     pycolmap.match_exhaustive(
@@ -283,9 +279,8 @@ def triangulate_known_poses(
             f"points with the given poses, {FEWEST} are needed; take photographs with more "
             "overlap and texture"
         )
-    for image in registered_images(
-        model
-    ):  # restore the exact poses: COLMAP scales its models, and back
+    # restore the exact poses: COLMAP scales its models, and back
+    for image in registered_images(model):
         set_pose(image, _pose(given[image.name]))
     error_px = model.compute_mean_reprojection_error()
     say(

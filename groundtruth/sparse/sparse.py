@@ -38,10 +38,8 @@ from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
-DISTORTION, INTRINSICS = (
-    (4, 5, 6, 7),
-    tuple(range(8)),
-)  # places among the parameters of COLMAP's camera OPENCV
+# places among the parameters of COLMAP's camera OPENCV
+DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,8 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
         scales,
     )
     scale = None if board is None else _to_metric_frame(model, inputs, options)
-    given = inputs.posed or (
-        board is None and inputs.model is not None
-    )  # given poses are not adjusted
+    # given poses are not adjusted
+    given = inputs.posed or (board is None and inputs.model is not None)
     if options.refine_poses or not given:
         before = cameras_in(model)
         adjust(model, *seen)
@@ -171,9 +168,8 @@ def _free(
     if options.intrinsics is not None and not options.refine_distortion:
         return ()
     for camera in model.cameras.values():
-        if (
-            camera.model_name == "RADIAL"
-        ):  # one focal length and radial distortion only: initial values of the other parameters
+        # one focal length and radial distortion only: initial values of the other parameters
+        if camera.model_name == "RADIAL":
             f, cx, cy, k1, k2 = camera.params
             camera.model, camera.params = (
                 pycolmap.CameraModelId.OPENCV,

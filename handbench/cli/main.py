@@ -16,10 +16,8 @@ from importlib.metadata import version
 from handbench.cli.options import COMMANDS, add_options, declared_commands
 from handbench.support.errors import HandbenchError
 
-LIBRARIES_BYTES, THREAD_BYTES = (
-    2**31,
-    2**28,
-)  # of addresses, without which libraries hang or crash as they are loaded
+# of addresses, without which libraries hang or crash as they are loaded
+LIBRARIES_BYTES, THREAD_BYTES = (2**31, 2**28)
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 FORMER = {  # commands of earlier versions: what takes their place
     "stability": "'make hard-cases' in a clone",

@@ -46,17 +46,13 @@ def compile_once(module: str, *kernels: Any) -> None:
     if _cached(kernels):
         return
     with open(__file__) as lock:
-        with suppress(
-            OSError
-        ):  # of a file system without locks, or NFS, which locks no file that is only read
+        # of a file system without locks, or NFS, which locks no file that is only read
+        with suppress(OSError):
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not _cached(kernels):
             say("compiling the kernels (once on this machine, then cached) ...")
-            child = [
-                sys.executable,
-                "-m",
-                module,
-            ]  # which holds the lock, too, should this process be killed
+            # which holds the lock, too, should this process be killed
+            child = [sys.executable, "-m", module]
             if subprocess.run(
                 child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]
             ).returncode:

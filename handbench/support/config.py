@@ -51,18 +51,16 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        if (
-            error.error_count() > MOST_PROBLEMS
-        ):  # telling them apart takes a thousand times what finding them does
+        # telling them apart takes a thousand times what finding them does
+        if error.error_count() > MOST_PROBLEMS:
             message = (
                 f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
             )
             raise HandbenchError(message) from None
         problems = error.errors()
         first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-        also = [
-            p for p in problems if p["type"] == "missing" and p is not first
-        ]  # all of them: they are added at once
+        # all of them: they are added at once
+        also = [p for p in problems if p["type"] == "missing" and p is not first]
         more = f" (and {others} more)" if (others := len(problems) - 1 - len(also)) else ""
         complaints = "; ".join(complaint(model, problem) for problem in (first, *also))
         raise HandbenchError(f"{where}: {complaints}{more}") from None

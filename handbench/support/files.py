@@ -92,9 +92,8 @@ def _replace_folder(new: Path, path: Path) -> None:
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, "a file is in the folder's place")
     aside = new.with_name(f"{new.name}-old")
-    os.replace(
-        path, aside
-    )  # refuses the current folder and mount points, where deleting first would empty them
+    # refuses the current folder and mount points, where deleting first would empty them
+    os.replace(path, aside)
     try:
         os.replace(new, path)
     except OSError:
@@ -113,9 +112,8 @@ def require_file(path: str | Path, what: str) -> Path:
     """Return `path` as a Path if it is a file; else raise a HandbenchError that expects `what`
     there."""
     path = Path(path)
-    if not os.path.isfile(
-        path
-    ):  # which, unlike Path's, is False for names too long and links in a circle
+    # which, unlike Path's, is False for names too long and links in a circle
+    if not os.path.isfile(path):
         found = "a folder" if os.path.isdir(path) else "nothing"
         raise HandbenchError(f"{path}: expected {what}, found {found}; check the path")
     return path
@@ -180,9 +178,8 @@ def inside(folder: Path, name: str, where: str) -> Path:
         raise HandbenchError(
             f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one"
         )
-    target = Path(
-        os.path.realpath(folder / name.replace("\0", ""))
-    )  # which links in a circle do not stop
+    # which links in a circle do not stop
+    target = Path(os.path.realpath(folder / name.replace("\0", "")))
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
@@ -216,9 +213,8 @@ def read_json(
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
     """Parse JSON into plain values; ValueError or RecursionError for text that is invalid, too
     deeply nested, or has more than `most` values."""
-    if (
-        sum(map(text.count, "[{,")) > most
-    ):  # before they are made: a value takes a byte here, 60 in memory
+    # before they are made: a value takes a byte here, 60 in memory
+    if sum(map(text.count, "[{,")) > most:
         raise ValueError(f"it holds more than {most} values")
     return limits.require_shallow(json.loads(text))
 
@@ -246,9 +242,8 @@ def read_npz(
     content is refused, never run; arrays of more than `most` bytes unpacked are refused too."""
     try:
         content = read_bytes(path, "an .npz file", most)
-        if (
-            content.count(b"PK\1\2") > limits.MOST_MEMBERS
-        ):  # zipfile reads its list of them before it can be asked
+        # zipfile reads its list of them before it can be asked
+        if content.count(b"PK\1\2") > limits.MOST_MEMBERS:
             raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -262,9 +257,8 @@ def read_npz(
                 zipfile.ZIP_STORED,
                 zipfile.ZIP_DEFLATED,
             }:
-                raise ValueError(
-                    "a member is packed in another way than by deflate"
-                )  # others unpack without a limit
+                # others unpack without a limit
+                raise ValueError("a member is packed in another way than by deflate")
             size = sum(there[name].file_size for name in wanted)
             if size > most:
                 raise ValueError(f"its arrays take {size} bytes; at most {most} are read")

@@ -125,9 +125,8 @@ def locked(folder: Path) -> Iterator[Path]:
         for path in there:
             require_owned(path)
         folder.mkdir(parents=True, exist_ok=True)
-        handle = _open_owned(
-            folder / MARKER, os.O_WRONLY | os.O_CREAT
-        )  # first: it says whose a folder without work is
+        # first: it says whose a folder without work is
+        handle = _open_owned(folder / MARKER, os.O_WRONLY | os.O_CREAT)
     try:
         with writable(folder, ADVICE):
             work.mkdir(exist_ok=True)

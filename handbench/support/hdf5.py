@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     import h5py
 
 PACKED = 1100  # deflate makes nothing smaller by more
-UNPACKED_BYTES = (
-    2**24
-)  # that a data set or a piece of it may have without being looked at so closely
+# that a data set or a piece of it may have without being looked at so closely
+UNPACKED_BYTES = 2**24
 DEFLATE = 1
 FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}  # HDF5's numbers
 HEAP = b"GCOL\x01\0\0\0"  # begins a collection of texts and other things without a fixed length
@@ -133,9 +132,8 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
     for piece in pieces:
         if piece.size > 2 * declared + 1024:
             raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
-        deflated = (
-            DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1
-        )  # the mask's are left out
+        # the mask's are left out
+        deflated = DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1
         if deflated and piece.size * PACKED > UNPACKED_BYTES:
             _, content = found.id.read_direct_chunk(piece.chunk_offset)
             try:

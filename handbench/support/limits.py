@@ -7,13 +7,11 @@ from typing import Any
 MB = 2**20
 TOML_BYTES = MB // 4
 JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
-RESULT_BYTES = (
-    256 * MB
-)  # of a benchmark's table or record: a thousand captures, nine methods, three references
+# of a benchmark's table or record: a thousand captures, nine methods, three references
+RESULT_BYTES = 256 * MB
 RAW_JSON_BYTES = 64 * MB  # of MAROON's, which hold more than is read
-PICKLE_BYTES = MODEL_BYTES = (
-    256 * MB
-)  # a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
+# a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
+PICKLE_BYTES = MODEL_BYTES = 256 * MB
 ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
 KEPT_BYTES = 4096 * MB  # of one that a run keeps for itself
 MESH_BYTES = PICTURE_BYTES = 1024 * MB
@@ -29,9 +27,8 @@ MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_PROBLEMS = 1000  # reported separately in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
-LONG_KEY = re.compile(
-    r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}"""
-)  # tomllib is quadratic
+# tomllib is quadratic
+LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")
 
 
 def require_shallow(values: Any) -> Any:

@@ -14,13 +14,8 @@ from handbench.support.files import read_bytes
 from handbench.support.limits import ARRAY_BYTES, MOST_MEMBERS
 
 ORDERS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # how the header ends: version and order of bytes
-HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = (
-    128,
-    8,
-    14,
-    15,
-    0x800,
-)  # bytes, bytes, kinds of element, flag of an array
+# bytes, bytes, kinds of element, flag of an array
+HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = (128, 8, 14, 15, 0x800)
 NUMBERS = range(6, 16)  # classes of arrays
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 
@@ -79,8 +74,7 @@ def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
         return {}
     dimensions = np.frombuffer(shape, f"{order}i4")[::-1]
     arrays = [np.frombuffer(data, order + KINDS[type]).reshape(dimensions) for type, data in parts]
-    with np.errstate(
-        invalid="ignore", over="ignore"
-    ):  # what is infinite is refused with the capture
+    # what is infinite is refused with the capture
+    with np.errstate(invalid="ignore", over="ignore"):
         values = arrays[0] + 1j * arrays[1] if kind & COMPLEX else arrays[0]
     return {bytes(name).decode("ascii"): values}

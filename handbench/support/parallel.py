@@ -76,9 +76,8 @@ def script_left_out() -> Iterator[None]:
     "spawn" runs it to unpickle its objects, and a script without `if __name__ == "__main__"` would
     start again."""
     script = sys.modules["__main__"]
-    with (
-        _hiding
-    ):  # of two threads the second would take what the first has hidden for what the script has
+    # of two threads the second would take what the first has hidden for what the script has
+    with _hiding:
         names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
         hidden = {name: vars(script)[name] for name in names}
         vars(script).update(dict.fromkeys(names))
@@ -101,9 +100,8 @@ def begin_process(cores: list[int], parent: int) -> None:
 
 
 _hiding = RLock()
-_inside = (
-    local()
-)  # work within a worker stays there: waiting for the pool's other threads could wait for ever
+# work within a worker stays there: waiting for the pool's other threads could wait for ever
+_inside = local()
 
 
 _pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf

@@ -19,13 +19,10 @@ FORMATS = ["JPEG", "PNG", "TIFF"]  # of what else Pillow knows, some starts prog
 LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode
 SMALL_PX = 24_000_000  # half a second: what few bytes may hold, up to ...
 PACKED_PX = 10_000  # ... so many pixels in one: a blank mask of one bit a pixel has 8000
-DENSE_PX, DENSE_DEEP_PX = (
-    1100,
-    4,
-)  # in a byte of a larger picture (deflate's most), and of one with 16 bits a channel
-MOST_SCANS = (
-    32  # of a progressive JPEG, each of which goes over all pixels; programs write about ten
-)
+# in a byte of a larger picture (deflate's most), and of one with 16 bits a channel
+DENSE_PX, DENSE_DEEP_PX = (1100, 4)
+# of a progressive JPEG, each of which goes over all pixels; programs write about ten
+MOST_SCANS = 32
 MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
@@ -44,9 +41,8 @@ else:
 def open_picture(path: Path) -> Iterator[Image.Image]:
     """Yield a picture file, open and not decoded. HandbenchError for one that cannot be opened or
     decoded, here or in the block, or whose header promises too long or too large a decoding."""
-    content = io.BytesIO(
-        read_bytes(path, "a photograph", PICTURE_BYTES)
-    )  # a file takes memory for what it says it has
+    # a file takes memory for what it says it has
+    content = io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))
     try:
         with (
             warnings.catch_warnings(action="ignore"),

@@ -19,9 +19,8 @@ def track(items: Iterable[Item], description: str, total: int | None = None) -> 
     """Yield `items` and show the progress: a rich bar on a terminal, else a line at most every 10
     s, with the remaining time if the number of items is known."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
-    if (
-        sys.stderr.isatty() and parent_process() is None
-    ):  # bars of several processes would draw over each other
+    # bars of several processes would draw over each other
+    if sys.stderr.isatty() and parent_process() is None:
         from rich.console import Console
         from rich.progress import track as rich_track
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from handbench.support.errors import HandbenchError
 
-TriangleMesh: TypeAlias = (
-    Any  # open3d's classes: they have no types, and their import takes a second
-)
+# open3d's classes: they have no types, and their import takes a second
+TriangleMesh: TypeAlias = Any
 PointCloud: TypeAlias = Any
 RaycastingScene: TypeAlias = Any
 FARTHEST_M = 500.0  # single precision resolves 3e-5 m there, well below the next:

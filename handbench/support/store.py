@@ -29,10 +29,8 @@ from handbench.support.files import atomic_folder, content_hash, read_json, writ
 from handbench.support.folder import is_owned_folder, read_owned, require_owned
 from handbench.support.progress import say
 
-MANIFEST, STAMP = (
-    "manifest.json",
-    "stage.json",
-)  # in each folder: size and checksum of its files; what they cost
+# in each folder: size and checksum of its files; what they cost
+MANIFEST, STAMP = ("manifest.json", "stage.json")
 LIBRARIES = (
     "handbench",
     "numpy",

@@ -54,9 +54,8 @@ class Certificate:
             mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0
         )
         of_image = factor * float(np.sqrt(relative.max()))
-        self.bound = max(
-            self.bound, of_image / (1 - of_image) if of_image < 1 else np.inf
-        )  # of the exact image
+        # of the exact image
+        self.bound = max(self.bound, of_image / (1 - of_image) if of_image < 1 else np.inf)
         self.images += 1
 
 
@@ -132,9 +131,8 @@ def certify_nodes(
         return
     samples, aperture = _live_antennas(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
-    axes = zip(
-        _axes(grid), _axes(nodes), strict=True
-    )  # z, y, x; each voxel counts for the nearest node
+    # z, y, x; each voxel counts for the nearest node
+    axes = zip(_axes(grid), _axes(nodes), strict=True)
     nearest = [np.searchsorted((node_m[1:] + node_m[:-1]) / 2, axis_m) for axis_m, node_m in axes]
     z, y, x = (
         np.bincount(near, minlength=len(node))

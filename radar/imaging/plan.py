@@ -35,9 +35,8 @@ from handbench.support.cost import TERMS_PER_S, require_memory, require_time
 from handbench.support.parallel import one_blas_thread
 
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
-LEAVES_PER_CELL_SIDE = (
-    3  # ... and leaves along each axis of a cell: the balance of compressing against evaluating
-)
+# ... and leaves along each axis of a cell: the balance of compressing against evaluating
+LEAVES_PER_CELL_SIDE = 3
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # share of the tolerance that upsampling may use

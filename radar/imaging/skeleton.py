@@ -227,9 +227,8 @@ def _misfit(
     fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float
 ) -> float:
     """Largest relative L2 error over fine_m of a frequency within ±half_band."""
-    frequency = half_band * np.cos(
-        np.linspace(0, np.pi / 2, PROBED)
-    )  # crowded at the band's edge, where it is worst
+    # crowded at the band's edge, where it is worst
+    frequency = half_band * np.cos(np.linspace(0, np.pi / 2, PROBED))
     regained = weights @ np.exp(1j * np.multiply.outer(nodes_m - fine_m[0], frequency))
     wave = np.exp(1j * np.multiply.outer(fine_m - fine_m[0], frequency))
     return float(np.sqrt((np.abs(regained - wave) ** 2).mean(axis=0).max()))

@@ -151,8 +151,7 @@ def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: 
     strongest = seen[np.argsort(depth.amplitude_db.ravel()[seen])[-STRONGEST:]]
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(strongest, depth.z_m.ravel()[strongest])
     a, b = image_points(samples, pair_hz, capture.aperture, points_m, None, apart=True)
-    if abs(np.vdot(a, b)) < LEAST_COHERENCE * np.linalg.norm(a) * np.linalg.norm(
-        b
-    ):  # noise has no distance
+    # noise has no distance
+    if abs(np.vdot(a, b)) < LEAST_COHERENCE * np.linalg.norm(a) * np.linalg.norm(b):
         return 0.0
     return float(depth_step_m(np.vdot(a, b), np.ones(1), pair_hz[1] - pair_hz[0])[0])

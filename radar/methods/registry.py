@@ -30,13 +30,8 @@ from handbench.support.progress import say
 
 GROUP = "handbench.methods"
 OWN = "handbench"  # the distribution whose methods are the built-in ones
-MOVED = (
-    "radar",
-    "calibration",
-    "groundtruth",
-    "bench",
-    "reports",
-)  # separate packages until version 0.2
+# separate packages until version 0.2
+MOVED = ("radar", "calibration", "groundtruth", "bench", "reports")
 PAPER = (
     "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based "
     "Imaging of Human Hand Poses"

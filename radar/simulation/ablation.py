@@ -34,10 +34,8 @@ LOST_MM = 10.0  # a lost or gained pixel counts as much as one that moves by thi
 COARSER = 2.0  # edges of facets and mirrors relative to a full simulation
 PIXELS = 8000  # approximate number in the box around the target
 MARGIN_M = 5e-3  # of that box
-STEP_M, FILTER_M = (
-    (1e-3, 2e-3),
-    5e-3,
-)  # least and largest of the pixels, and of 3-FSK's averaging filters
+# least and largest of the pixels, and of 3-FSK's averaging filters
+STEP_M, FILTER_M = ((1e-3, 2e-3), 5e-3)
 # methods whose maps are compared; only FINE if no close tones are measured
 METHODS = ("2fsk", FINE := "3fsk", "narrowband")
 VOXEL_M = 1e-3  # along z
@@ -85,9 +83,8 @@ class Ablation:
             scene.coarse_hz is not None,
         )
         self._after: dict[tuple[str, ...], Echoes] = {}  # by the effects that are in them
-        self._bounced: dict[str, Callable[[], np.ndarray]] | None = (
-            None  # the whole's extra echo over two places
-        )
+        # the whole's extra echo over two places
+        self._bounced: dict[str, Callable[[], np.ndarray]] | None = None
         self._made: dict[frozenset[str], np.ndarray] = {}
         self.samples = self._simulated(frozenset())
         self._grid = _box(self.scene)

@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 MILLIMETRES = 1e3
 FLAT_M = 5e-5  # largest distance of a corner from the plane of print: finer than paper is flat
-SQUARE = (
-    0.02  # how far a marker's sides may differ, relative: a measured board's corners are not exact
-)
-QUIET = (
-    1 / 6
-)  # white around the board, in sides of its largest marker: one module of the smallest dictionaries
+# how far a marker's sides may differ, relative: a measured board's corners are not exact
+SQUARE = 0.02
+# white around the board, in sides of its largest marker: one module of the smallest dictionaries
+QUIET = 1 / 6
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
@@ -127,9 +125,10 @@ def _upward(board: "Board") -> int:
         corners_m = np.array(marker.corners_m)
         heights_m += list(corners_m[:, 2])
         sides_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=0), axis=1)
+        # and diagonals
         lengths_m = np.r_[
             sides_m, np.linalg.norm(corners_m[:2] - corners_m[2:], axis=1) / np.sqrt(2)
-        ]  # and diagonals
+        ]
         if not np.ptp(lengths_m) < SQUARE * lengths_m.max():
             shown = ", ".join(f"{MILLIMETRES * side:.2f}" for side in sides_m)
             raise HandbenchError(

@@ -25,10 +25,8 @@ from handbench.support.files import atomic_path
 INCH_MM = 25.4
 PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "letter": (279.4, 215.9)}
 FIT = "fit"  # one sheet as large as the drawing needs, for a print shop or a plotter
-MARGIN_MM, FOOTER_MM = (
-    7.0,
-    14.0,
-)  # printers leave up to 6.4 mm white; crop marks are in the margin
+# printers leave up to 6.4 mm white; crop marks are in the margin
+MARGIN_MM, FOOTER_MM = (7.0, 14.0)
 OVERLAP_MM = 10.0  # neighbouring sheets show this much of each other, at least
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm

@@ -112,9 +112,10 @@ class _Views:
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
         """Write each element's number next to its ball, on the target's outer side if there is
         room."""
+        # half sizes
         taken = [
             (point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)
-        ]  # half sizes
+        ]
         for members in _coincident(points_mm):
             i, text = members[0], ", ".join(str(member + 1) for member in members)
             outward = np.arctan2(*(points_mm[i] - points_mm.mean(axis=0))[::-1])

@@ -50,9 +50,8 @@ SIGNED = (
     "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
 )
 
-Row = Sequence[
-    Layer | np.ndarray | None
-]  # maps of one colour scale, a photograph's pixels, or nothing
+# maps of one colour scale, a photograph's pixels, or nothing
+Row = Sequence[Layer | np.ndarray | None]
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
@@ -222,9 +221,8 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
     """Draw a map in mm, cut to `box`, or a photograph."""
-    axis.set_title(
-        _title_of(panel), y=1.0
-    )  # given, because finding it takes as long as drawing the axes
+    # given, because finding it takes as long as drawing the axes
+    axis.set_title(_title_of(panel), y=1.0)
     if not isinstance(panel, Layer):
         axis.set_axis_off()
         if panel is not None:
@@ -239,10 +237,8 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
         "markersize": 2.5,
         "markeredgewidth": 0.6,
     }
-    for side, marker in (
-        ("x", TICKDOWN),
-        ("y", TICKLEFT),
-    ):  # as one line each: separate ticks are five objects each
+    # as one line each: separate ticks are five objects each
+    for side, marker in (("x", TICKDOWN), ("y", TICKLEFT)):
         at_mm = ticks_mm(side, box)
         places = (at_mm, 0 * at_mm) if side == "x" else (0 * at_mm, at_mm)
         along = axis.get_xaxis_transform() if side == "x" else axis.get_yaxis_transform()

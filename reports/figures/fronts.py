@@ -56,9 +56,8 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     reference in a square. Colours and markers are the methods', if settings have one."""
     shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    styles = method_styles(filter(None, (s.method for s in shown))) | {
-        "": nth_style(0)
-    }  # some settings have no method
+    # some settings have no method
+    styles = method_styles(filter(None, (s.method for s in shown))) | {"": nth_style(0)}
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
     rows = sum(name.count("\n") + 1 for name in names) / abreast + 1

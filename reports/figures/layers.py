@@ -20,9 +20,8 @@ from handbench.reports.figures.style import STYLE
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
-LIGHT = np.array(
-    [-0.45, 0.55, 0.70]
-)  # of the eye's axes: from the upper left, a little before the surface
+# of the eye's axes: from the upper left, a little before the surface
+LIGHT = np.array([-0.45, 0.55, 0.70])
 HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and next to it: names, and a colour bar
 DECIBELS: dict[str, Any] = {
     "colours": "magma",
@@ -220,9 +219,8 @@ def shade(surface: SurfaceMap) -> np.ndarray:
     """Brightness [ny, nx, 1] of a height field, lit from the upper left as seen with x to the
     left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
-    normal = np.stack(
-        [-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1
-    )  # in the eye's axes: x and z are turned
+    # in the eye's axes: x and z are turned
+    normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)
     light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)
     return np.nan_to_num(0.35 + 0.65 * np.clip(light, 0, 1), nan=0.6)[..., None]
 

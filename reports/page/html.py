@@ -157,9 +157,8 @@ def _captures(
     details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
-    shown = (
-        "3fsk" if "3fsk" in titles else next(iter(titles), None)
-    )  # the paper's own, else the first
+    # the paper's own, else the first
+    shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)
     still = None
     if scenes:
         first = next(capture for capture in captures if capture.name == scenes[0]["capture"])

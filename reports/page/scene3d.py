@@ -16,17 +16,15 @@ from handbench.reports.page.rendering import image, render
 from handbench.reports.tables.blocks import AGAINST, DRAWN
 from handbench.support.errors import HandbenchError
 
-PIXELS = (
-    60_000  # of one surface at most: of a finer one every second, third, … row and column is shown
-)
+# of one surface at most: of a finer one every second, third, … row and column is shown
+PIXELS = 60_000
 LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest and farthest
 ERROR_STEP_MM, NO_ERROR = 0.002, -32_768
 COLOURS = 65  # samples of each colour scale
 STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
-Errors = dict[
-    str, tuple[np.ndarray, str]
-]  # by reference: signed errors [ny, nx] in metres, and a note
+# by reference: signed errors [ny, nx] in metres, and a note
+Errors = dict[str, tuple[np.ndarray, str]]
 Part = tuple[str, str, SurfaceMap, Errors]  # name, title, surface, and its errors
 
 
@@ -98,9 +96,8 @@ def scales() -> dict[str, Any]:
         "skin": layers.SKIN,
         "depth": _hex(layers.DEPTH_COLOURS, at),
         "error": _hex(layers.ERROR_COLOURS, at),
-        "error_mm": [
-            round(float(value), 6) for value in norm.inverse(at)
-        ],  # the error at each colour, rising
+        # the error at each colour, rising
+        "error_mm": [round(float(value), 6) for value in norm.inverse(at)],
         "ticks": [[tick, round(float(norm(tick)), 4)] for tick in layers.ERROR_TICKS_MM],
         "error_step_mm": ERROR_STEP_MM,
         "no_error": NO_ERROR,

@@ -21,10 +21,8 @@ AGAINST = {
     "completed": "against photogrammetry, completed by the true surface",
     "truth": "against the true surface",
 }
-DRAWN = (
-    "photogrammetry",
-    "truth",
-)  # references of pictures: the completed one is drawn in these two
+# references of pictures: the completed one is drawn in these two
+DRAWN = ("photogrammetry", "truth")
 EQUAL_HEADING = "Under equal treatment {against}: the figures that say which method is better"
 NAMED = 12  # captures; more are counted
 NONE = "–"

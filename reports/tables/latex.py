@@ -27,11 +27,8 @@ from handbench.reports.tables.blocks import three_digits as digits
 
 COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
-COLUMN_PT, TITLE_PT, SEP_PT = (
-    251,
-    62,
-    2,
-)  # of a table in a column: its width, its titles', half the gap
+# of a table in a column: its width, its titles', half the gap
+COLUMN_PT, TITLE_PT, SEP_PT = (251, 62, 2)
 UNITS = {
     "mm": r"\unit{\milli\metre}",
     "s": r"\unit{\second}",

@@ -122,9 +122,8 @@ def _block_images(
     `_stack`."""
     points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
-        to, back = (
-            leg.position_m for leg in aperture.legs
-        )  # the second is not looked at where the first is met twice
+        # the second is not looked at where the first is met twice
+        to, back = (leg.position_m for leg in aperture.legs)
         for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
             yield _scan_image(
                 s, to, back, aperture.legs[0].passes == 2, points, frequency_hz / SPEED_OF_LIGHT_M_S

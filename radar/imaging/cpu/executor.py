@@ -97,11 +97,8 @@ class CpuExecutor:
         if leaves is None or not touched <= planned.keys():
             planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
             leaves = pack(planned, count)
-            self._cells[cell] = (
-                node,
-                planned,
-                leaves,
-            )  # whole, for the threads that read it meanwhile
+            # whole, for the threads that read it meanwhile
+            self._cells[cell] = (node, planned, leaves)
         return node, leaves, starts
 
 

@@ -184,9 +184,8 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
     centre_m, length_a, position_a, _, length_b, position_b, _ = place
     count = points_m.shape[1]
     blocks = -(-count // max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
-    n = VECTOR * -(
-        -count // (blocks * VECTOR)
-    )  # of even blocks, the last one filled up with its last point
+    # of even blocks, the last one filled up with its last point
+    n = VECTOR * -(-count // (blocks * VECTOR))
     points = np.empty((3, n))  # contiguous: the loops over points become vector code
     for start in range(0, count, n):
         held = min(count - start, n)

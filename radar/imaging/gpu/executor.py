@@ -235,9 +235,8 @@ def _batches(
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
     leaf = np.repeat(np.arange(len(touched)), pieces)
-    place = np.arange(len(leaf)) - np.repeat(
-        np.cumsum(pieces) - pieces, pieces
-    )  # among the pieces of its leaf
+    # among the pieces of its leaf
+    place = np.arange(len(leaf)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     first, end = (starts[leaf] + counts[leaf] * (place + i) // pieces[leaf] for i in (0, 1))
     order = np.argsort(first - end, kind="stable")
     while len(order):
@@ -273,9 +272,8 @@ def exact_images(
         paths_a, paths_b = array_legs(aperture, lengths)
         part = xp.zeros((len(images), points.shape[2]), np.complex64)
         for f, turns in enumerate(turns_per_m):
-            received = xp.matmul(
-                matrices[f], cis(xp, turns * paths_a)
-            )  # a scan's sum over positions is a product
+            # a scan's sum over positions is a product
+            received = xp.matmul(matrices[f], cis(xp, turns * paths_a))
             received *= cis(xp, turns * paths_b)
             part[f if apart else 0] += received.sum(axis=0)
         images[:, here] = to_host(part)

@@ -63,9 +63,8 @@ def multipath(echoes: Echoes) -> Echoes:
         return echoes
 
     def echo() -> np.ndarray:
-        material = (
-            Material() if surface.reflection is None else body.material
-        )  # where it is off, that of metal
+        # where it is off, that of metal
+        material = Material() if surface.reflection is None else body.material
         ratios = oblique_ratios(material, float(scene.frequencies_hz.mean()))
         total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
         for sense, array in arrays.items():

@@ -69,9 +69,8 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
     if echoes.surface is None:
         return echoes
     body, array = echoes.surface.body, echoes.array
-    facets = front_facets(
-        echoes.scene, body
-    )  # all facets again: others may see what the centre does not
+    # all facets again: others may see what the centre does not
+    facets = front_facets(echoes.scene, body)
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     seen = facets_in_sight(rays_of(echoes.scene, body), body, facets, antennas_m)
     tx, rx = np.split(seen, [len(array.tx_m)])

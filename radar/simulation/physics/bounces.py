@@ -148,9 +148,8 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             for axis in range(3):
                 tubes.points_m[n, b + 1, axis], tubes.normal[n, axis] = point[axis], normal[axis]
         tubes.longer_m[n] = late
-        rise = minus(
-            ray, direction(minus(antenna, point))[0]
-        )  # of the path per metre along the surface
+        # of the path per metre along the surface
+        rise = minus(ray, direction(minus(antenna, point))[0])
         if missed or norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST:
             continue
         patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)

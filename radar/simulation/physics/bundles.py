@@ -197,9 +197,8 @@ class Bundles:
         )
 
         def work(i: int) -> None:
-            for group in groups[
-                i::SUMS
-            ]:  # bundles that land in one cell share the step to all receivers
+            # bundles that land in one cell share the step to all receivers
+            for group in groups[i::SUMS]:
                 landed = np.zeros(
                     (len(some_per_m), 2, len(array.tx_m), len(self._at[1])), np.float32
                 )

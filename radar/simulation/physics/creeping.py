@@ -34,9 +34,8 @@ from handbench.support.compiled import njit
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*
 RADII = np.geomspace(0.8, 4.5, 8)  # m for which they are fitted: radii of 0.6 to 110 mm at 80 GHz
-SHARP = np.cos(
-    np.radians(30)
-)  # cosine of the angle between faces beyond which an edge is a knife's
+# cosine of the angle between faces beyond which an edge is a knife's
+SHARP = np.cos(np.radians(30))
 
 
 class Roundness(NamedTuple):
@@ -74,9 +73,8 @@ class Roundness(NamedTuple):
             / np.sqrt(np.pi)
             * (share * along + (1 - share) * over)
         )
-        nearest = self.wavenumber / (
-            2 * np.maximum(size, RADII[0]) ** 2
-        )  # kL = 2m²: nearer, points are on the surface
+        # kL = 2m²: nearer, points are on the surface
+        nearest = self.wavenumber / (2 * np.maximum(size, RADII[0]) ** 2)
         rows = across, size[:, None], nearest[:, None], added.real, added.imag
         return np.concatenate(rows, axis=1).astype(np.float32)
 
@@ -92,11 +90,8 @@ def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
     infinity along the ray of argument −2π/3, where V is W₁/2j but for a term that is the knife
     edge's, to 0, and on along the real axis."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
-    nodes, weights, turn = (
-        4 * (nodes + 1),
-        4 * weights[:, None],
-        np.exp(1j * np.pi / 3),
-    )  # beyond 8 nothing is left
+    # beyond 8 nothing is left
+    nodes, weights, turn = (4 * (nodes + 1), 4 * weights[:, None], np.exp(1j * np.pi / 3))
     found = np.zeros((len(xi), len(c)), complex)
     for ray, (ai_part, bi_part), scale in ((1.0, (1.0, 0.0), 1.0), (-turn, (1j, 1.0), turn / 2j)):
         ai, dai, bi, dbi = (one[:, None] for one in airy(ray * nodes))

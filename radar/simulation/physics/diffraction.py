@@ -34,9 +34,8 @@ FARTHEST = 20.0  # kδ beyond which an edge is left out
 WIDEST = 1.0  # and tangent of the angle by which it bends a ray: the formula is of small angles
 BESIDE_M = 2e-4  # distance from an edge to the ray that finds the surface behind it
 THICK_M = 2e-3  # points up to this far behind the surface next to an edge count as that surface
-T0, T1, T2, T3, T4 = map(
-    np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784)
-)  # arctan(x)/2πx in x²
+# arctan(x)/2πx in x²
+T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784))
 
 
 class Edges(NamedTuple):
@@ -92,9 +91,8 @@ def edges_of(body: Body) -> Edges:
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
     low, high = np.sort(directed[order], axis=1).T
-    paired = np.flatnonzero(
-        (low[1:] == low[:-1]) & (high[1:] == high[:-1])
-    )  # rims of an open mesh are left out
+    # rims of an open mesh are left out
+    paired = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))
     one, other = order[paired], order[paired + 1]
     faces = np.stack([one, other], axis=1) // 3
     normals = unit(face_vectors(body.vertices_m, body.faces))

@@ -124,9 +124,8 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     fine = edges_m.max(initial=0) <= samples_m
     while len(coarse := np.flatnonzero(edges_m > samples_m)):
         halves = share[coarse]
-        part = np.where(
-            halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3
-        )  # of `quarters`: 3 is the middle
+        # of `quarters`: 3 is the middle
+        part = np.where(halves.max(axis=1) >= 0.5, halves.argmax(axis=1), 3)
         corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[
             part, np.arange(len(coarse))
         ]
@@ -137,9 +136,10 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
         points_m, corner = body.vertices_m[used], (np.cumsum(used) - 1)[around]
     else:
         flat_m = corners_m.reshape(-1, 3)
+        # shared ones
         tag = (
             flat_m[:, 0] * 0.6180339887 + flat_m[:, 1] * 1.3247179572 + flat_m[:, 2] * 2.2055694304
-        )  # shared ones
+        )
         _, first, corner = np.unique(tag, return_index=True, return_inverse=True)
         points_m, corner = flat_m[first], corner.reshape(-1, 3)
     around, share = (

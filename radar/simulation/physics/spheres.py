@@ -31,9 +31,8 @@ def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np
     2β.
     """
     x = np.atleast_1d(np.asarray(ka, np.float64))[:, None]
-    n = np.arange(
-        1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10))
-    )  # Wiscombe's rule, with some to spare
+    # Wiscombe's rule, with some to spare
+    n = np.arange(1, int(np.ceil(x.max() + 4.05 * np.cbrt(x.max()) + 10)))
     j, y = spherical_jn(n, x), spherical_yn(n, x)
     h = j - 1j * y
     j_before, y_before = spherical_jn(n - 1, x), spherical_yn(n - 1, x)
@@ -78,9 +77,8 @@ def sphere_echo(
     path_m = path_lengths(array, centre_m) + 2 * delay_m - 2 * radius_m * cos_beta
     k = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     nodes, blend = _nodes(cos_beta)
-    specular = np.exp(
-        -2j * np.multiply.outer(k * radius_m, nodes)
-    )  # taken out: what is left is smooth
+    # taken out: what is left is smooth
+    specular = np.exp(-2j * np.multiply.outer(k * radius_m, nodes))
     s1, s2 = (
         (s * specular).astype(np.complex64) @ blend for s in mie_amplitudes(k * radius_m, nodes)
     )
@@ -89,9 +87,8 @@ def sphere_echo(
     ).ravel().astype(np.float32) * s2
     samples = turned.reshape(len(k), *array.channels)
     for sample, f in zip(samples, frequencies_hz, strict=True):
-        sample *= phasor(path_m, f, -1) * np.complex64(
-            SPEED_OF_LIGHT_M_S * radius_m / (2j * f)
-        )  # πa/jk
+        # πa/jk
+        sample *= phasor(path_m, f, -1) * np.complex64(SPEED_OF_LIGHT_M_S * radius_m / (2j * f))
     return samples
 
 
