@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import PhotogrammetryCase
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.options import Options
@@ -38,7 +38,9 @@ MATCHED_M = 1e-3  # a vertex that is further from the other mesh has no counterp
 def scene_of(photos: dict[str, Any]) -> Scene:
     """Hand F before five small cameras."""
     return build(
-        Case("effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos).scene_file()
+        PhotogrammetryCase(
+            "effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos
+        ).scene_file()
     )
 
 

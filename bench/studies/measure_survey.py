@@ -38,7 +38,7 @@ JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True)
-class Case:
+class SurveyCase:
     """Photographs by name, shrunk by a whole number; known: K is given; seed: of both."""
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
     images = require_folder(photos / "images", "photographs")
     named = sorted(path.name for path in images.iterdir() if path.name in centres_m)
     cases = [
-        Case(names, choice, shrink, known, seed)
+        SurveyCase(names, choice, shrink, known, seed)
         for shrink, count in product(map(int, shrinks.split(",")), map(int, counts.split(",")))
         for choice, names in _chosen(named, count, choices)
         for known, seed in product((True, False), range(seeds))
@@ -105,7 +105,9 @@ def centre_errors_m(
     return np.asarray(np.linalg.norm(ours @ matrix[:3, :3].T + matrix[:3, 3] - theirs, axis=1))
 
 
-def measure(case: Case, photos: Path, centres_m: dict[str, np.ndarray], work: Path) -> list[Record]:
+def measure(
+    case: SurveyCase, photos: Path, centres_m: dict[str, np.ndarray], work: Path
+) -> list[Record]:
     """Both ways' errors; plain COLMAP without K once with one camera, and once with its default,
     one a photograph. The shrunk photographs are kept in `work`."""
     K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
@@ -172,7 +174,7 @@ def plain(
 
 
 def _record(
-    case: Case, way: str, model: pycolmap.Reconstruction, centres_m: dict[str, np.ndarray]
+    case: SurveyCase, way: str, model: pycolmap.Reconstruction, centres_m: dict[str, np.ndarray]
 ) -> Record:
     error_m = centre_errors_m(model, centres_m)
     return {

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from handbench.bench.studies.engine.scope import Inputs, white_noise
-from handbench.bench.studies.engine.turns import Case, Work, interleaved
+from handbench.bench.studies.engine.turns import EngineCase, Work, interleaved
 from handbench.bench.studies.study import Record
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
@@ -40,7 +40,7 @@ def _volume(tones_hz: np.ndarray, array: AntennaArray, grid: VoxelGrid) -> Work:
 
 
 def _series(what: str, steps: dict[int, Work]) -> Record:
-    cases = [Case(f"{size:,}", work, repeats=2) for size, work in steps.items()]
+    cases = [EngineCase(f"{size:,}", work, repeats=2) for size, work in steps.items()]
     measured = interleaved(what, cases, apart=False).values()
     sizes, seconds = list(steps), [m.seconds for m in measured]
     return {

@@ -23,7 +23,7 @@ STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean
 
 
 @dataclass(frozen=True)
-class Reference:
+class EngineReference:
     """voxels [n] and pixels [p]: flat indices that are checked; per source: exact [n], image sums
     of every tone there, and rms, the whole volume's size; direct [d]: the hand's float64 sums at
     the first voxels; columns: the peaks of the checked pixels, from exact images; mask [ny, nx]:
@@ -70,7 +70,7 @@ class Reference:
         return np.asarray(self.grid.z_m[peaks.index] + step_m * peak_offset(peaks.magnitude))
 
 
-def reference(inputs: Inputs) -> Reference:
+def reference(inputs: Inputs) -> EngineReference:
     """Choose what is checked, and image it exactly."""
     scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
     random, threshold_db = np.random.default_rng(0), scope.config.threshold_db
@@ -90,7 +90,7 @@ def reference(inputs: Inputs) -> Reference:
     count = min(scope.checked_pixels, len(on_target))
     pixels = random.choice(on_target, count, replace=False)
     columns = exactly(hand, column_points_m(grid, pixels))
-    return Reference(
+    return EngineReference(
         grid=grid,
         threshold_db=threshold_db,
         voxels=voxels,

@@ -23,7 +23,7 @@ Work = Callable[[], Any]
 
 
 @dataclass(frozen=True)
-class Case:
+class EngineCase:
     """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back.
     Where work does only a fraction of the whole, `fixed` is what it would do for none of it.
     repeats: timings after the first one; without any the first one counts; each is the mean of
@@ -51,7 +51,7 @@ class Timing(NamedTuple):
 class Measured:
     """A case's timings: the first call, one of its fixed part, and the later calls."""
 
-    case: Case
+    case: EngineCase
     first: Timing
     fixed_s: float
     repeats_s: list[float] = field(default_factory=list)
@@ -94,7 +94,7 @@ def room() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, get_context("spawn"), initializer=compile_kernels)
 
 
-def interleaved(title: str, cases: Sequence[Case], apart: bool = True) -> dict[str, Measured]:
+def interleaved(title: str, cases: Sequence[EngineCase], apart: bool = True) -> dict[str, Measured]:
     """Time all cases in turns: method → Measured. With `apart` each has its own room; else they
     share one, and peaks of memory mean nothing."""
     found: dict[str, Measured] = {}

@@ -12,13 +12,19 @@ import numpy as np
 
 from handbench.bench.studies.engine import textbook
 from handbench.bench.studies.engine.reference import (
-    Reference,
+    EngineReference,
     column_peaks,
     column_points_m,
     reference,
 )
 from handbench.bench.studies.engine.scope import Inputs
-from handbench.bench.studies.engine.turns import Case, Measured, everything, interleaved, named
+from handbench.bench.studies.engine.turns import (
+    EngineCase,
+    Measured,
+    everything,
+    interleaved,
+    named,
+)
 from handbench.bench.studies.study import Record, relative_error
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.depthmap import DepthMap
@@ -39,10 +45,10 @@ def frame_rows(inputs: Inputs) -> list[Record]:
     cost less than a plan."""
     capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
 
-    def case(tolerance: float | None) -> Case:
+    def case(tolerance: float | None) -> EngineCase:
         chosen = config.model_copy(update={"tolerance": tolerance})
         work = partial(fsk_with_uncertainty, capture, chosen)
-        return Case(named("fast", tolerance), work, everything, repeats=repeats, calls=FRAMES)
+        return EngineCase(named("fast", tolerance), work, everything, repeats=repeats, calls=FRAMES)
 
     measured = interleaved("3-FSK frame", [case(t) for t in TOLERANCES])
     depth: DepthMap = measured[named("fast", None)].first.kept
@@ -69,7 +75,9 @@ def simulation_rows(inputs: Inputs) -> list[Record]:
     scatterers, repeats = inputs.scatterers, inputs.scope.repeats
     work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
     cases = [
-        Case(named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0)
+        EngineCase(
+            named("fast", t), partial(work, tolerance=t), everything, repeats=repeats if t else 0
+        )
         for t in TOLERANCES
     ]
     measured = interleaved("simulation", cases)
@@ -113,7 +121,7 @@ COMPRESSED = "range-compressed, linear interpolation"
 def volume_rows(inputs: Inputs) -> list[Record]:
     """All rows of the volume, timed in turns."""
     scope, checked = inputs.scope, reference(inputs)
-    ceiling = Case(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
+    ceiling = EngineCase(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
     cases = [ceiling, *_slow_cases(inputs, checked), *_fast_cases(inputs, checked)]
     measured = interleaved(SECTION, cases)
     gflops = 2e-9 * scope.gemm_size**3 / measured[GEMM].seconds
@@ -124,18 +132,20 @@ def volume_rows(inputs: Inputs) -> list[Record]:
     ]
 
 
-def _slow_cases(inputs: Inputs, checked: Reference) -> list[Case]:
+def _slow_cases(inputs: Inputs, checked: EngineReference) -> list[EngineCase]:
     """The textbook's sums on the first of the checked voxels; interpolation on one plane, since it
     lives on neighbouring voxels, less what it does for a single point; the exact path on one
     plane."""
     grid, scope = inputs.grid, inputs.scope
     points_m = grid.points_at_m(checked.voxels)
 
-    def case(method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0) -> Case:
+    def case(
+        method: str, image: Callable[..., Any], points_m: np.ndarray, fixed: int = 0
+    ) -> EngineCase:
         first = partial(image, *_echoes(inputs), points_m[:fixed]) if fixed else None
         fraction = float(len(points_m) / np.prod(grid.shape))
         work = partial(image, *_echoes(inputs), points_m)
-        return Case(method, work, everything, fraction, first, scope.repeats)
+        return EngineCase(method, work, everything, fraction, first, scope.repeats)
 
     plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[len(grid.z_m) // 2, None])
     exact = partial(image_volume, *_echoes(inputs), plane, None)
@@ -143,17 +153,17 @@ def _slow_cases(inputs: Inputs, checked: Reference) -> list[Case]:
         case(NUMPY, textbook.numpy_sum, points_m[: scope.numpy_voxels]),
         case(NUMBA, textbook.numba_sum, points_m[: scope.numba_voxels]),
         case(COMPRESSED, textbook.range_compressed, plane.points_m().reshape(-1, 3), 1),
-        Case(EXACT, exact, fraction=1 / len(grid.z_m), repeats=scope.repeats),
+        EngineCase(EXACT, exact, fraction=1 / len(grid.z_m), repeats=scope.repeats),
     ]
 
 
-def _fast_cases(inputs: Inputs, checked: Reference) -> list[Case]:
+def _fast_cases(inputs: Inputs, checked: EngineReference) -> list[EngineCase]:
     ways: tuple[tuple[str, Callable[..., Any], Callable[[Any], Any]], ...] = (
         ("fast volume", image_volume, partial(_checked, checked.voxels)),
         ("fast projection", project_volume, everything),
     )
     return [
-        Case(
+        EngineCase(
             named(way, t),
             partial(image, *_echoes(inputs), inputs.grid, t),
             keep,
@@ -165,7 +175,7 @@ def _fast_cases(inputs: Inputs, checked: Reference) -> list[Case]:
 
 
 def _slow_rows(
-    inputs: Inputs, checked: Reference, measured: dict[str, Measured], ceiling_gflops: float
+    inputs: Inputs, checked: EngineReference, measured: dict[str, Measured], ceiling_gflops: float
 ) -> list[Record]:
     operations = 8e-9 * float(np.prod(inputs.grid.shape)) * inputs.samples["hand"].size
     known: dict[str, Record] = {
@@ -182,7 +192,7 @@ def _slow_rows(
     return [measured[name].record(SECTION, measured[EXACT], **known[name]) for name in order]
 
 
-def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
+def _compressed_accuracy(inputs: Inputs, checked: EngineReference) -> Record:
     def image(source: str, points_m: np.ndarray) -> np.ndarray:
         return textbook.range_compressed(*_echoes(inputs, source), points_m)
 
@@ -196,7 +206,7 @@ def _compressed_accuracy(inputs: Inputs, checked: Reference) -> Record:
 
 
 def _fast_rows(
-    inputs: Inputs, checked: Reference, measured: dict[str, Measured], tolerance: float
+    inputs: Inputs, checked: EngineReference, measured: dict[str, Measured], tolerance: float
 ) -> list[Record]:
     """Volume and projection; the projection's error is the volume's, whose plan it shares."""
     ways = ("fast volume", "fast projection")

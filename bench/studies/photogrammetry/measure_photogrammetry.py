@@ -17,7 +17,11 @@ from handbench.bench.datasets.simulated import write_photos
 from handbench.bench.evaluation.metrics import BAND
 from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case, bars, sweep
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import (
+    PhotogrammetryCase,
+    bars,
+    sweep,
+)
 from handbench.bench.studies.study import Record, Study, Table, measured, parser
 from handbench.bench.tradeoff.groundtruth import radar_side
 from handbench.calibration.transforms import umeyama
@@ -50,7 +54,7 @@ def tables(records: list[Record]) -> list[Table]:
     return [Table("rows", declared_tables(__file__)["rows"].columns, records)]
 
 
-def measure(case: Case, work: Path) -> Record:
+def measure(case: PhotogrammetryCase, work: Path) -> Record:
     """Photographs and stages are kept under `work`, so that cases which share them do so."""
     file = case.scene_file()
     scene = build(file, Path(case.pose).parent)
@@ -74,7 +78,7 @@ def measure(case: Case, work: Path) -> Record:
 
 
 def reconstructed(
-    case: Case, scene: Scene, photos: Path, options: Options, workdir: Path
+    case: PhotogrammetryCase, scene: Scene, photos: Path, options: Options, workdir: Path
 ) -> Record:
     """The case's record: its photographs reconstructed, and scored against the scene that they
     show."""

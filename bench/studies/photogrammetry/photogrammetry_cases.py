@@ -26,7 +26,7 @@ PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and
 
 
 @dataclass(frozen=True)
-class Case:
+class PhotogrammetryCase:
     """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh
     file in metres, in the frame of handbench's hands. known: the intrinsics are given."""
 
@@ -68,24 +68,26 @@ class Case:
         return parse(SceneFile, values, f"case '{self.name}'")
 
 
-def bars(poses: tuple[str, ...]) -> Iterator[Case]:
+def bars(poses: tuple[str, ...]) -> Iterator[PhotogrammetryCase]:
     """The demands on a ground truth, on each pose."""
     for seed, pose in enumerate(poses, start=201):
-        yield Case("8 views", pose, seed)
-        yield Case("5 views, speckle", pose, seed, cameras=5, photos=SPECKLE)
-        yield Case("5 views", pose, seed, cameras=5)
-        yield Case("5 views, unknown intrinsics", pose, seed, cameras=5, known=False)
-        yield Case("8 views, shine, focus, motion, exposure", pose, seed, photos=REAL)
-        yield Case("8 views, contrast 0.3", pose, seed, photos={"texture_contrast": 0.3})
+        yield PhotogrammetryCase("8 views", pose, seed)
+        yield PhotogrammetryCase("5 views, speckle", pose, seed, cameras=5, photos=SPECKLE)
+        yield PhotogrammetryCase("5 views", pose, seed, cameras=5)
+        yield PhotogrammetryCase("5 views, unknown intrinsics", pose, seed, cameras=5, known=False)
+        yield PhotogrammetryCase("8 views, shine, focus, motion, exposure", pose, seed, photos=REAL)
+        yield PhotogrammetryCase(
+            "8 views, contrast 0.3", pose, seed, photos={"texture_contrast": 0.3}
+        )
 
 
-def sweep(pose: str, seed: int = 301) -> Iterator[Case]:
+def sweep(pose: str, seed: int = 301) -> Iterator[PhotogrammetryCase]:
     """Views × image size × quality on one pose."""
     for cameras in (5, 8, 12):
         for width in (1500, 3000):
             for quality in ("draft", "normal", "high"):
                 if quality == "high" and (cameras == 12 or (cameras, width) == (5, 3000)):
                     continue  # minutes each, and no other answer
-                yield Case(
+                yield PhotogrammetryCase(
                     f"{cameras} × {width} px, {quality}", pose, seed, cameras, width, quality
                 )

@@ -46,7 +46,7 @@ WRONG_M = 2e-3  # an error anywhere in the hand's volume that should have been a
 
 
 @dataclass(frozen=True)
-class Score:
+class PlacementScore:
     """shift_m [3]: how far the hand's centre is off; turn_rad [3]: the rotation's error; tre_m [n]:
     distance from the truth at VOLUME_M, and predicted_m [n]: its root mean square by the
     covariance; nees: eᵀC⁻¹e, χ² of 6."""
@@ -58,14 +58,14 @@ class Score:
     nees: float
 
 
-def score(found: Transform, true: Transform) -> Score:
+def score(found: Transform, true: Transform) -> PlacementScore:
     """Compare radar_from_photo with the truth."""
     shift_m = found.points(true.inverse().points(HAND_M)) - HAND_M
     turn_rad = Rotation.from_matrix(found.rotation @ true.rotation.T).as_rotvec()
     predicted_m = np.sqrt(np.trace(found.point_covariance(VOLUME_M), axis1=1, axis2=2))
     error, carry = np.concatenate([shift_m, turn_rad]), adjoint(HAND_M, 6)
     nees = error @ np.linalg.solve(carry @ found.covariance @ carry.T, error)
-    return Score(shift_m, turn_rad, errors_m(found, true), predicted_m, float(nees))
+    return PlacementScore(shift_m, turn_rad, errors_m(found, true), predicted_m, float(nees))
 
 
 def study(work: Path, what: str, trials: int | None) -> Study:
@@ -107,7 +107,7 @@ def summarised(records: list[Record]) -> Record:
     }
 
 
-def summary(scores: Sequence[Score]) -> Record:
+def summary(scores: Sequence[PlacementScore]) -> Record:
     """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration
     error over the volume, its predicted root mean square over the one seen, and the mean NEES with
     the band that holds 95 % of what honest covariances give."""

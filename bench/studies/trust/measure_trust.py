@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from handbench.bench.evaluation.tables import declared_tables
 from handbench.bench.studies.study import Record, Study, Table, parser
 from handbench.bench.studies.study import measured as studied
-from handbench.bench.studies.trust.trust_cases import SWEPT, Case, cases, known
+from handbench.bench.studies.trust.trust_cases import SWEPT, TrustCase, cases, known
 from handbench.radar.data.depthmap import FLAGGED, DepthMap
 from handbench.radar.methods.depth_uncertainty import (
     FEATURES,
@@ -66,7 +66,9 @@ def study(
     )
 
 
-def pixels(case: Case, methods: tuple[str, ...], seed: int, work: Path, fit: bool) -> list[Record]:
+def pixels(
+    case: TrustCase, methods: tuple[str, ...], seed: int, work: Path, fit: bool
+) -> list[Record]:
     """The pixels of one scene, by each method: features found [n, k], which are wrong [n], and
     whether 2σ holds the error (1, 0; −1: unknown). Where weights are fitted,
     some calibrating depths are moved."""
@@ -172,7 +174,7 @@ def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
 
 
 def _fitted(records: list[Record]) -> np.ndarray:
-    """The weights that calibrating scenes have, points and hands alike in all."""
+    """The weights that calibrating scenes have, points and hands equally in all."""
     some = [r for r in records if r["group"] == "calibration"]
     if not some:
         raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")

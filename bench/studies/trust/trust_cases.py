@@ -88,7 +88,7 @@ CALIBRATING = {"points": ("tilted", "step"), "hands": LETTERS}
 
 
 @dataclass(frozen=True)
-class Case:
+class TrustCase:
     """A scene: family, kind and number, of which all else follows."""
 
     family: str
@@ -135,7 +135,7 @@ class Known:
         return known | {"first_depth_m": self.first_depth_m} | tones.get(method, {})
 
 
-def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[Case]:
+def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[TrustCase]:
     """So many scenes of each family, and folders of captures whose true surface lies beside the
     echoes."""
     drawn = (
@@ -144,10 +144,10 @@ def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[
         ("assorted", assorted, ["all"]),
         ("captures", len(captures), list(map(str, captures))),
     )
-    return [Case(name, of[n % len(of)], n) for name, count, of in drawn for n in range(count)]
+    return [TrustCase(name, of[n % len(of)], n) for name, count, of in drawn for n in range(count)]
 
 
-def known(case: Case, seed: int, work: Path) -> Known:
+def known(case: TrustCase, seed: int, work: Path) -> Known:
     """The scene of a case; work: where assorted scenes keep meshes."""
     rng = np.random.default_rng([seed, case.number, len(case.family)])
     if case.family == "points":

@@ -21,7 +21,7 @@ from handbench.bench.datasets.simulated import write_photographs
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import Studio
 from handbench.bench.studies.photogrammetry.measure_photogrammetry import reconstructed, tables
-from handbench.bench.studies.photogrammetry.photogrammetry_cases import Case
+from handbench.bench.studies.photogrammetry.photogrammetry_cases import PhotogrammetryCase
 from handbench.bench.studies.study import Record, Study, measured, parser
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.options import Options
@@ -31,7 +31,7 @@ from tests.references.renderers.path_tracer import PathTracer
 
 
 @dataclass(frozen=True)
-class Rendered(Case):
+class Rendered(PhotogrammetryCase):
     """A hand that carries a bitmap; renderer: of its photographs, mitsuba or handbench."""
 
     renderer: str = "handbench"
