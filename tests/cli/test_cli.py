@@ -139,6 +139,7 @@ def test_capture_to_metrics(made, tmp_path, capsys):
     assert metrics["mae_mm"] < 1.0 and metrics["definitions"]["mae_mm"]
 
 
+@pytest.mark.slow
 def test_explaining_simulates_nothing(made, capsys, monkeypatch):
     monkeypatch.setattr("handbench.bench.datasets.simulated.echoes", lambda *_: 1 / 0)
     assert main(["simulate", str(made / "bench" / "ball.toml"), "--explain"]) == 0

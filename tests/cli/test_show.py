@@ -85,18 +85,6 @@ def test_x_grows_to_the_left_and_y_upwards_on_every_panel():
     assert places == [[3, 1], [4, 1], [3, 4]]  # rows upwards, columns along x, x and z
 
 
-def test_evaluate_is_a_table_on_a_terminal_and_json_on_request(made, monkeypatch, capsys):
-    command = ["evaluate", str(made / "depth.npz"), "--mesh", str(made / "mesh.ply")]
-    assert main(command) == 0
-    values = json.loads(capsys.readouterr().out)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    assert main(command) == 0
-    table = capsys.readouterr().out
-    assert f"{values['mae_mm']:.4g}" in table and "MAE" in table and "no intervals" in table
-    assert main([*command, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == values
-
-
 def test_doubts_come_first(shown, tmp_path, capsys):
     """A map ten times as far as the ball."""
     x_m = np.linspace(-0.07, 0.07, 50)

@@ -85,7 +85,7 @@ def test_the_run_says_by_how_much_the_mirror_image_is_further_off(hand, capsys):
     written = capsys.readouterr().err
     assert written.count("mirrored") == 1  # once a process
     assert transform.note is not None and transform.note in written
-    gain_mm = float(transform.note.split("lies ")[1].split(" mm further off")[0])
+    gain_mm = float(transform.note.split("surface is ")[1].split(" mm further off")[0])
     assert 35 < gain_mm < 65  # the image lies 60 mm beside the patch, which is 20 mm wide
     assert transform.scale == pytest.approx(1)
     assert ("negated" in transform.note) == mirrored
@@ -108,7 +108,7 @@ def test_points_that_are_mirror_images_are_noticed(hand, tmp_path):
     assert capture.transform().scale == pytest.approx(-1)
     assert capture.about.methods == before
     lies_on_the_plane(capture)
-    with pytest.raises(HandbenchError, match="no place for that"):
+    with pytest.raises(HandbenchError, match="cannot record that"):
         import_capture("maroon", folder, tmp_path / "native")
 
 

@@ -134,7 +134,7 @@ def test_three_captures_and_nothing_are_too_few_to_tell(tmp_path):
     a, b = (result(tmp_path / str(add), errors_mm + add, NAMES[:3]) for add in (0, 1))
     d = line(compare_results(a, b))
     assert d.difference == pytest.approx(1) and d.needed == 5
-    few = "too few captures to tell"
+    few = "too few captures for a test"
     words = f"in MAE against truth: {few} (B − A: 1.0 mm); needs 5 hands to show this difference"
     assert d.sentence.endswith(words)
     a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})

@@ -151,8 +151,8 @@ BOTH = "2fsk 3fsk"
 @pytest.mark.parametrize(
     ("lost", "captures", "repeated", "methods", "text"),
     [
-        ({}, "abc", "cwxyz", BOTH, "3 of 3 captures: .* alone: 4 of 4 captures"),
-        ({"": "wa", "3fsk": "x"}, "bc", "cyz", BOTH, "2 of 3 captures: .* alone: 2 of 4"),
+        ({}, "abc", "cwxyz", BOTH, "3 of 3 captures: .* precision only: 4 of 4 captures"),
+        ({"": "wa", "3fsk": "x"}, "bc", "cyz", BOTH, "2 of 3 captures: .* precision only: 2 of 4"),
         ({"": "wxyz"}, "abc", "c", BOTH, ""),
         ({"2fsk": "a", "3fsk": "c"}, "b", "wxyz", BOTH, "1 of 3 captures"),
         ({"3fsk": "wxy"}, "abc", "cwxyz", BOTH, r"left out, with .*: 3fsk \(1 of 4\)"),

@@ -102,6 +102,7 @@ def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, c
         assert type(found) is kind
 
 
+@pytest.mark.slow
 def test_results_are_those_of_one_process(small_bench, tmp_path, monkeypatch):
     """The reference is the same code in one process."""
     several(small_bench)

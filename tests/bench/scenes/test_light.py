@@ -69,5 +69,5 @@ def test_target_throws_a_shadow_in_the_projectors_light(ball: Ball) -> None:
 
 
 def test_a_projector_inside_the_target_is_refused(ball: Ball) -> None:
-    with pytest.raises(HandbenchError, match="speckle_from_m: lies 10 mm"):
+    with pytest.raises(HandbenchError, match="speckle_from_m: is 10 mm"):
         ball(speckle=0.5, speckle_from_m=[0.0, 0.0, 0.29])

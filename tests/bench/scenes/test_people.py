@@ -62,6 +62,7 @@ def test_sizes_and_proportions_are_the_published_ones() -> None:
     assert spread.min() > 0.05 and spread.max() < 0.12
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(NUMBERS, st.sampled_from("BFUAY"))
 def test_every_person_has_one_sound_hand(number: int, letter: str) -> None:

@@ -77,6 +77,7 @@ def rounded_scenes(target: dict) -> tuple[EchoScene, EchoScene]:
     return replace(before, array=sparse), replace(after, array=sparse, room=room)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TARGETS)
 def test_rounding_stays_rounding_with_each_effect(name):
     before, after = rounded_scenes(TARGETS[name])

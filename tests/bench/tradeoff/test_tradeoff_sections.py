@@ -223,6 +223,7 @@ def test_the_interval_of_a_root_mean_square_holds_it():
     assert simulated_sections.rms_interval_mm(np.array([1e-6])) is None
 
 
+@pytest.mark.slow
 def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path, capsys):
     """Of pictures that shrink with their cameras; what is refused has no figures."""
     shifted.surface, shifted.refuse = too_small(ball), True

@@ -149,6 +149,7 @@ BANDS_HZ = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("band", BANDS_HZ)
 def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
     draw = np.random.default_rng(2)
@@ -196,6 +197,7 @@ def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
         assert list(checks.map_warnings(right)) == []
 
 
+@pytest.mark.slow
 def test_imaging_and_scoring_say_what_they_doubt_and_inspect_does(right, tmp_path, capsys):
     depth = tmp_path / "depth.npz"
     image = "--method", "3fsk", "-o", str(depth), "--overwrite"

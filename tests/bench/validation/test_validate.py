@@ -105,7 +105,7 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
         ("capture.toml:3", "unknown key 'kint'; did you mean 'kind'"),
         ("capture.toml:4", "'distance_m' is 'near'"),
         ("capture.toml:5", "'units' is 'mm'; input should be 'm'"),
-        ("capture.toml:8", "photos is missing"),
+        ("capture.toml:8", "photos is listed, but missing"),
         ("capture.toml:9", r"'\.\./secret' leaves the folder"),
         ("capture.toml:12", "'methods.2fsk.f1_hz' is -1.0"),
         ("capture.toml:13", "unknown key 'methods.2fsk.f3_hz'; did you mean 'f[12]_hz'"),

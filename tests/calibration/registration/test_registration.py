@@ -128,6 +128,7 @@ def measured(
     ]
 
 
+@pytest.mark.slow
 @given(seeds, st.booleans())
 @examples(3)
 def test_the_covariance_is_honest(seed, with_scale):

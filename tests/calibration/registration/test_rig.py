@@ -72,6 +72,7 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
         combine(captures, names=["first", "second", "third"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_scale", [False, True])
 def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
     """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the

@@ -65,6 +65,7 @@ def test_without_noise_the_balls_come_back(target, placed):
     assert max(np.linalg.norm(found[i].centre_m - placed[i]) for i in found) < 3e-6
 
 
+@pytest.mark.slow
 def test_the_covariance_is_honest(rng, target, placed):
     """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 8 trials average 3,
     the degrees of freedom, within four standard errors of √(6/40)."""
@@ -77,6 +78,7 @@ def test_the_covariance_is_honest(rng, target, placed):
     assert np.mean(nees) == pytest.approx(3, abs=4 * np.sqrt(6 / 40))
 
 
+@pytest.mark.slow
 def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, placed):
     """Metal of 20 mm radius 70 mm beside the target, four times as strong: balls stay within four
     of the standard deviations given, which know of it, the nearest within 0.3 mm, the others within

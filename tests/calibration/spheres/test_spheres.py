@@ -42,6 +42,7 @@ def scene(
     return p @ rotation.T + shift_m, n @ rotation.T, target.centres_m @ rotation.T + shift_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "oriented"), [(0.15, True), (0.3, False)])
 def test_all_spheres_are_found_and_nothing_else(rng, target, part, oriented):
     points, normals, centres = scene(rng, target, part)

@@ -98,6 +98,7 @@ def right(maps: list[dense.ViewDepth], depths_m: tuple[np.ndarray, ...]) -> None
     assert len(cloud.points_m) > 2500 and np.median(error) < 0.05 and np.quantile(error, 0.99) < 0.3
 
 
+@pytest.mark.slow
 def test_maps_are_of_the_views_and_right(scene, monkeypatch):
     """COLMAP gets the pictures, each view's sources and options that it knows."""
     views, depths_m, sources = scene

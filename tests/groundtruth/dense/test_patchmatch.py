@@ -73,6 +73,7 @@ def polished_error(xx, yy, start_off=0.0):
     return (planes[..., 0] - truth)[INSIDE]
 
 
+@pytest.mark.slow
 def test_a_flat_window_lies_inside_a_convex_surface_and_a_bent_one_does_not(monkeypatch):
     """A plane under the bilateral window (σ = 3 px, weaker at other tones) is off by half the
     curvature times its mean square, 3 px² in each direction: −0.02 · 3 = −0.06 in all.

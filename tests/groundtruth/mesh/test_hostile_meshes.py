@@ -139,10 +139,10 @@ LIES = [  # a PLY's content, and words of its refusal
     [
         *(("a.ply", *lie) for lie in LIES),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 9"), "names vertex 8, but there are 4"),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 0"), "line 9 is 'f 1 3 0'"),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 " + b"9" * 4000), "line 9 is 'f 1 3 999"),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9 is 'f 1 1 1"),
-        ("a.obj", obj().replace(b"v 0.0 0.0", b"v 0.0"), "line 3 is 'v 0.0 0.3"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 0"), "line 9, 'f 1 3 0'"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 " + b"9" * 4000), "line 9, 'f 1 3 999"),
+        ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9, 'f 1 1 1"),
+        ("a.obj", obj().replace(b"v 0.0 0.0", b"v 0.0"), "line 3, 'v 0.0 0.3"),
         ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
         (
             "a.stl",

@@ -73,6 +73,7 @@ def ratios(centres):
     )
 
 
+@pytest.mark.slow
 def test_without_a_board_ratios_of_distances_are_as_promised():
     """40 draws tell a variance to 22 %; without a board the unknowns fit a third of the residuals,
     which the noise must make up for."""

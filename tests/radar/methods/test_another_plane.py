@@ -14,6 +14,7 @@ from tests.references.exact.cases import ALONG, SCENES, Case, exact_echoes
 TONES_HZ = np.array([82.0e9, 81.8e9])
 
 
+@pytest.mark.slow
 def test_four_fingers_are_not_taken_for_a_far_target():
     """The plane a period behind has a peak 1.2 to 1.3 times as high: its wide cells gather the four
     highlights."""

@@ -28,6 +28,7 @@ def speckle(random):
 BROADBAND, NARROWBAND = BroadbandConfig(**AXES, count=24), NarrowbandConfig(**AXES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "tolerance"),
     [

@@ -49,6 +49,7 @@ BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK an
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "material", "effects", "echo", "two_mm", "three_mm"), BOUNDS)
 def test_a_simulation_is_as_near_as_it_was(scene, material, effects, echo, two_mm, three_mm):
     found = against_exact(scene, material, *effects)

@@ -95,6 +95,7 @@ def test_charts_do_not_overlap_and_keep_lengths():
     assert (across_m <= edge_m + 1e-12).all() and across_m.max() > 0.9 * edge_m.max()
 
 
+@pytest.mark.slow
 def test_both_renderers_photograph_one_scene_without_a_block():
     first, second = renderers(("C",))
     assert first.scene_file() == second.scene_file().model_copy(

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from handbench.bench import results
 from handbench.radar.data.depthmap import DepthMap
@@ -41,6 +42,7 @@ def tell(folder: Path, methods: tuple[str, ...]) -> results.Result:
     return results.load(folder)
 
 
+@pytest.mark.slow
 def test_the_page_has_the_section_and_that_of_an_older_result_does_not(result_folder, tmp_path):
     small = write_synthetic(
         tmp_path / "r", ("B",), {"3fsk": METHODS["3fsk"]}, ("truth",), step_m=6e-3

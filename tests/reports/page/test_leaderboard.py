@@ -3,10 +3,12 @@
 import shutil
 
 import pandas as pd
+import pytest
 
 from handbench.cli.main import main
 
 
+@pytest.mark.slow
 def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_path, capsys):
     shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))
     shutil.copytree(small_result, tmp_path / "B <b>", ignore=shutil.ignore_patterns("work"))

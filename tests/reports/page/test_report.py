@@ -186,6 +186,7 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
     assert "x in mm" in figure.texts[0].get_text() and shown[0].get_ylabel() == "y in mm"
 
 
+@pytest.mark.slow
 def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch):
     """Captures that do not fit on the first page go to pages of their own; of an earlier report
     none stays."""

@@ -65,7 +65,7 @@ def test_quick_estimates_draw_none_of_the_scene_s_numbers_and_cast_no_ray(no_ran
     before = Rays.cast
     scenes = (bead_scene(EVERYTHING), wall(-30.0), foam_body())
     there = [(effect, scene) for effect in EFFECTS for scene in scenes if not effect.missing(scene)]
-    assert sum(effect.estimate(scene) is not None for effect, scene in there) >= 9
+    assert sum(effect.estimate(scene) is not None for effect, scene in there) >= 5
     assert Rays.cast == before
 
 

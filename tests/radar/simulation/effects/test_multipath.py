@@ -48,6 +48,7 @@ def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
     return 4 * np.pi / WAVELENGTH_M**2 * abs(sample * FAR_M**2) ** 2
 
 
+@pytest.mark.slow
 def test_the_peak_of_a_dihedral():
     # Depth of field and the 0.2 mm next to the edge where rays do not leave their own surface:
     # below 0.5 %.
@@ -109,6 +110,7 @@ def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) ->
     return samples
 
 
+@pytest.mark.slow
 def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
     corner = 0.02, 0.03, np.array([0.01, 0.005, 0.33]), TONES_HZ[::5]
     there, back = (
@@ -129,6 +131,7 @@ def test_tones_and_antennas_between_the_nodes_are_interpolated():
     assert relative_error(whole[4:5, :, 20:21], one) < 0.08
 
 
+@pytest.mark.slow
 def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
     """A cylinder of the radius R mirrors rays along its axis of symmetry to a line R/2 before it,
     and a sphere to a point: the field gains j behind the one and j² behind the other (Balanis, sec.
@@ -157,6 +160,7 @@ def test_flat_and_convex_bodies_have_no_second_bounce():
         assert not twice(body).any()
 
 
+@pytest.mark.slow
 def test_transmitters_and_receivers_can_be_swapped():
     there, back = twice(FINGERS), twice(FINGERS, TONES_HZ, AntennaArray(SPARSE.rx_m, SPARSE.tx_m))
     assert relative_error(back.transpose(0, 2, 1), there) < 1e-5
