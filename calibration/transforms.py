@@ -154,8 +154,8 @@ def umeyama(
 def condition_number(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None
 ) -> float:
-    """Condition number √((d₁ + d₂) / (d₂ ± d₃)) of the rotation from points [n, 3] to points [n,
-    3]: its uncertainty about the worst axis over that about the best one.
+    """How unevenly points [n, 3] determine the rotation to points [n, 3]: its uncertainty about
+    the worst axis divided by that about the best one, √((d₁ + d₂) / (d₂ + d₃)).
 
     d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative if the best
     map is a reflection; the squared error has curvatures equal to their pairwise sums about the

@@ -104,10 +104,11 @@ def captures_needed(power_of: Callable[[int], float], power: float) -> int | Non
 
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
-    """Number of captures (of each side, for different captures) that show this difference of means
-    with a power of POWER. spreads: the standard deviation of the captures' differences (paired), or
-    one for each side (Welch). At least FEWEST, the fewest that are tested; None: more than MOST, or
-    no difference."""
+    """Number of captures that show this difference of means at level alpha with a power of POWER.
+
+    spreads: one standard deviation, of the differences of pairs (paired t-test; the number is of
+    pairs), or two, of each group (Welch's test; the number is of each group). At least FEWEST, the
+    smallest sample that is tested. None: there is no difference, or more than MOST are needed."""
     if not difference or not np.isfinite(difference):
         return None
     if len(spreads) == 1:

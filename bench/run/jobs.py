@@ -63,7 +63,7 @@ def opening(
 
 
 def content_key(root: Path, stage: Stage) -> str:
-    """Hash of a capture's folder, as `opening` records it."""
+    """Hash of the content of a capture's folder: the stage that `opening` returns for one."""
     folder = Path(stage.arguments["folder"])
     key = open_capture(folder).key(stage.arguments["frames"])
     require_unchanged(folder)

@@ -190,9 +190,10 @@ def _claims(
     capture: RunCapture,
     inputs: TradeoffInputs,
 ) -> tuple[Claim, ...]:
-    """The factor between both methods by exact sums of both, by the engine for both, and by 3-FSK
-    of the engine against the exact volume; empty if the sweep lacks one of the methods. Exact sums
-    use one capture, in turns; of the volume, its middle planes are summed."""
+    """How many times the time of 3-FSK broadband backprojection takes: with exact sums for both,
+    with the engine for both, and with the engine for 3-FSK only. Empty if the sweep lacks one of
+    the methods. Exact sums are timed alternately on one capture, for the volume on its middle
+    planes, scaled to all."""
     chosen = {id: s for id in (FSK, VOLUME) if (s := _most_accurate(settings, id)) is not None}
     if len(chosen) < 2:
         return ()

@@ -103,8 +103,9 @@ class Pairs:
         )
 
     def weights(self, with_scale: bool) -> np.ndarray:
-        """Inverse mean variance [n] of each pair in the target's frame, 1/m²: scalar weights for
-        the closed form."""
+        """One weight for each pair [n], 1/m², for the closed-form fit: the inverse of its position
+        variance in the target's frame, averaged over the axes. with_scale: the source's variances
+        are scaled to the target's size first."""
         extents = [
             np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
         ]

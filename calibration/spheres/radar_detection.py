@@ -113,10 +113,15 @@ def mimo_array(capture: RadarCapture) -> AntennaArray:
             "capture: a planar scan cannot see the calibration target; expected a MIMO array's "
             "echoes"
         )
-    if array.measured is not None or capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
+    if array.measured is not None:
         raise HandbenchError(
-            "capture: lacks pairs, or is of a medium; the calibration target needs all pairs, in "
-            "air"
+            "capture: lacks pairs of a transmitter and a receiver; record the calibration target "
+            "with all pairs"
+        )
+    if capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
+        raise HandbenchError(
+            f"capture: wave_speed_m_s is {capture.wave_speed_m_s:g}, that of a medium; record the "
+            "calibration target in air"
         )
     return array
 
@@ -143,7 +148,10 @@ def separate_echoes(
     search: EchoSearch,
     radius_m: float,
 ) -> list[Peak]:
-    """Decompose samples [f, t, r] into echoes of balls of radius_m near seeds_m [n, 3]."""
+    """Decompose samples [f, t, r] into the echoes of balls of radius_m, strongest first: each is
+    fitted to what the others leave, starting at the nearest of the rough positions seeds_m [n, 3].
+    Returns position, strength and covariance of each ball that is stronger than the search's
+    threshold."""
     rest = samples
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
     least = least_seen = 0.0

@@ -97,8 +97,9 @@ def fuse(
 
 
 def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
-    """Standard deviation [h, w] of the local means of agreeing views, from their offsets [h, w,
-    views]."""
+    """How far agreeing views differ in depth at each pixel [h, w]: each view's offsets [h, w,
+    views] are averaged over a window of pixels, then the standard deviation is taken over the views
+    that `agreeing` [h, w, views] marks."""
     size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
     for s in range(offset.shape[-1]):
         total, count = (

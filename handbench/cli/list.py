@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _entries(section: str) -> Iterator[list[str]]:
-    """The lines of each entry."""
+    """The printed lines of each entry of a section of `handbench list`, as 'methods'."""
     from handbench.bench.datasets.dataset import KNOWN
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.run.benchmark_file import embedded_benchmarks

@@ -180,7 +180,10 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
     HandbenchError, which begins with `name`, unless all are positive numbers."""
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
-        raise HandbenchError(f"{name}: is {found.dtype} of shape {found.shape}; expected [f] hertz")
+        raise HandbenchError(
+            f"{name}: is {found.dtype} of shape {found.shape}; expected a list of "
+            "real numbers, frequencies in hertz"
+        )
     if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
         expected = (
             f"expected positive hertz, at most {HIGHEST_HZ:g}: another unit? multiply "

@@ -97,7 +97,7 @@ def _first_depths(
         raise HandbenchError(
             f"{config.prior}: is a map of {prior.z_m.shape[1]} × {prior.z_m.shape[0]} pixels, "
             f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the "
-            "method's x and y"
+            f"method's x and y, {whole.shape[1]} × {whole.shape[0]} pixels; make the map on these"
         )
     box = bounding_box(np.isfinite(prior.z_m))
     return whole.part(box), prior.z_m[box].astype(np.float64)

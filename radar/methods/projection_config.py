@@ -69,7 +69,7 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
 
 
 class NarrowbandConfig(_VolumeConfig):
-    """The same projection with the three tones of 3-FSK only."""
+    """Narrowband backprojection: a volume's projection with the three tones of 3-FSK only."""
 
     f1_hz: float = Field(default=82.0e9, gt=0)
     f2_hz: float = Field(default=81.8e9, gt=0)

@@ -91,7 +91,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """`text` without markup, on one line."""
+    """`text` as one line of a Markdown table cell, its marks of Markdown and HTML escaped."""
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 

@@ -161,7 +161,7 @@ def timed_round(listed: dict[float | None, Scene]) -> dict[float | None, Timed]:
 
 
 def main() -> None:
-    """Measure, write the files of a study, print the tables."""
+    """Compare maps of automatically chosen effects with maps of all effects, scene by scene."""
     options = parser("ablation.measure_auto", 'What effects = "auto" chooses.')
     shown = f"default: those in {SCENES.name}/ beside this script"
     options.add_argument("scenes", nargs="*", type=Path, metavar="SCENE.toml", help=shown)

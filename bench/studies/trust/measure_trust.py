@@ -113,8 +113,9 @@ def moved(depth: DepthMap, seed: int) -> DepthMap:
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:
-    """Figures by group and method, and their reliability; the weights are fitted anew and written
-    if so wished."""
+    """Tables of how well p_gross predicts gross depth errors, by group and method, and of its
+    reliability: predicted against observed shares. fit: first fit the weights of trust.toml to the
+    calibrating scenes and write them."""
     rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
     records = [record for record in records if len(record["wrong"])]
     if fit:

@@ -145,7 +145,8 @@ class ToneSkeleton:
 
 
 class CpuUpsampler:
-    """Upsampler of a plan's coarse nodes, images [k or 1, nz, ny, nx], to volumes."""
+    """Interpolates images on the coarse nodes of a plan to its voxels: of k frequencies [k, nz, ny,
+    nx], or one sum [1, nz, ny, nx]."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan = plan
