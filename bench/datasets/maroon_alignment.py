@@ -136,8 +136,8 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
     if crooked > TOO_CROOKED:
         raise HandbenchError(
-            f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale (largest element); "
-            f"expected {TOO_CROOKED:g} at most; download the file again, or mend it"
+            f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected "
+            f"{TOO_CROOKED:g} at most in any element; download the file again, or mend it"
         )
     if crooked > ROUNDING:
         say(f"{path}: '{key}' was {crooked:.1e} off a rotation; the nearest one is taken")
