@@ -22,15 +22,21 @@ FARTHEST_M = 1e7
 
 @dataclass(frozen=True)
 class Leg:
-    """One end of every path: antennas at position_m [n, 3], each passed `passes` times; channels
-    [n]: number of channels per antenna, up to a common factor."""
+    """One end of every path from transmitter to target to receiver: all transmitters, or all
+    receivers.
+
+    position_m [n, 3]: the antennas; passes: how often a path goes between target and antenna (2 for
+    a scan, there and back); channels [n]: number of channels (measured pairs) of each antenna, up
+    to a common factor.
+    """
 
     position_m: np.ndarray
     passes: int
     channels: np.ndarray
 
     def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
-        """Length that the leg adds to the path over a point [3]: [n]."""
+        """Compute the length that the leg adds to the path over a point [3], metres, for each
+        antenna: [n]."""
         return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
 
     def directions(self, point_m: np.ndarray) -> np.ndarray:
@@ -41,9 +47,12 @@ class Leg:
 
 @dataclass(frozen=True)
 class AntennaArray:
-    """A MIMO array: transmitters tx_m [t, 3] and receivers rx_m [r, 3], metres. measured, bool [t,
-    r]: the pairs that were measured (None: all). Samples of the other pairs are 0 and add nothing
-    to an image."""
+    """A MIMO array: every receiver receives every transmitter.
+
+    tx_m [t, 3], rx_m [r, 3]: transmitters and receivers, metres. measured, bool [t, r]: the pairs
+    that were measured (None: all); samples of the other pairs are 0 and add nothing to an image.
+    Raises HandbenchError for invalid positions and for a mask of another shape or without any pair.
+    """
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -95,8 +104,8 @@ class PlanarScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The way to the target and back, both in the first leg; the second adds nothing and makes
-        a scan look like an array with one receiver."""
+        """Both legs of the path: the first goes to the target and back; the second has length 0, so
+        that a scan has two legs like an array with one receiver."""
         return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(
             self.position_m[:1], 0, np.ones(1)
         )
@@ -104,8 +113,9 @@ class PlanarScan:
 
 @dataclass(frozen=True)
 class BistaticScan:
-    """A list of pairs, for a transmitter and a receiver that both move: rx_m[i] receives what
-    tx_m[i] sends ([n, 3] each, metres)."""
+    """A transmitter and a receiver that both move: a list of pairs, in which rx_m[i] receives only
+    what tx_m[i] sends ([n, 3] each, metres). Raises HandbenchError for lists of different lengths
+    and for invalid positions."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -125,7 +135,7 @@ class BistaticScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The legs from the transmitters and to the receivers, paired one by one."""
+        """The legs from the transmitters and to the receivers; path i joins antenna i of both."""
         return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
             self.rx_m, 1, np.ones(len(self.rx_m))
         )
@@ -135,16 +145,20 @@ Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
 def array_legs(aperture: Aperture, lengths: Any) -> Any:
-    """Lengths of both legs, [t, …] and [r, …], such that every path is the sum of one of each. A
-    list of pairs becomes an array with one receiver at distance 0."""
+    """Split every path into a transmitter's and a receiver's part as in an array: lengths [t, …]
+    and [r, …], whose sums are the paths.
+
+    lengths: those of the aperture's two legs. For a list of pairs the first part becomes the whole
+    path, and the second one receiver at distance 0.
+    """
     to, back = lengths
     return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
 
 
 def qar50() -> AntennaArray:
-    """The 94 + 94 used antennas of the paper's radar: a square frame of 14 cm with 3 mm pitch. The
-    transmitters are on the two vertical sides (the outermost 1.5 mm further out), the receivers on
-    the two horizontal ones."""
+    """Return the antenna array of the paper's radar, the 94 transmitters and 94 receivers that it
+    uses: a square frame of 14 cm with 3 mm pitch. The transmitters are on the two vertical sides
+    (the outermost 1.5 mm further out), the receivers on the two horizontal ones."""
     along = np.linspace(-0.069, 0.069, 47)
     side = 0.0705
     outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
@@ -155,7 +169,8 @@ def qar50() -> AntennaArray:
 
 
 def load_positions(path: str | Path) -> np.ndarray:
-    """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m."""
+    """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m. Raises
+    HandbenchError for a file with another content."""
     try:
         text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode(
             "utf-8"
@@ -176,8 +191,8 @@ def load_positions(path: str | Path) -> np.ndarray:
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:
-    """Check frequencies [f], in any order, and return them in hertz as float64. Raises
-    HandbenchError, which begins with `name`, unless all are positive numbers."""
+    """Return the frequencies [f], in hertz and in any order, as float64. Raises HandbenchError,
+    which begins with `name`, unless all are positive numbers up to HIGHEST_HZ."""
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(
@@ -194,8 +209,8 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
 
 
 def positions(name: str, values: ArrayLike) -> np.ndarray:
-    """Check positions [n, 3] and return them in metres as float64. Raises HandbenchError, which
-    begins with `name`, for other shapes, NaN, and distances beyond FARTHEST_M."""
+    """Return the positions [n, 3], in metres, as float64. Raises HandbenchError, which begins with
+    `name`, for other shapes, NaN, and coordinates beyond FARTHEST_M."""
     given = np.asarray(values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
         raise HandbenchError(

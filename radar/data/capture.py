@@ -17,13 +17,15 @@ QUIETEST, LOUDEST = 1e-30, 3e38  # range of the largest real or imaginary part t
 
 @dataclass(frozen=True)
 class RadarCapture:
-    """The echoes of one scene. samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan;
-    frequencies_hz: [f], in any order.
+    """The echoes of one scene, as frequency-domain samples. Raises HandbenchError for fields that
+    are invalid or do not fit together.
 
-    wave_speed_m_s: in the medium in front of the antennas; source, licence: origin and licence of
-    the recording; calibration: content of the antennas' `array.json`, not applied yet
+    samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan; frequencies_hz: [f], in any
+    order; wave_speed_m_s: in the medium in front of the antennas; source, licence: origin and
+    licence of the recording; calibration: content of the antennas' `array.json`, not applied yet
     (`calibration.array.array_file`); sensors: other sensors that saw the scene, by name, each a
-    function (grid, frame) → z_m [ny, nx]."""
+    function (pixel grid, frame) → depths z_m [ny, nx], metres.
+    """
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -66,11 +68,12 @@ class RadarCapture:
             )
 
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Samples of the measured tones nearest to wanted_hz, and their equivalent frequencies in
-        vacuum: ([f, …], [f]). Only f/v enters a phase, so f·c/v makes the formulas of vacuum valid.
+        """Return the samples [f, …] of the measured tones nearest to wanted_hz [f], and these
+        tones' equivalent frequencies in vacuum [f], hertz. Only f/v enters a phase, so f·c/v makes
+        the formulas of vacuum valid in a medium.
 
-        Raises HandbenchError for a tone that was not measured: further from every measured one than
-        half their median spacing and 1 MHz.
+        Raises HandbenchError for a tone that was not measured, further from every measured one than
+        half their median spacing and 1 MHz, and for two tones that fall on the same measured one.
         """
         wanted = np.asarray(wanted_hz, np.float64)
         index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
@@ -101,8 +104,8 @@ class RadarCapture:
 
 
 def as_complex64(samples: np.ndarray) -> np.ndarray:
-    """Convert samples to complex64. Raises HandbenchError if this would make all of them zero or
-    one infinite."""
+    """Convert samples to complex64. Raises HandbenchError for samples whose largest part complex64
+    cannot hold: above LOUDEST, or below QUIETEST but not 0."""
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
         raise HandbenchError(
@@ -132,7 +135,8 @@ def scaled_to_one(samples: np.ndarray) -> np.ndarray:
 
 
 def _parts(samples: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts as one array, in turn, as in memory."""
+    """View complex samples as real numbers: real and imaginary parts in turn along the last
+    axis."""
     return np.ascontiguousarray(samples).view(samples.real.dtype)
 
 
@@ -143,8 +147,9 @@ def even_subset(count: int, most: int) -> np.ndarray:
 
 
 def thin_antennas(capture: RadarCapture, every: int) -> RadarCapture:
-    """Keep every `every`-th transmitter and receiver of an array, in the file's order from the
-    first, or every `every`-th position of a scan. Raises HandbenchError for less than 1."""
+    """Return a capture with every `every`-th transmitter and receiver of an array, in the file's
+    order from the first, or every `every`-th position of a scan. Raises HandbenchError for `every`
+    less than 1."""
     if every < 1:
         raise HandbenchError(
             f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)"

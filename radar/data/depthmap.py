@@ -17,14 +17,15 @@ FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A depth map: axes x_m [nx], y_m [ny]; depths z_m [ny, nx], NaN off target; amplitude_db [ny,
-    nx], 0 at the maximum.
+    """A depth map, the output of every method, on pixels at x_m [nx] × y_m [ny], metres.
 
-    Optional fields [ny, nx]. sigma_m: predicted 1σ of z_m if no phase has wrapped, NaN off target.
-    wrapped (bool): flagged pixels, whose phase may have wrapped (z_m is then off by a whole
-    period), whose tones disagree on the depth, or whose depth is the first or the last one
-    searched. p_gross, NaN off target: probability that z_m is more than 5 mm from the nearest true
-    surface (`radar.methods.depth_uncertainty`).
+    z_m [ny, nx]: depths, NaN off target; amplitude_db [ny, nx]: 0 at the maximum; method, config:
+    id and configuration of the method. Optional fields [ny, nx]: sigma_m: predicted standard
+    deviation (1σ) of z_m if no phase has wrapped, NaN off target. wrapped, bool: flagged pixels,
+    whose phase may have wrapped (z_m is then off by a whole period), whose tones disagree on the
+    depth, or whose depth is the first or the last one searched. p_gross: probability that z_m is
+    more than 5 mm from the nearest true surface (`radar.methods.depth_uncertainty`), NaN off
+    target.
     """
 
     x_m: np.ndarray
@@ -38,8 +39,9 @@ class DepthMap:
     p_gross: np.ndarray | None = None
 
     def trusted(self, most: float) -> "DepthMap":
-        """Set depths whose p_gross exceeds `most` to NaN. Raises HandbenchError for a map without
-        p_gross."""
+        """Return the map with depths NaN where p_gross, the probability of a gross error, exceeds
+        `most` (0 to 1) or is unknown. Raises HandbenchError for a map without p_gross and for
+        `most` outside 0 to 1."""
         if self.p_gross is None or not 0 <= most <= 1:
             has = (
                 "the depth map has no p_gross"
@@ -53,13 +55,14 @@ class DepthMap:
         return replace(self, z_m=np.where(keep, self.z_m, np.nan))
 
     def save(self, path: str | Path) -> None:
-        """Write the depth map's .npz, atomically."""
+        """Write the depth map to an .npz file, atomically; `load_depthmap` reads it."""
         known = {name: value for name, value in vars(self).items() if value is not None}
         write_npz(path, **known | {"config": json.dumps(self.config)})
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
-    """Read a depth map. Raises HandbenchError for axes that do not fit the map."""
+    """Read a depth map from its .npz file. Raises HandbenchError for a file that is none, and for
+    arrays whose shapes or types do not fit the axes."""
     content: dict[str, Any] = read_npz(
         path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL)
     )
@@ -89,8 +92,8 @@ def load_depthmap(path: str | Path) -> DepthMap:
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:
-    """Amplitudes in dB relative to their maximum: 20 log10. Raises HandbenchError for an image of
-    zeros."""
+    """Convert amplitudes to dB relative to their maximum, 20 log10: float32, −inf for 0. Raises
+    HandbenchError for an image of zeros."""
     peak = amplitude.max(initial=0.0)
     if not peak > 0:
         raise HandbenchError(

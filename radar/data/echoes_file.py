@@ -35,7 +35,8 @@ ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", "gains", "pairs", CALIBRAT
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
-    """Write `echoes.h5`, atomically: version 1 if it can hold the capture, else version 2."""
+    """Write a capture to the file `echoes.h5`, atomically: in version 1 of the format if that can
+    hold it, else in version 2. Raises OSError if the disk is full."""
     import h5py
 
     data, about = _contents(capture)
@@ -58,7 +59,8 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
 
 
 def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Data sets, and version 2's attributes ({} if version 1 can hold the capture)."""
+    """Return what a capture's file holds: its data sets by name, and its attributes in version 2,
+    {} if version 1 can hold the capture."""
     aperture, samples = capture.aperture, as_complex64(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
@@ -77,7 +79,8 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
 
 
 def load_capture(path: str | Path) -> RadarCapture:
-    """Read `echoes.h5`. Raises HandbenchError for a broken, foreign or inconsistent file."""
+    """Read the `RadarCapture` in a file `echoes.h5`. Raises HandbenchError for a broken, foreign or
+    inconsistent file."""
     path = require_file(path, "an echoes.h5 file")
     try:
         with open_hdf5(path) as file:
@@ -130,8 +133,9 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
 
 
 def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
-    """Raise HandbenchError for missing data sets and attributes, all named at once, and for unknown
-    ones."""
+    """Check that the names `there` of a version 2 file's data sets, and its attributes, are all
+    that are needed and no others, with allowed values. Raises HandbenchError, which names all
+    missing ones at once. known: data sets that its kind of aperture may have."""
     needed = [name for name in known if name.endswith(("samples", "_hz", "_m"))]
     lacks = [f"data set '{name}'" for name in needed if name not in there]
     lacks += [
@@ -160,8 +164,8 @@ def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any])
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """A data set of numbers stored in this file itself; complex numbers only for samples and
-    gains."""
+    """Read a data set of numbers from an open file, complex ones only for samples and gains. Raises
+    ValueError for other types and for data stored outside this file."""
     values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
     if values.dtype.kind not in kinds:
         raise ValueError(

@@ -16,7 +16,8 @@ MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper
 
 
 class Axis(Config):
-    """A closed range with a step, metres. Methods use the paper's axes as defaults."""
+    """A range of coordinates from start_m to stop_m with a step step_m, metres; its samples are
+    `values_m`."""
 
     start_m: float
     stop_m: float
@@ -43,13 +44,15 @@ class Axis(Config):
         return int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
 
     def values_m(self) -> np.ndarray:
-        """Samples from start to stop, both included when the step divides the range."""
+        """Return the samples from start, a step apart; stop is the last one if the step divides the
+        range."""
         # −0.098, not −0.09799999999999999
         return np.round(self.start_m + self.step_m * np.arange(self.count), 12)
 
 
 class GridConfig(Config):
-    """Parameters with axes x and y, of pixels, or x, y and z, of voxels."""
+    """Base of configurations with axes: x and y of pixels, or x, y and z of voxels. More than
+    MOST_PIXELS or MOST_VOXELS points are refused."""
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
@@ -65,40 +68,40 @@ class GridConfig(Config):
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Pixels at x_m [nx] × y_m [ny]; images are stored [ny, nx] with y upwards."""
+    """Pixels at x_m [nx] × y_m [ny], metres; images are stored [ny, nx], y growing with the row."""
 
     x_m: np.ndarray
     y_m: np.ndarray
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(ny, nx)."""
+        """Shape of an image: (ny, nx)."""
         return len(self.y_m), len(self.x_m)
 
     def points_at_m(self, index: np.ndarray, z_m: np.ndarray | float) -> np.ndarray:
-        """Points [n, 3] of the pixels with flat indices [n], at one common depth or a depth
-        each."""
+        """Return the points [n, 3] of the pixels with flat indices [n], metres, at one common depth
+        z_m or a depth each [n]."""
         y, x = np.unravel_index(index, self.shape)
         return np.stack([self.x_m[x], self.y_m[y], np.broadcast_to(z_m, len(x))], axis=1)
 
     def on_map(
         self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """Map [ny, nx] (float64) with values [n] at the pixels with flat indices [n] and
+        """Return a map [ny, nx] (float64) with values [n] at the pixels with flat indices [n] and
         `elsewhere` at all others."""
         whole = np.full(self.shape, elsewhere)
         whole.ravel()[index] = values
         return whole
 
     def part(self, box: tuple[slice, slice]) -> "PixelGrid":
-        """The grid of some rows and columns."""
+        """Return the grid of some rows and columns: box = (slice along y, slice along x)."""
         return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
 
     def placed(
         self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """Map [ny, nx] of the whole grid from the values of a part; `elsewhere` outside that
-        part."""
+        """Put values [ny', nx'] of a `part` of this grid into a map [ny, nx] of the whole grid,
+        with `elsewhere` outside that part."""
         if part is self:
             return values
         whole = np.full(self.shape, elsewhere)
@@ -107,15 +110,17 @@ class PixelGrid:
         return whole
 
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
-        """Points [ny, nx, 3] at one depth for all pixels or at depths [ny, nx]."""
+        """Return the points [ny, nx, 3] of all pixels, metres, at one common depth z_m or at depths
+        [ny, nx]."""
         x, y = np.meshgrid(self.x_m, self.y_m)
         return np.stack([x, y, np.broadcast_to(z_m, x.shape)], axis=-1)
 
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], each ascending, evenly spaced or not. Volumes are
-    stored as [nz, ny, nx]."""
+    """Voxels at x_m [nx] × y_m [ny] × z_m [nz], metres, each ascending, evenly spaced or not.
+    Volumes are stored as [nz, ny, nx]. Raises HandbenchError for axes that do not ascend or lie too
+    far away."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -131,7 +136,7 @@ class VoxelGrid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(nz, ny, nx)."""
+        """Shape of a volume: (nz, ny, nx)."""
         return len(self.z_m), len(self.y_m), len(self.x_m)
 
     @property
@@ -144,21 +149,22 @@ class VoxelGrid:
 
     @property
     def pixels(self) -> PixelGrid:
-        """The grid's pixels, seen along z."""
+        """The grid's x and y as pixels, for maps of one value per line along z."""
         return PixelGrid(self.x_m, self.y_m)
 
     def points_at_m(self, index: np.ndarray) -> np.ndarray:
-        """Centres [n, 3] of the voxels with the flat indices [n]."""
+        """Return the centres [n, 3] of the voxels with flat indices [n], metres."""
         z, y, x = np.unravel_index(index, self.shape)
         return np.stack([self.x_m[x], self.y_m[y], self.z_m[z]], axis=1)
 
     def points_m(self) -> np.ndarray:
-        """Voxel centres [nz, ny, nx, 3]."""
+        """Return the centres of all voxels: [nz, ny, nx, 3], metres."""
         z, y, x = np.meshgrid(self.z_m, self.y_m, self.x_m, indexing="ij")
         return np.stack([x, y, z], axis=-1)
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
-    """Smallest rectangle of rows and columns that holds every true pixel of a mask."""
+    """Return the smallest rectangle that holds every true pixel of a mask [ny, nx]: (slice of rows,
+    slice of columns)."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -25,11 +25,16 @@ SPARSE = 8
 
 @dataclass(frozen=True)
 class Recording:
-    """The numbers of a capture file. samples: [frame, sweep, frequency, …] with last axes (tx, rx),
-    (pair,) or (position,); NaN throughout for a channel that was not measured. places_m: tx_m and
-    rx_m [n, 3], or position_m. pairs [n, 2]: transmitter and receiver of each pair, from 0. gains:
-    complex [channels] or [frequency, channels], divisors of the samples; 0 or NaN for a dead
-    channel. sweeps: "mean" or "frames". about: further fields of the `RadarCapture`."""
+    """The numbers of a capture file of any layout, before they are checked and converted to a
+    `RadarCapture`.
+
+    samples: [frame, sweep, frequency, …], last axes (tx, rx), (pair,) or (position,); a channel
+    that was not measured is NaN throughout. places_m: antenna positions by name, tx_m and rx_m [n,
+    3] or position_m [n, 3], metres. pairs [n, 2]: indices of the transmitter and the receiver of
+    each pair, from 0. gains: complex [channels] or [frequency, channels]; samples are divided by
+    them, and 0 or NaN marks a dead channel. sweeps: "mean" to average repeated sweeps, "frames" to
+    make each a frame. about: further fields of the `RadarCapture`.
+    """
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -40,8 +45,9 @@ class Recording:
     about: dict[str, Any] = field(default_factory=dict)
 
     def capture(self) -> RadarCapture:
-        """Convert to a capture. Raises HandbenchError for numbers that do not fit together, and if
-        no channel was measured."""
+        """Convert to a `RadarCapture`: sweeps averaged or made frames, gains divided out, channels
+        that were not measured left out or set to 0. Raises HandbenchError for numbers that do not
+        fit together, and if no channel was measured."""
         self._check()
         with np.errstate(invalid="ignore", over="ignore"):  # RadarCapture refuses infinite samples
             samples, missing = self._divided()
@@ -88,8 +94,9 @@ class Recording:
             _check_pairs(self.pairs, *places)
 
     def _divided(self) -> tuple[np.ndarray, np.ndarray]:
-        """Samples [frame, frequency, channels] after averaging sweeps and dividing by gains, and
-        the mask [channels] of missing channels."""
+        """Average or unfold the sweeps and divide by the gains: (samples [frame, frequency,
+        channels], boolean mask [channels] of missing channels, which were not measured or are
+        dead)."""
         samples, missing = self.samples, np.isnan(self.samples).all(axis=(0, 1, 2))
         if self.sweeps == "frames":
             samples = samples.reshape(-1, *samples.shape[2:])
@@ -107,8 +114,9 @@ class Recording:
 
 
 def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
-    """Join the captures of several arrays, each of which receives only its own echoes. Raises
-    HandbenchError if frames or tones differ, or if one is not an array."""
+    """Join captures of one scene by several arrays, each of which receives only its own echoes, to
+    one capture of all their antennas and measured pairs. Further fields are those of the first.
+    Raises HandbenchError if the numbers of frames or tones differ, or if one is not an array."""
     from scipy.linalg import block_diag
 
     if len(captures) == 1:
@@ -139,8 +147,9 @@ def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
 def _of_pairs(
     samples: np.ndarray, t: np.ndarray, r: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, Aperture]:
-    """Samples [frame, f, n] of the pairs t, r [n] as an array's, 0 for pairs that were not
-    measured, or as a list's if few pairs were."""
+    """Convert samples [frame, f, n] of the pairs t, r [n] (indices of transmitter and receiver) to
+    an array's: (samples [frame, f, t, r], 0 for pairs that were not measured, the `AntennaArray`).
+    If few of all pairs were measured: the samples as they are and a `BistaticScan`."""
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
         return samples, BistaticScan(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))

@@ -50,8 +50,12 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 @dataclass
 class ImagingLoad:
-    """Load of some images. imaging_s: seconds spent on them; terms: complex products of their
-    direct sums, one per point, tone and channel; tones: largest number of tones in one image."""
+    """Time and work spent on some images, as `count_imaging` counts them.
+
+    imaging_s: seconds spent on the images; terms: complex products of an exact sum over all
+    samples, one per point, tone and channel (a channel is a pair of antennas, or a position of a
+    scan); tones: largest number of tones in one image.
+    """
 
     imaging_s: float = 0.0
     terms: int = 0
@@ -63,7 +67,8 @@ _laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
 
 @contextmanager
 def count_imaging() -> Iterator[ImagingLoad]:
-    """Count the images that this thread makes in the block. Without it nothing is counted."""
+    """Yield an `ImagingLoad` that grows with every image this thread makes in the `with` block.
+    Images made outside such a block are not counted."""
     laps = ImagingLoad()
     token = _laps.set(laps)
     try:
@@ -73,8 +78,12 @@ def count_imaging() -> Iterator[ImagingLoad]:
 
 
 def _scaled(function: Image) -> Image:
-    """Decorate an imaging function: check samples and tones, and image samples whose sums exceed
-    float32 scaled to about 1. The image is scaled back in complex128 (magnitudes in float64)."""
+    """Decorate an imaging function so that it accepts samples in any unit: the samples and tones
+    are checked, and samples whose sums float32 may not hold are scaled to about 1 before imaging.
+
+    The image of scaled samples is scaled back, in complex128 (magnitudes of `Peaks` in float64).
+    Raises HandbenchError for invalid samples, and for sums that exceed float64.
+    """
 
     @wraps(function)
     def scaled(
@@ -105,8 +114,9 @@ def _scaled(function: Image) -> Image:
 
 
 def _watched(function: Image) -> Image:
-    """Decorate an imaging function (samples, frequencies_hz, aperture, points or grid, …): its load
-    is counted, once even if it calls another one."""
+    """Decorate an imaging function f(samples, frequencies_hz, aperture, points or grid, …) so that
+    `count_imaging` counts its time and work; calls of other imaging functions within it are not
+    counted again. It also scales the samples, see `_scaled`."""
 
     function = _scaled(function)
 
@@ -142,10 +152,14 @@ def image_points(
     apart: bool = False,
     planned: bool = False,
 ) -> np.ndarray:
-    """Image points_m [..., 3]: complex64 [...], or [f, ...] with one image per tone (apart).
+    """Image points_m [..., 3], in metres, by backprojection: complex64 [...], the coherent sum of
+    all tones, or with `apart` one image per tone, [f, ...].
 
-    samples: [f, t, r] of an AntennaArray, [f, n] of a PlanarScan; tolerance: largest relative L2
-    error, None for exact. planned: True to use a plan even if the exact sum costs less.
+    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum over every tone and
+    antenna. planned: use the fast algorithm, with its plan of the geometry, even if the exact sum
+    costs less; later calls for points nearby reuse the plan. Raises HandbenchError for invalid
+    arguments.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -195,12 +209,13 @@ def image_volume(
     apart: bool = False,
     carrier: bool = True,
 ) -> np.ndarray:
-    """Image all voxels: complex64 [nz, ny, nx], or [f, nz, ny, nx] with one image per tone (apart);
-    a plane if nz = 1.
+    """Image all voxels of a grid by backprojection: complex64 [nz, ny, nx], or with `apart` one
+    volume per tone, [f, nz, ny, nx]. A grid with one depth gives a plane, nz = 1.
 
-    carrier=False leaves out a phase that all tones share: faster, and enough for magnitudes and for
-    phases between tones. Raises HandbenchError for a volume beyond the memory limit (see
-    `support.cost`).
+    tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum. carrier=False leaves
+    out a phase that all tones share at a voxel, if a tolerance is given: faster, and enough for
+    magnitudes and for phases between tones. Raises HandbenchError for invalid arguments and for a
+    volume beyond the memory limit (see `support.cost`).
     """
     check(tolerance)
     count = len(samples) if apart else 1
@@ -230,8 +245,8 @@ def project_volume(
     grid: VoxelGrid,
     tolerance: float | None,
 ) -> Peaks:
-    """Find the strongest voxels along z. With a tolerance, the volume is never stored as a
-    whole."""
+    """Find the strongest voxel along z of each pixel: the `Peaks` of the volume that `image_volume`
+    would return, summed over the tones. With a tolerance, the volume is never stored as a whole."""
     check(tolerance)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
@@ -248,7 +263,12 @@ def points_executor(
     family: Family,
     executor: Callable[[TreePlan], Made],
 ) -> Made:
-    """Get or create the executor of a plan for points_m [n, 3] and others nearby."""
+    """Return what `executor` makes of a plan for imaging the points_m [n, 3] and others nearby,
+    from the cache if such a plan is there.
+
+    executor: class or function that takes the `TreePlan` and applies it to samples, such as
+    `CpuExecutor`. family: tolerance and other settings of the plan.
+    """
     box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
     what = (current_device(), executor.__module__, *box)
     build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
@@ -256,7 +276,8 @@ def points_executor(
 
 
 class GridImager:
-    """Images of a grid's coarse nodes on the current device, and their upsampler."""
+    """Images a voxel grid on the current device in two stages: `nodes` images a coarse grid of
+    nodes, and `upsampler` interpolates from the nodes to all voxels."""
 
     def __init__(
         self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool
@@ -267,8 +288,12 @@ class GridImager:
         self.upsampler = device.upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
-        """Image the coarse nodes: (nodes, images [k or 1, nz, ny, nx]). z_m: the grid's depths, or
-        a plane's [1]."""
+        """Image the coarse nodes from which all voxels are interpolated: (their grid, complex64
+        images [f or 1, nz, ny, nx] there).
+
+        samples: complex [f, t, r] or [f, n]. z_m: the voxel grid's depths, or [1], the depth of the
+        plane, for an imager of planes.
+        """
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
@@ -283,7 +308,7 @@ class GridImager:
 
 
 def check(tolerance: float | None) -> None:
-    """Raise HandbenchError for a tolerance that cannot be met."""
+    """Raise HandbenchError for a tolerance outside 1e-6 to 0.1; None, the exact sum, is allowed."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the "
@@ -292,7 +317,8 @@ def check(tolerance: float | None) -> None:
 
 
 class _Device(NamedTuple):
-    """The classes and the function that run on one device."""
+    """The implementation of imaging on one device: executor applies a plan to samples, upsampler
+    interpolates from coarse nodes to voxels, and exact_images sums every tone and antenna."""
 
     executor: Callable[[TreePlan], Any]
     upsampler: Callable[[GridPlan], Any]
@@ -300,15 +326,16 @@ class _Device(NamedTuple):
 
 
 def _device() -> _Device:
-    """The implementation for the current device."""
+    """Return the implementation for the current device."""
     if current_device() == "cpu":
         return _Device(cpu.CpuExecutor, cpu.CpuUpsampler, cpu.exact_images)
     return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Predict the time of exact sums of `images` (points × tones): report a long one, and refuse
-    one beyond the limit. Only for the processor; other devices' rates are unknown."""
+    """Predict the time of exact sums over `images` (number of points times number of tones): report
+    a long one, and raise HandbenchError for one beyond the limit. `what` names the work in the
+    message. Only on the processor; the rates of other devices are unknown."""
     if current_device() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
@@ -316,8 +343,8 @@ def _require_time(images: int, aperture: Aperture, what: str) -> None:
 def _grid_imager(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
 ) -> GridImager:
-    """Get or create the imager of a grid; the imager of a plane also serves planes at nearby
-    depths."""
+    """Return the imager of a grid, from the cache if it is there. The imager of a plane (a grid
+    with one depth) also serves planes at nearby depths."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
         box = lattice_box(*grid.ends_m)

@@ -38,8 +38,11 @@ NEGLIGIBLE = 1e-2  # weights of far nodes below this share of the tolerance are 
 
 @dataclass
 class Certificate:
-    """bound: upper bound of the relative L2 error of the worst image made while the certificate is
-    open; images: number of those images."""
+    """A measured bound of the error of images, collected while the certificate is open
+    (`certified`).
+
+    bound: upper bound of the relative L2 error of the worst of these images; images: their number.
+    """
 
     bound: float = 0.0
     images: int = 0
@@ -47,8 +50,12 @@ class Certificate:
     def add(
         self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float
     ) -> None:
-        """Add one image: its errors [f or 1, n] at voxels of weight [n], and its mean square [f or
-        1]."""
+        """Raise the bound to that of one more image, if it is larger.
+
+        error [f or 1, n]: complex errors at n compared voxels; weight [n]: their importance
+        weights, so that the weighted mean estimates that of all voxels; mean_square [f or 1]: of
+        the whole image; factor: on the estimated relative error, for the few voxels compared.
+        """
         mean = (np.abs(error) ** 2 * weight).mean(axis=1)
         relative = np.divide(
             mean, mean_square, out=np.where(mean > 0, np.inf, 0.0), where=mean_square > 0
@@ -65,7 +72,8 @@ _opened: ContextVar[Certificate | None] = ContextVar("certificate", default=None
 
 @contextmanager
 def certified() -> Iterator[Certificate]:
-    """Yield the certificate of all images that this thread makes in the block."""
+    """Yield a `Certificate` that bounds the error of all images this thread makes in the `with`
+    block."""
     certificate = Certificate()
     token = _opened.set(certificate)
     try:
@@ -83,8 +91,9 @@ def imaging_error(
     count: int = 500,
     seed: int = 0,
 ) -> float:
-    """Estimate the relative L2 error of a volume [nz, ny, nx] a posteriori: against exact sums in
-    float64 at `count` random voxels, relative to the root mean square of the volume."""
+    """Estimate the relative L2 error of a volume [nz, ny, nx] from `count` random voxels: the root
+    mean square of their differences from exact sums in float64, over the root mean square of the
+    whole volume. seed: of the random choice."""
     check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
@@ -100,8 +109,9 @@ def certify_points(
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Certify images [f or 1, rows, n] if a certificate is open. points_at_m: flat index [k] →
-    points [k, 3]."""
+    """Compare some of the images [f or 1, rows, n] with exact sums, and add the error to the open
+    certificate; without one, do nothing. points_at_m: function from flat indices [k] of an image to
+    points [k, 3], metres."""
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _live_antennas(samples, aperture)
@@ -125,8 +135,8 @@ def certify_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Certify the voxels upsampled from the nodes' images [f or 1, nz, ny, nx] if a certificate is
-    open."""
+    """Compare some voxels, interpolated from the coarse nodes' images [f or 1, nz, ny, nx], with
+    exact sums, and add the error to the open certificate; without one, do nothing."""
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _live_antennas(samples, aperture)
@@ -155,8 +165,9 @@ def certify_nodes(
 
 
 class ImagePower:
-    """Power of images [f or 1, rows, n] whose pixels represent rows [rows] × counts [n] voxels,
-    relative to their largest part so that float32 holds it."""
+    """The power of images [f or 1, rows, n], from which voxels are drawn. A pixel at row i, column
+    j represents rows[i] × counts[j] voxels. of_rows [f or 1, rows] and `along` are relative to
+    `largest`², the square of the largest real or imaginary part, so that float32 holds them."""
 
     def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
         self.images, self.rows, self.counts = images, rows, counts
@@ -177,17 +188,23 @@ class ImagePower:
         return int(self.rows.sum()) * int(self.counts.sum())
 
     def mean_square(self) -> np.ndarray:
-        """Mean |O|² of each image over its voxels [f or 1]."""
+        """Return the mean |O|² of each image over the voxels that its pixels represent: [f or
+        1]."""
         return self.of_rows @ self.rows / self.voxels * self.largest**2
 
     def along(self, row: np.ndarray) -> np.ndarray:
-        """Power of some rows [k], summed over the images: [k, n]."""
+        """Return the power of the pixels in some rows [k], relative to `largest`² and summed over
+        the images: [k, n]."""
         return (np.abs(self.images[:, row] / self.largest).astype(np.float64) ** 2).sum(axis=0)
 
 
 def draw_places(bright: ImagePower, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Draw `count` places of images: (rows, places within them), each [count], and weights [count].
-    The weighted mean of a quantity over the places has its mean over all voxels as expectation."""
+    """Draw `count` pixels of images, half of them evenly over the voxels, half in proportion to
+    power: ((rows, columns), each [count], and weights [count]).
+
+    The weighted mean of a quantity over the drawn pixels has the quantity's mean over all voxels as
+    expectation. The same images always give the same pixels.
+    """
     rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
     generator = np.random.default_rng(len(rows) * len(counts))
     even, total = 1 / bright.voxels, float(power @ rows)
@@ -209,8 +226,9 @@ def _count(samples: np.ndarray) -> int:
 
 
 def _live_antennas(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
-    """Samples and aperture without antennas whose samples are all zero. Where few antennas are
-    left, many leaves keep all of them and are exact, so more voxels are compared."""
+    """Leave out antennas whose samples are all zero: (samples, aperture). The sum is the same and
+    cheaper, so more voxels are compared; where few antennas are left, many boxes keep all of them
+    and are exact."""
     live: np.ndarray = samples[0]
     if not live.all():
         live = np.any(samples, axis=0)
@@ -229,8 +247,8 @@ def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray) -> np.ndarray:
-    """Envelope [f or 1] of the voxel [3] (z, y, x), without its carrier, from the nodes around
-    it."""
+    """Interpolate the envelope (the image without its carrier) at one voxel, indices [3] (z, y, x),
+    from the nodes around it: [f or 1]."""
     (z, of_z), (y, of_y), (x, of_x) = (
         resampler.of(int(at), NEGLIGIBLE * plan.tolerance)
         for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)

@@ -25,7 +25,8 @@ Array = Any  # a numpy.ndarray or a cupy.ndarray
 
 
 def current_device() -> str:
-    """The device of imaging: HANDBENCH_DEVICE, or the processor."""
+    """Return the name of the device of imaging: cpu, cuda or numpy, from HANDBENCH_DEVICE (unset:
+    cpu). Raises HandbenchError for another name."""
     name = os.environ.get(SETTING, "") or "cpu"
     if name not in DEVICES:
         raise HandbenchError(f"{SETTING}: is '{name}'; expected {', '.join(DEVICES)}, or nothing")
@@ -34,8 +35,8 @@ def current_device() -> str:
 
 @contextmanager
 def use_device(name: str | None) -> Iterator[None]:
-    """Image on this device (None: the current one) until the block ends. All threads share the
-    setting.
+    """Image on this device (cpu, cuda, numpy; None: the current one) until the `with` block ends.
+    All threads share the setting.
 
     Raises HandbenchError for a device that cannot compute, or whose memory runs out.
     """
@@ -59,8 +60,9 @@ def use_device(name: str | None) -> Iterator[None]:
 
 
 def array_module(device: str | None = None) -> ModuleType:
-    """Import numpy or cupy for a device (default: the current one). Raises HandbenchError if it is
-    not installed or finds no device."""
+    """Return the array module of a device (None: the current one): numpy, or cupy for cuda. Raises
+    HandbenchError if CuPy is not installed or finds no device, and for cpu, which runs no array
+    code."""
     device = device or current_device()
     if device == "numpy":
         return np
@@ -104,8 +106,8 @@ def to_host(array: Array) -> np.ndarray:
 
 
 def describe(device: str | None = None) -> str:
-    """Describe a device (default: the current one) for a result: cpu, or cuda with the card's
-    name."""
+    """Describe a device (None: the current one) as results record it: its name, for cuda with the
+    card's."""
     device = device or current_device()
     if device != "cuda":
         return device
@@ -115,8 +117,8 @@ def describe(device: str | None = None) -> str:
 
 
 def cis(xp: ModuleType, turns: Array) -> Array:
-    """Compute exp(j2π·turns) as complex64. Whole turns are removed in the precision of `turns`:
-    float64, or float32 for a few turns."""
+    """Compute exp(j2π·turns) as complex64, in numpy or cupy (`xp`). Whole turns are removed in the
+    precision of `turns`: float64, or float32 for a few turns."""
     angle = (turns - xp.rint(turns)).astype(np.float32, copy=False)
     angle *= np.float32(2 * np.pi)
     wave = xp.empty(angle.shape, np.complex64)
@@ -126,6 +128,6 @@ def cis(xp: ModuleType, turns: Array) -> Array:
 
 
 def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
-    """Compute |p − a| in float64 for points (x, y, z) and antennas (x, y, z), whose arrays
-    broadcast."""
+    """Compute |p − a| in float64, in numpy or cupy (`xp`), for points given as arrays (x, y, z) and
+    antennas (x, y, z) that broadcast."""
     return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

@@ -15,10 +15,13 @@ def _none() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Peaks:
-    """The strongest voxel along z of each pixel. index [ny, nx]; magnitude [3, ny, nx]: of the
-    voxel before it, of itself and of the one behind it (NaN beyond the volume); rival, second [ny,
-    nx]: index and magnitude of the second strongest voxel (-1: none); error: root mean square error
-    of a voxel by the image's tolerance."""
+    """The strongest voxel along z of each pixel of a volume.
+
+    index [ny, nx]: its place along z. magnitude [3, ny, nx]: of the voxel before it, of itself and
+    of the voxel behind it (NaN beyond the volume). rival, second [ny, nx]: place and magnitude of
+    the second strongest voxel (-1: none). error: root mean square error of a voxel that the image's
+    tolerance allows.
+    """
 
     index: np.ndarray
     magnitude: np.ndarray
@@ -27,7 +30,7 @@ class Peaks:
     error: float = 0.0
 
     def scaled(self, factor: np.float64) -> Peaks:
-        """The peaks of the volume times a factor."""
+        """Return the peaks of the same volume with all voxels multiplied by `factor`."""
         second = np.where(self.second < 0, -1.0, self.second * factor)
         return replace(
             self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor)
@@ -35,13 +38,15 @@ class Peaks:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:
-        """Uninitialised peaks for `shape` pixels [ny, nx]."""
+        """Return peaks with uninitialised arrays for pixels of `shape` [ny, nx], to be filled
+        in."""
         magnitude, index = np.empty((3, *shape), np.float32), np.empty((2, *shape), np.int64)
         return cls(index[0], magnitude, index[1], np.empty(shape, np.float32), error)
 
 
 def strongest_voxels(volume: np.ndarray) -> Peaks:
-    """The peaks of an exact volume [nz, ny, nx]."""
+    """Find the strongest voxels along z of an exactly imaged volume [nz, ny, nx], complex: `Peaks`
+    with error 0."""
     peaks = Peaks.empty(volume.shape[1:])
     for row in range(volume.shape[1]):
         here = slice(row, row + 1)
@@ -61,13 +66,15 @@ def strongest_voxels(volume: np.ndarray) -> Peaks:
 
 
 def root_mean_square(image: np.ndarray) -> float:
-    """Root mean square of an image's magnitudes."""
+    """Compute the root mean square of the magnitudes of an image of any shape."""
     return float(np.sqrt(np.mean(np.abs(image) ** 2, dtype=np.float64)))
 
 
 @njit(**FAST)
 def strongest(re, im, index, magnitude, rival, second):  # type: ignore[no-untyped-def]
-    """Fill in the fields of `Peaks` of a volume's parts re, im [nz, ny, nx]."""
+    """Find the strongest voxels along z of a volume given by its real and imaginary parts re, im
+    [nz, ny, nx], float32, and write them to the four arrays, which have the shapes of the fields of
+    `Peaks`."""
     nz, ny, nx = re.shape
     best, next_best = np.empty(nx, np.float32), np.empty(nx, np.float32)
     where, beside = np.empty(nx, np.int32), np.empty(nx, np.int32)

@@ -57,8 +57,8 @@ _lock = Lock()
 
 
 class SortedPoints(NamedTuple):
-    """Points [3, n] sorted by cell and leaf; order [n]: their indices before sorting; starts
-    [leaves + 1]: first point of each leaf."""
+    """Points sorted by the boxes of a plan: points_m [3, n]; order [n], their indices before
+    sorting; starts [leaves + 1], where the points of each leaf (smallest box) begin."""
 
     points_m: np.ndarray
     order: np.ndarray
@@ -66,8 +66,13 @@ class SortedPoints(NamedTuple):
 
 
 class TreePlan:
-    """The division of a box into cells and leaves, with the tree's upper nodes, for images and
-    echoes of points in the box."""
+    """The division of a box into smaller boxes for fast imaging and simulation of points in it: the
+    box into cells, each cell into leaves.
+
+    Each box keeps only the tones and antennas that its points need (`radar.imaging.tree`).
+    root_node and top_node hold those of all space and of the whole box; cells and leaves are
+    planned when points fall into them.
+    """
 
     def __init__(
         self, frequencies_hz: np.ndarray, aperture: Aperture, box: Box, family: Family
@@ -89,31 +94,32 @@ class TreePlan:
         self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
     def touched(self, where: SortedPoints) -> list[int]:
-        """Numbers of the cells that hold points."""
+        """Return the numbers of the cells that hold any of the sorted points."""
         begin = where.starts[:: self.leaves_per_cell]
         return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
 
     def cost(self, where: SortedPoints | None = None) -> float:
-        """Cost of planning the cells and leaves that hold points, or all of them, in terms (point ×
-        tone × channel) of the exact sum."""
+        """Return the cost of planning the cells and leaves that hold the sorted points (None: all
+        cells and leaves). Unit: one term of the exact sum, for one point, tone and channel."""
         nodes = self.count * (1 + self.leaves_per_cell)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         return nodes * self.node_cost
 
     def cell(self, cell: int) -> Node:
-        """Plan a cell. Executors keep the cells that hold points."""
+        """Return the node (tones, antennas and their weights) of the cell with this number; it is
+        computed anew at each call."""
         place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
         return child_node(self.top_node, box, self.family)
 
     def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Plan some leaves of a cell, by number."""
+        """Return the nodes of the wanted leaves of a cell, by their number within the cell."""
         boxes = split(cell.box, self.leaves)
         return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
-        """Sort points [n, 3] of the box by cell and leaf."""
+        """Sort points [n, 3] of the box, in metres, by cell and leaf."""
         counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
         place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
@@ -126,12 +132,14 @@ class TreePlan:
 
 
 class GridPlan:
-    """The coarse nodes of a voxel grid and the resamplers from them to its axes x, y, z; with
-    `planes`, for any single plane between the grid's first and last z. tree: the plan of the nodes'
-    images; None where skeletons cost more than they save (too many antennas, too few nodes).
+    """The coarse nodes of a voxel grid, and the interpolation (`Resampler`) from them to the grid's
+    axes x, y and z. With `planes`, it serves any single plane between the grid's first and last z.
 
-    Only the envelope is interpolated between the nodes: without the carrier exp(jk_c Σ R_reference)
-    and the middle of its band, an image varies as slowly as the array's angles and bandwidth allow.
+    tree: plan for imaging the nodes; None where the exact sum is used instead, since compressing
+    tones and antennas costs more than it saves (too many antennas, too few nodes).
+
+    Only the image's envelope is interpolated: without the carrier, exp(jk_c Σ R_reference) times a
+    ramp to the middle of its band, it varies as slowly as the array's angles and bandwidth allow.
     """
 
     def __init__(
@@ -178,19 +186,22 @@ class GridPlan:
         self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
-        """The nodes of the grid, or with `planes` those of the plane at z_m [1]."""
+        """Return the grid of the coarse nodes. z_m [1]: depth of the plane if the plan is for
+        planes; else it is ignored."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
-        """The carrier at a grid's voxels, which is removed before interpolation and restored after
-        it: complex64 [nz, ny, nx], in numpy or on a device (`xp`)."""
+        """Compute the carrier at a grid's voxels, the fast phase that is removed before
+        interpolation and restored after it: complex64 [nz, ny, nx]. xp: numpy or cupy, the module
+        that computes it."""
         z, y, x = (
             xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m)
         )
         return self.carrier_of(x, y, z, xp)
 
     def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
-        """The carrier at coordinates x, y, z (m), which broadcast."""
+        """Compute the carrier, complex64, at coordinates x, y, z in metres, whose arrays broadcast.
+        xp: numpy or cupy."""
         turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
@@ -200,8 +211,9 @@ class GridPlan:
     def _envelopes(
         self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
     ) -> np.ndarray:
-        """Envelopes of single channels, for the outermost antennas of both legs at the lowest and
-        highest tone, at points_m [n, lines, 3]: complex64 [n, lines, m]."""
+        """Compute what single channels contribute to an image, without the carrier, at points_m [n,
+        lines, 3]: complex64 [n, lines, m]. The m channels are combinations of the outermost and the
+        middle antennas of both legs, at the lowest and the highest tone."""
         path_m = sum(
             leg.passes
             * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
@@ -214,8 +226,8 @@ class GridPlan:
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
-        """Sort the nodes by the tree's cells and leaves. The order is cached; it does not depend on
-        a plane's depth while the leaves form one layer."""
+        """Sort the nodes by the tree's cells and leaves. The result is cached; for planes it is
+        reused at other depths if all leaves lie in one layer along z."""
         if self.planes and tree.cells[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
@@ -228,20 +240,23 @@ class GridPlan:
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
-    """The outermost of antennas [n, 3] along x, y, z, and the one nearest their middle: [7, 3]."""
+    """Return the outermost of antennas [n, 3] along x, y and z, and the one nearest to their mean:
+    [7, 3]."""
     middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
     return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
 
 def node_cost(aperture: Aperture) -> float:
-    """Cost of planning a cell or a leaf, in terms of an array's exact sum."""
+    """Return the cost of planning a cell or a leaf, in terms (point × tone × channel) of an array's
+    exact sum."""
     antennas = [float(len(leg.position_m)) for leg in aperture.legs]
     return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:
-    """Terms (point × tone × channel) of the exact sum of `images` (points × tones), in units of an
-    array's."""
+    """Return the cost of an exact sum over `images` (number of points times number of tones), in
+    terms (point × tone × channel) of an array's. A term of a scan counts SCAN times, since it is
+    slower."""
     return (
         float(images)
         * prod(aperture.channels)
@@ -250,8 +265,8 @@ def exact_terms(images: int, aperture: Aperture) -> float:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """The reference path of the carrier: passes [2] and reference points [2, 3], the middle of each
-    leg's antennas."""
+    """Return the reference path whose phase is the carrier of images: how often each leg is passed
+    [2], and reference points [2, 3] in metres, the mean of each leg's antennas."""
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
@@ -259,8 +274,8 @@ def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
 def bands(
     frequencies_hz: np.ndarray, aperture: Aperture, box: Box
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest spatial frequency [3], [3] (rad/m) of an image's envelope along x, y, z
-    within the box: without exp(jk_c Σ R_reference)."""
+    """Compute the lowest and the highest spatial frequency of an image along x, y, z within the
+    box, after the carrier exp(jk_c Σ R_reference) is removed: [3] and [3], rad/m."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
     axes = [
@@ -287,8 +302,8 @@ def _direction(points_m: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
 
 
 def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
-    """The box from low_m to high_m, enlarged to a lattice of about its size, so that the points of
-    successive frames share a plan. Cells without points are never planned."""
+    """Enlarge the box from low_m to high_m [3] so that its corners lie on a coarse lattice. Points
+    of successive frames, which differ little, then have the same box and share a plan."""
     extent = high_m - low_m
     step = 2.0 ** np.ceil(np.log2(np.maximum(np.maximum(extent, extent.max() / 16), 1e-4) / 2))
     return Box(np.floor(low_m / step) * step, np.ceil(high_m / step) * step)
@@ -296,8 +311,8 @@ def lattice_box(low_m: np.ndarray, high_m: np.ndarray) -> Box:
 
 @contextmanager
 def fresh_plans() -> Iterator[None]:
-    """Start with an empty cache of plans, as a new process does, and restore the old one after the
-    block."""
+    """Run the `with` block with an empty cache of plans, as in a new process, and restore the old
+    cache after it."""
     global _cache
     before, _cache = _cache, OrderedDict()
     try:
@@ -313,7 +328,12 @@ def get_or_compute(
     family: Family,
     build: Callable[[], Built],
 ) -> Built:
-    """Get the plan of this geometry with its executor from the cache, or compute it by `build`."""
+    """Return the plan (or its executor) for this geometry from the cache; if it is not there,
+    compute it by build() and keep it.
+
+    The key is made of `what` (kind of plan, and arrays or values it depends on), the tones, the
+    antenna positions and the settings `family`. The cache holds the CACHED plans used last.
+    """
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
         if isinstance(part, np.ndarray):

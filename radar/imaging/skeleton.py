@@ -34,8 +34,9 @@ Waves = Callable[[np.ndarray], np.ndarray]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose members by pivoted Cholesky decomposition of a positive semi-definite kernel [n, n]
-    with unit diagonal, until none is further than `tolerance` from their span.
+    """Choose the members of a family (tones, or antennas) from which all n can be interpolated, by
+    pivoted Cholesky decomposition of their kernel `gram` [n, n], positive semi-definite with unit
+    diagonal, until none is further than `tolerance` from the span of those chosen.
 
     Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
     """
@@ -47,9 +48,9 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 
 
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Kernel Π J₀(w (a − b)) [n, m] for a [n, d], b [m, d] and half_band [d]: that of a spectrum
-    concentrated at the band's edges. The kernel of a flat spectrum, sinc, has three to four times
-    larger errors there for as many members."""
+    """Compute the kernel Π J₀(w (a − b)) [n, m] for a [n, d], b [m, d] and half_band w [d]: the
+    correlation of waves at a and b whose spectrum is concentrated at the band's edges. The kernel
+    of a flat spectrum, sinc, has three to four times larger errors there for as many members."""
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
@@ -89,8 +90,11 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class Resampler:
-    """Interpolation of fine samples from nodes_m [n]; windows: (fine slice, node slice, weights
-    [fine, nodes] float32). No windows: the nodes are the fine samples."""
+    """Interpolation along an axis from coarse nodes_m [n] to fine samples.
+
+    windows: pieces of the axis, each (slice of fine samples, slice of the nodes that they need,
+    float32 weights [fine, nodes]). Without windows, the nodes are the fine samples.
+    """
 
     nodes_m: np.ndarray
     windows: tuple[tuple[slice, slice, np.ndarray], ...]
@@ -112,8 +116,8 @@ class Resampler:
         return fine
 
     def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
-        """The nodes of one fine sample and their weights; weights below `least` at the ends are
-        left out."""
+        """Return the slice of nodes that one fine sample (by index) is interpolated from, and their
+        weights; weights below `least` at the slice's ends are left out."""
         for here, of, weights in self.windows:
             if fine < here.stop:
                 row = weights[fine - here.start]
@@ -124,8 +128,8 @@ class Resampler:
         return slice(fine, fine + 1), np.ones(1, np.float32)
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
-        """Cut the windows into pieces of at most `most` fine samples: (fine slice, node slice,
-        weights or None)."""
+        """Cut the windows into pieces of at most `most` fine samples: (slice of fine samples, slice
+        of nodes, weights [fine, nodes], or None where nodes and fine samples are the same)."""
         whole = slice(0, len(self.nodes_m))
         pieces: list[tuple[slice, slice, np.ndarray | None]] = []
         for fine, of, weights in self.windows or ((whole, whole, None),):
@@ -139,12 +143,13 @@ class Resampler:
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
-    """Find the fewest nodes for fine_m [n] (ascending) that reproduce every frequency within
-    ±half_band (rad/m) with a relative L2 error of at most `tolerance`; the fine samples themselves
-    if that saves nothing.
+    """Find the interpolation to fine_m [n] (ascending, metres) from the fewest nodes that
+    reproduces every wave with a spatial frequency within ±half_band (rad/m) with a relative L2
+    error of at most `tolerance`; the fine samples themselves are the nodes if that saves nothing.
 
-    The search begins at the family's degrees of freedom to that error (Slepian 1983), which few
-    nodes stay below."""
+    The search begins at the number of degrees of freedom that such waves have to that error
+    (Slepian 1983), which few nodes stay below.
+    """
     extent = fine_m[-1] - fine_m[0]
     c = max(extent * half_band / 2, 1.0)
     intervals = max(int(2 / np.pi * c - 2 / np.pi**2 * np.log(c) * np.log(tolerance)), 1)
@@ -174,9 +179,14 @@ def resampler_for_channels(
     places_m: np.ndarray,
     waves: Waves,
 ) -> Resampler:
-    """Find a `resampler` along one axis of a grid that also reproduces single channels, on lines
-    through all combinations of places_m [n, 3] in the other axes. Their waves are chirps, which
-    leak out of the band; it is widened until they are reproduced."""
+    """Find a `resampler` along one axis of a grid (`along`: 0, 1, 2 for x, y, z) that also
+    reproduces what single channels contribute to an image.
+
+    It is checked on lines through all combinations of places_m [n, 3] in the other axes; waves:
+    function from points [n, lines, 3] to these contributions, without the carrier, [n, lines, m].
+    They are chirps, which leak out of the band; half_band (rad/m) is widened until they are
+    reproduced.
+    """
     sides = list(
         product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along))
     )
@@ -201,16 +211,17 @@ def resampler_for_channels(
 
 
 def _crowded(intervals: int) -> np.ndarray:
-    """Nodes [intervals + 1] from 0 to 1, evenly spaced except near the ends, where they are closer:
-    nothing is known beyond an end, and denser nodes cost less than guard nodes outside."""
+    """Return positions of intervals + 1 nodes from 0 to 1, evenly spaced except near the ends,
+    where they are closer: nothing is known beyond an end, and denser nodes cost less than further
+    nodes outside."""
     from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
     nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
     return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """Windows with fine samples: (fine slice, node slice). Uneven axes may leave some windows
-    empty."""
+    """Cut an axis of `intervals` node intervals into windows that hold fine samples: (slice of fine
+    samples, slice of nodes). Uneven axes may leave some windows empty; these are left out."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
     edges = np.searchsorted(fine_m, nodes_m[bounds])
     edges[0], edges[-1] = 0, len(fine_m)
@@ -226,7 +237,8 @@ def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tu
 def _misfit(
     fine_m: np.ndarray, nodes_m: np.ndarray, weights: np.ndarray, half_band: float
 ) -> float:
-    """Largest relative L2 error over fine_m of a frequency within ±half_band."""
+    """Return the largest relative L2 error, over fine_m, of interpolating a wave with a spatial
+    frequency within ±half_band (rad/m) by these weights [fine, nodes]."""
     # crowded at the band's edge, where it is worst
     frequency = half_band * np.cos(np.linspace(0, np.pi / 2, PROBED))
     regained = weights @ np.exp(1j * np.multiply.outer(nodes_m - fine_m[0], frequency))

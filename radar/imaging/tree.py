@@ -63,9 +63,13 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """The antennas of a leg that a box keeps: position_m [n, 3], number [n] among all, the leg's
-    `passes`, and length_m [n] = passes · |c − a|, the path whose phase is removed from the samples
-    (zero in the root)."""
+    """The antennas of a leg (all transmitters, or all receivers) that a box of the tree keeps.
+
+    position_m [n, 3]; number [n]: index of each among all of the leg's antennas; passes: how often
+    a path passes the leg (2 for a scan, there and back). length_m [n]: passes times the distance
+    from the antenna to the box's centre; the phase of this path is removed from the samples (0 in
+    the root).
+    """
 
     position_m: np.ndarray
     passes: int
@@ -73,15 +77,19 @@ class LocalLeg:
     number: np.ndarray
 
     def only(self, index: np.ndarray, length_m: np.ndarray) -> "LocalLeg":
-        """Some of the antennas, by index [k] of length_m [n]."""
+        """Keep the antennas with these indices [k], with their lengths among length_m [n]."""
         return LocalLeg(self.position_m[index], self.passes, length_m[index], self.number[index])
 
 
 @dataclass(frozen=True)
 class Node:
-    """A box with the tones turns_per_m [k] = f/c and the antennas (legs) that it keeps, and the map
-    from its parent's samples to its own: tone_weights [k, parent's k], and for each leg leg_weights
-    [n, parent's n] and shifts_m [parent's n]."""
+    """A box of the tree, with the tones turns_per_m [k] = f/c and the antennas (legs) that it
+    keeps, and the weights that combine its parent's samples into its own.
+
+    tone_weights [k, parent's k] and, per leg, leg_weights [n, parent's n] are real; empty ones keep
+    all tones or antennas. shifts_m [parent's n]: paths whose phase is applied to the parent's
+    samples before, to move from its centre to this box's.
+    """
 
     box: Box
     turns_per_m: np.ndarray
@@ -92,10 +100,13 @@ class Node:
 
 
 class Family(NamedTuple):
-    """Settings that all boxes of a tree share. tolerance; apart: one image per tone; delay_m:
-    largest extra path (delays); whole: keep all antennas; pattern: exponent of the antennas'
-    pattern if legs have gains (simulation with spreading); beside: sine of the largest angle
-    between diffracted waves and the straight ray."""
+    """Settings that all boxes of a tree share.
+
+    tolerance: relative L2 error; apart: keep all tones, for one image per tone; whole: keep all
+    antennas. For simulation: delay_m: largest extra path of echoes, metres; pattern: exponent q of
+    the antennas' pattern cosᵠθ if echoes have gains (1/R and pattern), None if not; beside: sine of
+    the largest angle between a diffracted wave and the straight ray.
+    """
 
     tolerance: float
     apart: bool
@@ -106,13 +117,14 @@ class Family(NamedTuple):
 
 
 def needs_direct_sum(aperture: Aperture) -> bool:
-    """True for an aperture that skeletons do not suit: too many antennas (a raster scan has tens of
-    thousands of positions), or a list of pairs."""
+    """Return True for an aperture whose images are summed exactly, because compressing its antennas
+    does not pay: more than CROWDED antennas on one side (a raster scan has tens of thousands of
+    positions), or a list of pairs."""
     return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
 def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
-    """The root: all tones, all antennas, no phase removed."""
+    """Return the root of the tree: all tones and antennas, no phase removed from the samples."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
     legs = tuple(
         LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
@@ -126,7 +138,8 @@ def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
 
 
 def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
-    """Plan the node of a box inside its parent's box."""
+    """Choose the tones and antennas that a box inside its parent's box needs, and the weights that
+    combine the parent's samples into those of the box. keep_antennas: reduce the tones only."""
     lengths = [
         leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs
     ]
@@ -142,7 +155,7 @@ def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = Fal
 
 
 def split(box: Box, parts: np.ndarray) -> list[Box]:
-    """Split a box into parts [3] equal pieces along the axes."""
+    """Split a box into equal pieces, parts [3] along x, y, z; z varies fastest in the list."""
     edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
     return [
         Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))
@@ -150,8 +163,8 @@ def split(box: Box, parts: np.ndarray) -> list[Box]:
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
-    """Group points [n, 3] into clusters compact enough for one tree each: lists of indices. Boxes
-    are halved until they have at most SPARSE half-wavelengths cubed."""
+    """Group points [n, 3] into clusters that are compact enough for one plan each: lists of
+    indices. Boxes are halved until they hold at most SPARSE cubes of half a wavelength."""
     half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
     parts, near = [np.arange(len(points_m))], []
     while parts:
@@ -169,8 +182,13 @@ def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarra
 def _tones(
     parent: Node, box: Box, lengths: list[np.ndarray], family: Family
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Skeleton of the tones. Paths within the box differ by at most d = Σ_legs max|ΔR|, the
-    half-band over wavenumbers."""
+    """Choose the tones from which all others follow within the box: (their indices, real weights
+    [chosen, all]; empty weights: all are kept).
+
+    lengths: per leg, paths [n] from the parent's antennas to the box's centre, metres. Paths within
+    the box differ from them by at most d = Σ_legs max|ΔR|, which bounds the phases as functions of
+    the wavenumber.
+    """
     every = np.arange(len(parent.turns_per_m))
     if family.apart or len(every) <= 2:
         return every, np.zeros((0, 0), np.float32)
@@ -188,8 +206,9 @@ def _tones(
 def _antennas(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Skeleton of one leg's antennas: e^{jk(R_a(p) − R_a(c))} of all others follows from theirs,
-    for p in the box and all k.
+    """Choose the antennas of one leg from which all others follow within the box: (their indices,
+    real weights [chosen, all]; empty weights: all are kept). With them, e^{jk(R_a(p) − R_a(c))} is
+    known for every antenna, for p in the box, its centre c and all tones.
 
     The waves are sampled, not bounded by a band: near the aperture they are chirps, whose spectrum
     leaks out of any band. Real weights that fit the waves also fit their conjugates, so the real
@@ -213,7 +232,8 @@ def _antennas(
 def _reduced(
     reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the skeleton to its share of the tolerance, with weights in float32."""
+    """Choose members by reduce(tolerance), to a share of the tolerance that depends on how many are
+    left (SHARES) and on the box's size in wavelengths: (indices, float32 weights)."""
     together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
     for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
         index, weights = reduce(share * tolerance)
@@ -225,8 +245,8 @@ def _reduced(
 def _family_skeletons(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
 ) -> Reduce:
-    """The function that computes skeletons of a leg's antennas over a box. More than DIRECT
-    antennas are reduced in halves, recursively."""
+    """Return the function tolerance → (indices, weights) that chooses antennas of a leg for a box.
+    More than DIRECT antennas are reduced in halves, recursively."""
     n = len(leg.position_m)
     if n > DIRECT:
         order = np.argsort(
@@ -255,8 +275,8 @@ def _family_skeletons(
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [count, 3] of the box, denser towards its faces, where the errors are largest, and f/c
-    [count] of tones."""
+    """Choose sample points [count, 3] in the box, denser towards its faces, where errors are
+    largest, and a tone f/c [count] (1/m) for each."""
     across, share = _sequence(count)
     low, high = turns_per_m.min(), turns_per_m.max()
     return box.low_m + (box.high_m - box.low_m) * across, low + (high - low) * share
@@ -264,9 +284,9 @@ def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, 
 
 @lru_cache(maxsize=256)
 def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [count, 3] of the unit cube and shares [count] of a band, by an additive sequence
-    (Roberts' generalised golden ratio); deterministic. Cached: callers must not change the
-    arrays."""
+    """Return points [count, 3] of the unit cube and shares [count] of a band, 0 to 1, spread by an
+    additive sequence (Roberts' generalised golden ratio); deterministic. Cached: callers must not
+    change the arrays."""
     golden = 1.1673039782614187  # g⁵ = g + 1: the ratio for four dimensions
     u = (0.5 + np.arange(count)[:, None] / golden ** np.arange(1, 5)) % 1.0
     across = (1 - np.cos(np.pi * u[:, :3])) / 2

@@ -25,14 +25,15 @@ TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")
 
 
 def requested_tones_hz(config: Config) -> np.ndarray | None:
-    """The tones [f] that a configuration requests; None if it names none."""
+    """Return the tones [f], hertz, that a method's configuration requests; None if it names
+    none."""
     tones_hz: Any = getattr(config, "ladder_hz", getattr(config, "tones_hz", None))
     return None if tones_hz is None else np.asarray(tones_hz() if callable(tones_hz) else tones_hz)
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """Raise HandbenchError for a capture without the tones that a configuration requests; the
-    message has settings for the tones that it has."""
+    """Raise HandbenchError for a capture without the tones that a configuration requests. If other
+    settings fit the capture's tones, the message names them."""
     if (asked := requested_tones_hz(config)) is None:
         return
     try:
@@ -53,8 +54,8 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
 
 
 def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
-    """Settings, among the `known` names, with which a method uses the capture's tones, the highest
-    first."""
+    """Choose settings with which a method uses the capture's tones_hz [f], highest first: values by
+    name, of the names in `known`."""
     if "count" in known:
         return {
             "start_hz": float(tones_hz[-1]),
@@ -73,14 +74,16 @@ def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str,
 
 
 def _text(value: Any) -> str:
-    """A setting's value as on the command line."""
+    """Format a setting's value as it is written on the command line."""
     if isinstance(value, tuple):
         return f"'[{','.join(map(_text, value))}]'"
     return f"{value / 1e9:.10g}e9" if isinstance(value, float) else str(value)
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
-    """Yield sentences on the limits of a depth map of this capture's frame."""
+    """Yield sentences for the user on what limits a depth map of this capture's frame: ambiguous
+    depths, echoes at an end of the depth box, low range resolution, a short unambiguous range.
+    config: of the method that made it."""
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
@@ -135,8 +138,9 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 
 
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
-    """Distance of the target behind a map's strongest pixels, metres, from a pair of the capture's
-    tones that are closer together than those requested; 0 without such a pair."""
+    """Estimate how far the target lies behind the depths of a map's strongest pixels, metres, by a
+    pair of the capture's tones closer together than those requested (asked_hz), which is less
+    ambiguous; 0 without such a pair, or if its images are noise."""
     from handbench.radar.imaging.api import image_points
     from handbench.radar.methods.fsk import depth_step_m
 

@@ -54,8 +54,9 @@ CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
-    """Aligned shifts, each field [n]: shift_m, its standard deviation sigma_m, the coherence P, and
-    the probability `other` that the second maximum of P is the right one."""
+    """Result of `align` for n pixels, each field [n]: shift_m, the shift along z at which the tones
+    agree; sigma_m, its standard deviation; coherence, P at that shift, 0 to 1; other, the
+    probability that the second highest maximum of P is the right one."""
 
     shift_m: np.ndarray
     sigma_m: np.ndarray
@@ -66,9 +67,12 @@ class Alignment(NamedTuple):
 def align(
     images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float | None = None
 ) -> Alignment:
-    """Find the shifts within ±reach_m that align images [f, n] of the tones [f], f ≥ 3. rise [n]:
-    growth of the path per metre along z. Default reach: a range cell c/2B, at most half of the
-    period of evenly spaced tones."""
+    """Find, for n pixels, the shift along z within ±reach_m at which the images [f, n] of f ≥ 3
+    tones have the same phase: an `Alignment`.
+
+    rise [n]: growth of the path per metre along z (`radar.methods.fsk.path_rise`). reach_m=None: a
+    range cell c/2B, but at most half of the period of evenly spaced tones.
+    """
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
     cell_m = SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
     if reach_m is None:
@@ -102,9 +106,13 @@ def align(
 def filter_by_agreement(
     depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
 ) -> DepthMap:
-    """Drop pixels without a depth from an aligned depth map with that coherence [ny, nx], and
-    filter it. σ² is the sum of the tones' variance and that of the speckle, which the filter
-    removes and the tones of one pixel do not show."""
+    """Return an aligned depth map averaged over neighbouring pixels, with predicted 1σ and flags;
+    doubtful pixels are dropped (NaN) if so configured.
+
+    coherence [ny, nx]: of the tones at the depths; bandwidth_hz: of the tones. Doubtful are pixels
+    without coherence, and those just behind a nearer surface. σ² is the sum of the tones' variance
+    and that of the speckle, which the filter removes and the tones of one pixel do not show.
+    """
     none, grid = coherence < NONE, PixelGrid(depth.x_m, depth.y_m)
     reach_px = [
         int(config.edge_m / np.diff(axis).mean() + 1e-6) if len(axis) > 1 else 0
@@ -126,8 +134,9 @@ def filter_by_agreement(
 
 
 def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """True where the map [ny, nx] has a depth nearer by more than gap_m within ±reach_px (y, x): at
-    an outline, side lobes of bright surfaces behind it are stronger than the dark edge itself."""
+    """Return True where a depth map [ny, nx] has, within ±reach_px pixels (y, x), a depth nearer by
+    more than gap_m, metres. There, at an outline, side lobes of bright surfaces behind it are
+    stronger than the dark edge itself."""
     nearest_m = minimum_filter(
         np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
     )
@@ -135,11 +144,12 @@ def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.
 
 
 def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of a frame from any tones at once, with σ and flags. Raises
-    HandbenchError for a capture without these tones.
+    """Compute the depth map of a frame from any tones at once, with predicted 1σ and flags. Raises
+    HandbenchError for a capture without the configured tones.
 
     The shift that aligns all tones is searched in a wide range around the depth of the first pair;
-    the pixels are then imaged at the depths found, and the shift is searched again."""
+    the pixels are then imaged at the depths found, and the shift is searched again.
+    """
     tones, whole = Tones.of(capture, config, frame), config.grid()
     step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
     z_m, amplitude = uncertainty.add(step), step.amplitude
@@ -183,8 +193,9 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
 def capon(
     images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float
 ) -> np.ndarray:
-    """Find the shifts [n] within ±reach_m with the highest Capon spectrum of images [f, n] at
-    evenly spaced tones [f]. rise [n]: growth of the path per metre along z."""
+    """Find, for n pixels, the shift along z within ±reach_m, metres, with the highest Capon
+    spectrum of the images [f, n] at evenly spaced tones [f]: [n]. rise [n]: growth of the path per
+    metre along z."""
     half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
     bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(
         np.complex128
@@ -200,8 +211,9 @@ def capon(
 
 
 def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
-    """Find the shifts [n] within ±reach_m of the highest coherence. image: shift → the tones'
-    images [f, n]."""
+    """Find, for n pixels, the shift along z within ±reach_m, metres, at which the tones' images are
+    most coherent: [n]. image: function from a shift in metres to the tones' images [f, n] of the
+    points shifted by it."""
     tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
     images = map(image, tried_m)
     factors = [
@@ -211,12 +223,13 @@ def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np
 
 
 def _form(inverse: np.ndarray, steering: np.ndarray) -> np.ndarray:
-    """The quadratic form aᴴ R⁻¹ a, [n]."""
+    """Compute the quadratic form aᴴ R⁻¹ a of each pixel: [n], from R⁻¹ [n, i, i] and a [n, i]."""
     return np.asarray(np.einsum("ni,nij,nj->n", steering.conj(), inverse, steering).real)
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:
-    """Shift images [f, n] in depth by turning their phases."""
+    """Turn the phases of images [f, n] by k · shift_m, k [f, n] in rad/m: to first order, the
+    images at points shifted along z."""
     return np.asarray(images * np.exp(1j * k * shift_m))
 
 
@@ -225,5 +238,6 @@ def _sum(images: np.ndarray) -> np.ndarray:
 
 
 def _residual(images: np.ndarray) -> np.ndarray:
-    """Phases [f, n] relative to the phase of the sum."""
+    """Return the phases [f, n] of images relative to the phase of their sum over the tones,
+    radians."""
     return np.angle(images * np.conj(_sum(images)))

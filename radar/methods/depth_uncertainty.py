@@ -85,8 +85,9 @@ FEATURES = (
 
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Quadrature step cρ / (4πΔf), metres: `radar.methods.fsk.depth_step_m` with the relative
-    difference ρ of the amplitudes in place of φ."""
+    """Compute the quadrature step cρ / (4πΔf), metres, of two images: a depth step as large as the
+    error of `radar.methods.fsk.depth_step_m`, which has the phase φ in place of ρ, the relative
+    difference of the amplitudes. difference_hz: Δf = f_b − f_a."""
     b, a = np.abs(image_b).astype(np.float64), np.abs(image_a).astype(np.float64)
     with np.errstate(invalid="ignore"):  # an image of zeros has no confidence
         ratio = 2 * (b - a) / (b + a)
@@ -94,10 +95,12 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
 
 
 def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
-    """Predicted 1σ of the depth [ny, nx], metres, from its quadrature step and amplitude [ny, nx];
-    NaN off target.
+    """Predict the standard deviation (1σ) of the depth, metres, from its quadrature step (see
+    `quadrature_step_m`) and amplitude: all [ny, nx], NaN off target. window_px: window of the local
+    mean square.
 
-    The median of many pixels is subtracted first: the tones may differ in gain.
+    The median of the quadrature step is subtracted first, if there are enough pixels: the tones may
+    differ in gain.
     """
     known = np.isfinite(quadrature_m)
     if not known.any():
@@ -113,16 +116,21 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
 def speckle_spread_m(
     points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int
 ) -> np.ndarray:
-    """Predicted 1σ of the depth [ny, nx], metres, from the deviation of points [ny, nx, 3] from
-    their local mean: the speckle, which may turn all tones of a pixel by the same phase."""
+    """Predict the standard deviation (1σ) of the depth that is due to speckle, which may turn all
+    tones of a pixel by the same phase: [ny, nx], metres.
+
+    It is measured from the deviation of the surface's points [ny, nx, 3] from their local mean,
+    over filter_px pixels (LOCAL_PX at least). spread_px: window of the mean square of these
+    deviations.
+    """
     distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
     return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude, spread_px)
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """True where a phase with an unambiguous range of ±ambiguity is noise: three standard
-    deviations fill the circle.
+    """Return True where a phase with predicted depth error sigma_m and an unambiguous range of
+    ±ambiguity_m is only noise: three standard deviations fill the circle.
 
     Amplitudes show σ_φ = πσ_z/a only up to that of unrelated images, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²)
     corrects this, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
@@ -134,10 +142,11 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
 def wrap_probability(
     step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float
 ) -> np.ndarray:
-    """Probability that a phase step, unambiguous within ±a, is off by one period 2a.
+    """Compute the probability that a depth step step_m from a phase, unambiguous within ±a =
+    ambiguity_m, is off by one period 2a. sigma_m: standard deviation σ of the depth before the
+    step.
 
-    The point's error before the step is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a −
-    |Δz|)/σ²).
+    That depth's error is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
     """
     variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
     with np.errstate(over="ignore"):
@@ -145,8 +154,9 @@ def wrap_probability(
 
 
 def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of `radar.methods.fsk.fsk` with predicted 1σ and flags, from its
-    imaging steps: after the method, or step by step if flagged pixels are dropped."""
+    """Compute the depth map of `radar.methods.fsk.fsk` with predicted 1σ and flags for pixels that
+    may be wrong, both from the method's imaging steps. If flagged pixels are to be dropped
+    (drop_wrapped), this happens after each step."""
     uncertainty = Uncertainty(config)
     if isinstance(config, RefinedConfig) and config.drop_wrapped:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
@@ -158,10 +168,12 @@ def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 
 
 
 class Uncertainty:
-    """Predicted error and flags of a depth map from its FSK steps, in their order.
+    """Predicted errors and flags of a depth map, built up from the imaging steps of an FSK method:
+    call `add` for each in order, then `added_to`.
 
-    quadrature_m [ny, nx]: the quadrature step, with the filters of the depths; wrapped [ny, nx]:
-    True where a phase may have wrapped. Both are on the grid of the steps.
+    quadrature_m [ny, nx]: the last quadrature step (`quadrature_step_m`), filtered like the depths;
+    wrapped [ny, nx]: True at flagged pixels, whose phase may have wrapped or is noise. Both are on
+    the grid of the steps.
     """
 
     def __init__(self, config: FskConfig) -> None:
@@ -170,8 +182,8 @@ class Uncertainty:
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
     def add(self, step: FskStep) -> np.ndarray:
-        """Process the next step and return its depths [ny, nx], NaN at flagged pixels if the
-        configuration drops them."""
+        """Take in the next imaging step and return its depths [ny, nx], metres, NaN off target and,
+        if the configuration drops them (drop_wrapped), at flagged pixels."""
         if self.last is not None and isinstance(self.config, RefinedConfig):
             self.wrapped = self._surface(step, self.last, self.config)
         self.quadrature_m = quadrature_m(step)
@@ -184,7 +196,7 @@ class Uncertainty:
         return np.where(self.wrapped, np.nan, step.z_m)
 
     def added_to(self, depth: DepthMap) -> DepthMap:
-        """Add predicted 1σ and flags to the final map."""
+        """Return the final depth map with sigma_m, the predicted 1σ, and wrapped, the flags."""
         step = self.last
         assert step is not None
         whole = PixelGrid(depth.x_m, depth.y_m)
@@ -201,8 +213,8 @@ class Uncertainty:
         return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
     def _plane(self, step: FskStep) -> np.ndarray:
-        """Flags of the coarse stage: noise, depths behind the array, and all pixels if the plane of
-        another period is sharper."""
+        """Flag pixels of the first step, in the plane [ny, nx]: noise, depths behind the array, and
+        all pixels if the plane one period before or behind has the sharper image."""
         noise = incoherent(
             step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor
         )
@@ -216,8 +228,9 @@ class Uncertainty:
         )
 
     def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
-        """Flags of a rung: earlier flags, points where the tones disagree, and points that may be
-        off by a period."""
+        """Flag pixels of a later step, with a further tone or repeated [ny, nx]: those flagged
+        before, those where the depths by the new tone and each of the first two disagree, and those
+        that may be off by a period. before: the step before it."""
         if len(step.tones) > len(before.tones):
             self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
         # The rung below, imaged at the same points, shows wrong starting depths: a filter crossed
@@ -240,14 +253,15 @@ class Uncertainty:
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
-    """The quadrature step [ny, nx] of an FSK step, in the same units as its depth step."""
+    """Compute the quadrature step (`quadrature_step_m`) of an imaging step [ny, nx], metres, with
+    the same average over tones and the same factor as its depth correction."""
     return step.on_map(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
 
 
 def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
-    """True if the plane one period before or behind the step's, where the pair has the same phase,
-    has a higher peak without being more spread out: the wider cells of a farther plane collect
-    echoes of several places."""
+    """Return True if the plane one period before or behind the step's, where the pair of tones has
+    the same phase, has a higher peak and an image that is not more spread out: the wider resolution
+    cells of a farther plane collect echoes of several places."""
     tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
     planes = [
         _focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
@@ -257,9 +271,12 @@ def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
 
 
 def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
-    """Focus of a plane at one tone: the highest amplitude, on points a resolution cell λz/2D apart
-    and then around the highest, and the area (∫P)² / ∫P² of these points' power P, m². Exact sums,
-    since so few points are not worth a plan."""
+    """Image a plane coarsely at one tone and measure its focus: (highest amplitude, area in m² that
+    the image is spread over). The area is (∫P)² / ∫P² of the power P.
+
+    The points are a resolution cell λz/2D apart, and closer around the highest. Exact sums, since
+    so few points are not worth a plan.
+    """
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
     cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
@@ -282,7 +299,9 @@ def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
 def with_p_gross(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> DepthMap:
-    """Add p_gross [ny, nx], NaN off target, to a map. Maps of other sensors stay unchanged."""
+    """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
+    5 mm: NaN off target, 1 for depths behind the array. Maps of other sensors stay unchanged.
+    config: of the method that made the map."""
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
@@ -292,14 +311,15 @@ def with_p_gross(
 
 
 def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The logistic function [n] of features [n, k] with weights [1 + k], the constant first."""
+    """Compute the probabilities [n] of a logistic model from features `found` [n, k] and weights [1
+    + k], the constant first."""
     return 1 / (1 + np.exp(-np.clip(weights[0] + found @ weights[1:], -30, 30)))
 
 
 @cache
 def known_weights() -> dict[str, np.ndarray]:
-    """Read the weights [1 + k] of each method, once per process; "any": weights for other
-    methods."""
+    """Read the weights [1 + k] of p_gross's logistic model for each method's id, once per process;
+    "any" holds those for other methods."""
     found = tomllib.loads(WEIGHTS.read_text("utf-8"))
     return {
         id: np.array([values[name] for name in ("constant", *FEATURES)])
@@ -308,8 +328,8 @@ def known_weights() -> dict[str, np.ndarray]:
 
 
 def weights_of(method: str) -> np.ndarray:
-    """Weights [1 + k] of a method: its own, else those of the method that it is a variant of, else
-    "any"."""
+    """Return the weights [1 + k] of p_gross's logistic model for a method's id: its own, else those
+    of the method that it is a variant of, else those for "any"."""
     return next(
         known_weights()[id]
         for id in (method, method.rpartition("-")[0], "any")
@@ -320,8 +340,8 @@ def weights_of(method: str) -> np.ndarray:
 def features(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices [n] of the pixels with a depth in front of the array, and their features [n,
-    k]."""
+    """Compute what p_gross is predicted from: (flat indices [n] of the pixels with a depth in front
+    of the array, their features [n, k] in the order of FEATURES)."""
     on = np.nan_to_num(depth.z_m) > 0
     index = np.flatnonzero(on)
     if not len(index):
@@ -342,15 +362,16 @@ def features(
 
 
 def _log(ratio: np.ndarray) -> np.ndarray:
-    """log10, clipped to ±2; 2 for NaN."""
+    """Compute log10 of a ratio, clipped to ±2; 2 for NaN."""
     return np.log10(np.clip(np.nan_to_num(ratio, nan=1e2, posinf=1e2), 1e-2, 1e2))
 
 
 def _of_tones(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Features [n] from images at the depths found, at the method's tones, or the capture's if its
-    configuration names none."""
+    """Compute the features [n], by name, that need images: of the pixels with flat indices [n],
+    imaged at the depths found, at some of the method's tones (the capture's if the configuration
+    names none)."""
     tones_hz = capture.frequencies_hz if (asked := requested_tones_hz(config)) is None else asked
     some = even_subset(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
@@ -381,7 +402,8 @@ def _of_tones(
 
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
-    """Features [n] of each pixel's neighbourhood in the map."""
+    """Compute the features [n], by name, that follow from the map alone: depths and amplitudes
+    around each pixel where `on` [ny, nx] is True."""
     box = bounding_box(on)
     on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
     window = [

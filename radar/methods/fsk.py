@@ -35,8 +35,9 @@ def fsk(
     frame: int = 0,
     on_step: Callable[[FskStep], np.ndarray] | None = None,
 ) -> tuple[DepthMap, list[FskStep]]:
-    """Depth map of a frame by 2-FSK, 3-FSK or a longer ladder (Bräunig et al., section II), and the
-    imaging steps that led to it, from which `radar.methods.depth_uncertainty` computes σ and flags.
+    """Compute the depth map of a frame by 2-FSK, 3-FSK or a longer ladder of tones (Bräunig et al.,
+    section II): (map, imaging steps that led to it). `radar.methods.depth_uncertainty` computes σ
+    and flags from the steps.
 
     on_step: called after each imaging step; returns the depths [ny, nx] in metres for the next one
     (default: the step's own).
@@ -68,7 +69,8 @@ def fsk(
 
 
 def first_step(tones: Tones, config: FskConfig) -> FskStep:
-    """Steps 1 to 3: the pixels on target, imaged in the plane that the first two tones find."""
+    """Do steps 1 to 3 of the method: find the target's plane by the first two tones, image it, and
+    return the imaging step of the pixels at or above the threshold."""
     # 1: the plane z_e is imaged at f1 and f2.
     pair, grid, z_e = tones.first(2), config.grid(), config.first_depth_m
     plane = pair.plane(grid, z_e)
@@ -84,14 +86,16 @@ def first_step(tones: Tones, config: FskConfig) -> FskStep:
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Depth step Δz = −cφ / (4πΔf), metres, from the phase φ = arg(O_b conj(O_a)) between two
-    images; difference_hz: Δf = f_b − f_a."""
+    """Compute the depth step Δz = −cφ / (4πΔf), metres, from the phase φ = arg(O_b conj(O_a))
+    between two images: from the depth they are formed at to the scatterer's. difference_hz: Δf =
+    f_b − f_a."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
 
 def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """d(|p − t| + |p − r|)/dz [n] at points [n, 3], averaged over the channels."""
+    """Compute the growth of the path per metre along z, d(|p − t| + |p − r|)/dz, at points p [n,
+    3], averaged over the channels: [n], at most 2, which holds on the axis far away."""
     points = np.ascontiguousarray(points_m, np.float64)
     rises = (leg.passes * mean_rise(leg.position_m, leg.channels, points) for leg in aperture.legs)
     return np.asarray(sum(rises))
@@ -99,8 +103,9 @@ def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Tones:
-    """The samples [f, …] of some tones frequencies_hz [f], with the aperture and the settings of
-    imaging."""
+    """The samples [f, …] of a method's tones frequencies_hz [f] in one frame, in the order in which
+    the method uses them, with the aperture and the method's configuration: all that imaging
+    needs."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -109,7 +114,8 @@ class Tones:
 
     @classmethod
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
-        """The configured tones of a frame."""
+        """Return a capture's samples at the configured tones, of one frame, scaled to about 1.
+        Raises HandbenchError if a tone was not measured."""
         samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
         return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config)
 
@@ -118,8 +124,8 @@ class Tones:
 
     @property
     def period_m(self) -> float:
-        """Distance on the axis between depths with the same phase between the last tone and the
-        first two."""
+        """Smallest distance, in metres on the axis, between depths that have the same phase between
+        the last tone and one of the first two."""
         return SPEED_OF_LIGHT_M_S / (2 * reach_hz(self.frequencies_hz))
 
     def first(self, count: int) -> Tones:
@@ -129,13 +135,15 @@ class Tones:
         )
 
     def images(self, points_m: np.ndarray, tolerance: float | None) -> np.ndarray:
-        """Image points [n, 3] at every tone: complex64 [f, n]."""
+        """Image points_m [n, 3], in metres, at every tone: complex64 [f, n]. tolerance: largest
+        relative L2 error; None: exact."""
         return image_points(
             self.samples, self.frequencies_hz, self.aperture, points_m, tolerance, apart=True
         )
 
     def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
-        """Image all pixels of a plane, without the phase that all tones share."""
+        """Image all pixels of the plane at depth z_m at every tone, without the phase that all
+        tones share: an imaging step."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
             self.samples,
@@ -159,7 +167,8 @@ class Tones:
         )
 
     def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
-        """Image the pixels with a finite depth z_m [ny, nx] at that depth."""
+        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at every tone: an
+        imaging step."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         return _step(
@@ -173,11 +182,12 @@ class Tones:
 
 @dataclass(frozen=True)
 class FskStep:
-    """One imaging step: images [f, n] of `tones` at the pixels index [n] (flat) of a grid.
+    """One imaging step of an FSK method: complex images [f, n] of `tones` at the pixels of a grid
+    with flat indices index [n], and the depths that follow from their phases.
 
-    formed_m: depths before the step, one or [n], where the images are formed; z_m: depths after
-    it; amplitude: mean magnitude of the images [ny, nx]; peak: the highest magnitude of the first
-    tone's whole image.
+    formed_m: depths before the step, one or [n], where the images are formed; z_m: depths after it;
+    amplitude: mean magnitude of the images [ny, nx]; peak: the highest magnitude of the first
+    tone's whole image, in a plane (else NaN).
     """
 
     tones: Tones
@@ -190,15 +200,16 @@ class FskStep:
 
     @cached_property
     def factor(self) -> np.ndarray | float:
-        """Factor of Δz at the pixels [n]: 2 over `path_rise` where `off_axis` is configured, 1.3 at
-        the corner of the paper's image; else the paper's 1."""
+        """Factor [n] of the pixels' depth steps for the path off the axis: 2 over `path_rise` where
+        `off_axis` is configured (1.3 at the corner of the paper's image), else the paper's 1."""
         if not self.tones.config.off_axis:
             return 1.0
         return 2 / path_rise(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
 
     @cached_property
     def correction_m(self) -> np.ndarray:
-        """Correction [n], metres, of the depths that the images were formed at, from the phases."""
+        """Correction [n], metres, that the phases make to the depths where the images were
+        formed."""
         return self.steps_m().mean(axis=0) * self.factor
 
     @cached_property
@@ -209,8 +220,9 @@ class FskStep:
     def steps_m(
         self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m
     ) -> np.ndarray:
-        """Depth steps [1 or 2, n] between the last tone and the first two (with two tones, the
-        other one)."""
+        """Compute depth steps, metres, between the last tone and each of the first two: [2, n], or
+        [1, n] with two tones. step_m: function (image, last image, difference in hertz) → steps, by
+        default from the phase."""
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
         return np.array(
@@ -218,18 +230,19 @@ class FskStep:
         )
 
     def only(self, index: np.ndarray) -> FskStep:
-        """The step of some of a plane's pixels."""
+        """Return the imaging step of a plane for some of its pixels only, with flat indices [n]."""
         return replace(self, index=index, images=self.images[:, index])
 
     def cropped(self) -> FskStep:
-        """The step on the smallest part of its grid that contains the target."""
+        """Return the step on the smallest part of its grid that contains all of its pixels."""
         on_target = self.on_map(np.array(True), False)
         box = bounding_box(on_target)
         index, amplitude = np.flatnonzero(on_target[box]), self.amplitude[box]
         return replace(self, grid=self.grid.part(box), index=index, amplitude=amplitude)
 
     def below(self) -> FskStep:
-        """The same step without its last tone."""
+        """Return the same step without its last tone: images at the same points, with depths from
+        fewer tones."""
         return _step(
             self.tones.first(len(self.tones) - 1),
             self.grid,
@@ -239,16 +252,18 @@ class FskStep:
         )
 
     def filtered(self, values: np.ndarray, size_px: int) -> np.ndarray:
-        """Apply the averaging filter to a map [ny, nx], weighted with power if so configured."""
+        """Average a map [ny, nx] over a window of size_px × size_px, weighted with the pixels'
+        power if so configured; NaN stays NaN."""
         weighted = isinstance(self.tones.config, RefinedConfig) and self.tones.config.weighted
         return masked_mean(values, size_px, self.amplitude**2 if weighted else None)
 
     def at(self, values: np.ndarray) -> np.ndarray:
-        """The values of a map [ny, nx] at the pixels: [n]."""
+        """Return the values [n] of a map [ny, nx] at the step's pixels."""
         return values.ravel()[self.index]
 
     def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
-        """The pixels' values [n] as a map [ny, nx]."""
+        """Return the values [n] of the step's pixels as a map [ny, nx], with `elsewhere` at all
+        others."""
         return self.grid.on_map(self.index, values, elsewhere)
 
 
@@ -264,8 +279,8 @@ def _step(
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Average the finite neighbours in a size × size window (normalised convolution), with a weight
-    per pixel if given; NaN stays NaN. values, weight: [ny, nx]."""
+    """Average a map [ny, nx] over a window of size_px × size_px around each pixel, leaving out NaN
+    (normalised convolution); NaN stays NaN. weight [ny, nx]: of each pixel, None for equal ones."""
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
@@ -278,8 +293,9 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
 
 @njit(**FAST)
 def _window_means(values, weight, size_px):  # type: ignore[no-untyped-def]
-    """Weighted means [ny, nx] over each window, of pixels with weights above 0. Windows are summed
-    separately: a running sum would carry the rounding of strong pixels to weak ones."""
+    """Compute the weighted mean over the window around each pixel: [ny, nx]; only pixels with
+    weights above 0 count. Windows are summed separately: a running sum would carry the rounding of
+    strong pixels to weak ones."""
     ny, nx = values.shape
     before, behind = size_px // 2, (size_px - 1) // 2
     along, means, total = np.zeros((2, ny, nx)), np.empty((ny, nx)), np.empty((2, nx))

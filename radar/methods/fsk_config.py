@@ -29,18 +29,20 @@ Tone = Annotated[float, Field(gt=0)]
 
 
 class PixelsConfig(GridConfig):
-    """The pixels of a depth map: all that another sensor's is asked for."""
+    """The pixels of a depth map, for methods that need no other parameters, such as the depth of
+    another sensor."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
 
     def grid(self) -> PixelGrid:
-        """The pixels."""
+        """Return the pixels."""
         return PixelGrid(self.x.values_m(), self.y.values_m())
 
 
 class FskConfig(PixelsConfig):
-    """Parameters that all FSK methods share."""
+    """Parameters that all FSK methods share: methods that find depth from the phase between images
+    at a few tones."""
 
     first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
     threshold_db: float = Field(
@@ -64,7 +66,8 @@ class FskConfig(PixelsConfig):
 
 
 class AgreementConfig(GridConfig):
-    """Parameters of depths at which tones agree: which are kept, and how they are averaged."""
+    """Parameters of methods that find depths at which several tones' phases agree: which depths are
+    kept, and how they are averaged."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -83,7 +86,7 @@ class AgreementConfig(GridConfig):
 
 
 class TwoToneConfig(FskConfig):
-    """2-FSK with the paper's parameters."""
+    """Parameters of 2-FSK, depth from two close tones; the defaults are the paper's."""
 
     f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
     f2_hz: float = Field(
@@ -92,7 +95,7 @@ class TwoToneConfig(FskConfig):
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
-        """The tones, as `LadderConfig` lists them."""
+        """The tones f1, f2 and, if there is one, f3, hertz."""
         return tuple(
             getattr(self, tone)
             for tone in ("f1_hz", "f2_hz", "f3_hz")
@@ -101,8 +104,8 @@ class TwoToneConfig(FskConfig):
 
 
 class RefinedConfig(FskConfig):
-    """Parameters of the methods with further tones; the paper does not give the sizes of its
-    filters."""
+    """Parameters of the methods with three or more tones, whose further tones refine the depth. The
+    paper does not give the sizes of its filters."""
 
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter before each further tone, pixels"
@@ -123,13 +126,15 @@ class RefinedConfig(FskConfig):
 
 
 class ThreeToneConfig(TwoToneConfig, RefinedConfig):
-    """3-FSK with the paper's parameters."""
+    """Parameters of 3-FSK, two close tones and a third far from them; the defaults are the
+    paper's."""
 
     f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
 
 
 class LadderConfig(RefinedConfig):
-    """Any number of tones: the first pair finds the depth, each further tone refines it."""
+    """Any number of tones, a ladder: the first two, close together, find the depth roughly, and
+    each further one, a rung further away, refines it."""
 
     phase_noise_rad: float = Field(
         default=0.03,
@@ -143,7 +148,7 @@ class LadderConfig(RefinedConfig):
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
-        """The tones."""
+        """The tones, hertz, the closest pair first."""
         return self.tones_hz
 
     @field_validator("tones_hz")
@@ -157,8 +162,8 @@ class LadderConfig(RefinedConfig):
 
 
 class JointConfig(AgreementConfig, FskConfig):
-    """Any set of tones at once: the first pair finds the plane, all together find each pixel's
-    depth."""
+    """Any set of three or more tones at once: the first two, the closest, find the target's plane,
+    all together find each pixel's depth."""
 
     off_axis: bool = Field(
         default=True, description="use the path's true derivative along z instead of 2"
@@ -182,7 +187,7 @@ class JointConfig(AgreementConfig, FskConfig):
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
-        """The tones."""
+        """The tones, hertz, the closest pair first."""
         return self.tones_hz
 
     @field_validator("tones_hz")
@@ -199,8 +204,8 @@ class JointConfig(AgreementConfig, FskConfig):
 
 
 class PriorConfig(AgreementConfig, FskConfig):
-    """Two tones far apart around a first depth of each pixel, and a third that reveals wrong first
-    depths."""
+    """Two tones far apart, which measure depths around a first depth of each pixel from another
+    source, and a third, close to the first, which reveals wrong first depths."""
 
     threshold_db: float = Field(
         default=-16.0, lt=0, description="pixels weaker than this are off target"
@@ -228,7 +233,7 @@ class PriorConfig(AgreementConfig, FskConfig):
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
-        """The tones, the close pair first."""
+        """The three tones, hertz: f1, the close one, the far one."""
         return self.f1_hz, self.close_hz, self.far_hz
 
     @model_validator(mode="after")
@@ -241,7 +246,9 @@ class PriorConfig(AgreementConfig, FskConfig):
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
-    """Raise ValueError for a ladder that fails even at the strongest pixel.
+    """Raise ValueError for a ladder of tones whose steps are too large to be unambiguous even at
+    the strongest pixel, where phases between two tones have the standard deviation phase_noise_rad,
+    or whose tones are not in order of distance from the first two.
 
     σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤
     π/(SIGMAS·σ_φ).
@@ -269,8 +276,8 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
 
 
 def reach_hz(tones_hz: Iterable[float]) -> float:
-    """Larger distance of the last tone from the first two (with two tones, the other one), hertz;
-    its step is unambiguous within ±c/(4·reach)."""
+    """Return the larger distance, in hertz, of the last tone from the first two (of two tones: from
+    the other one). The depth step of the last tone is unambiguous within ±c/(4·reach)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
 

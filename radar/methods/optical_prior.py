@@ -30,8 +30,13 @@ WITNESS_PX = 15  # window of the close pair's mean: about ten resolution cells
 
 
 def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of a frame, with σ and flags. Raises HandbenchError for a prior on
-    other pixels, without depths, or with a median error of most of half a period."""
+    """Compute the depth map of a frame from two tones far apart, around first depths from a depth
+    map, another sensor or the echoes' close tones (`config.prior`), with predicted 1σ and flags
+    where the depth may be off by a period.
+
+    Raises HandbenchError for a prior map on other pixels or without depths, and for a prior whose
+    median error exceeds MOST_OFF of half a period.
+    """
     tones, whole = Tones.of(capture, config, frame), config.grid()
     grid, first_m = _first_depths(tones, config, capture, frame)
     step = tones.surface(grid, first_m)
@@ -58,8 +63,9 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
 def other_sensor(
     capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0
 ) -> DepthMap:
-    """Depth map of another sensor, without amplitudes. Raises HandbenchError if the capture has no
-    such sensor, or it has no depth at these pixels."""
+    """Return the depth map of another sensor that saw the scene, named as in `capture.sensors`, on
+    the configured pixels; amplitude_db is 0 where it has a depth and −inf elsewhere. Raises
+    HandbenchError if the capture has no such sensor, or the sensor has no depth at these pixels."""
     if name not in capture.sensors:
         known = ", ".join(capture.sensors) or "the radar's alone"
         raise HandbenchError(
@@ -78,8 +84,9 @@ def other_sensor(
 def _first_depths(
     tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int
 ) -> tuple[PixelGrid, np.ndarray]:
-    """First depths [ny, nx], from a file, a sensor or the echoes, with the part of the grid that
-    has them."""
+    """Return the first depths, from a depth map's file, another sensor or the echoes' close tones:
+    (the smallest part of the pixel grid that holds them all, z_m [ny, nx] on it, metres, NaN where
+    there is none)."""
     whole = config.grid()
     if not config.prior:
         step = first_step(tones, config).cropped()
@@ -104,7 +111,9 @@ def _first_depths(
 
 
 def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) -> np.ndarray:
-    """True [ny, nx] where the close pair or the neighbours indicate a depth of another period."""
+    """Flag pixels whose depth may be off by a period, because the close pair of tones or the
+    neighbouring pixels indicate another one: boolean [ny, nx]. Raises HandbenchError for a
+    configured prior that is wrong as a whole."""
     close, power = step.below(), step.amplitude**2
     apart_m = step.on_map(close.correction_m - step.correction_m)
     whole_m = np.median(close.correction_m)

@@ -70,8 +70,9 @@ def _preset(
     source: str = OURS,
     **defaults: bool | float | str,
 ) -> None:
-    """Register make(capture, config, frame, id) with other defaults than the configuration's. The
-    id of a variant begins with the id of its base method."""
+    """Register a method that runs make(capture, config, frame, id), with other defaults than those
+    of the configuration class. If the id ends in -word, the part before it is the id of the method
+    that this is a variant of."""
     if defaults:
         known = config.model_fields  # whose limits hold on
         fields: dict[str, Any] = {

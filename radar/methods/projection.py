@@ -46,7 +46,7 @@ Exact = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> np.ndarray:
-    """Image the configured voxels: complex64 [nz, ny, nx]."""
+    """Image the configured voxels at the configured tones: complex64 [nz, ny, nx]."""
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     return image_volume(samples, frequencies_hz, capture.aperture, config.grid(), config.tolerance)
 
@@ -54,8 +54,12 @@ def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> n
 def project(
     capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0
 ) -> DepthMap:
-    """Compute the `maximum_projection` of the configured voxels without storing the volume; pixels
-    whose tones are incoherent at their depth are flagged too."""
+    """Compute the depth map of a frame by maximum intensity projection, without storing the volume;
+    with an `AlignedConfig`, depths are refined to those at which the tones' phases agree.
+
+    method: id stored in the map. Flagged are pixels whose strongest voxel is the first or the last
+    along z, and pixels whose tones are too incoherent there for an echo.
+    """
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = scaled_to_one(samples), config.grid()
     kept, reuse = _CACHE.get(({}, False))
@@ -117,12 +121,12 @@ def project(
 
 
 def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
-    """Correct the peaks of all pixels at or above the threshold to the strongest voxels of the
-    exact image.
+    """Correct the strongest voxels of a tolerant image to those of the exact image, for pixels at
+    or above the threshold: voxels are imaged exactly where the image's error leaves doubt.
 
-    exact: flat pixel index [n] and voxel index along z [n] → magnitude [n] in the exact image.
-    beside: number of voxels along z if the neighbours of replaced peaks are needed, too; 0: they
-    become NaN.
+    exact: function (flat pixel indices [n], indices along z [n]) → magnitudes [n] in the exact
+    image. beside: number of voxels along z if the magnitudes of the voxels before and behind a
+    changed peak are needed too; 0: they become NaN.
     """
     doubt = SURE * peaks.error
     if doubt == 0:
@@ -152,9 +156,10 @@ def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 
 
 
 def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """Least coherence |Σ O|² / (N Σ |O|²) of the N = count tones' images O at a pixel's strongest
-    voxel for an echo: one depth has 1, noise 1/N on average. Σ |O|² is estimated from n = `known`
-    of the tones.
+    """Compute the least coherence |Σ O|² / (N Σ |O|²) of the images O of N = count tones at a
+    pixel's strongest voxel with which it counts as an echo: a target at one depth has 1, noise 1/N
+    on average. Σ |O|² is estimated from n = `known` of the tones; range_cells: depth of the volume
+    in range cells c/2B.
 
     For noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so the strongest
     of K depths, two per range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the
@@ -168,8 +173,9 @@ def least_coherence(count: int, known: int, range_cells: float) -> float:
 def _exact(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
 ) -> Exact:
-    """The exact image for `settle_peaks`: magnitudes of voxels, from the few tones that represent
-    all the others."""
+    """Return the function that `settle_peaks` calls for exact magnitudes: (flat pixel indices [n],
+    indices along z [n]) → [n]. For an array, it sums only the few tones from which all others
+    follow to single precision."""
 
     @cache
     def few() -> tuple[np.ndarray, np.ndarray]:
@@ -197,8 +203,13 @@ def _aligned(
     rise: np.ndarray,
     image: Callable[[float], np.ndarray],
 ) -> DepthMap:
-    """Replace the depths by those at which the tones' images [f, n] agree; images: at the strongest
-    voxels, points_m [n, 3]; image: computes them at points shifted along z."""
+    """Return the depth map with depths at which the tones' images agree, their predicted 1σ and
+    flags, filtered.
+
+    images [f, n]: at the strongest voxels points_m [n, 3] of the pixels with a depth; rise [n]:
+    growth of the path per metre along z; image: function from a shift along z, metres, to the
+    images [f, n] at the points shifted by it.
+    """
     pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
     index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
     found = align(images, frequencies_hz, rise)
@@ -223,8 +234,9 @@ _CACHE: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = Context
 def cached_peaks(
     kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False
 ) -> Iterator[None]:
-    """In this block, `project` stores the peaks of its volumes in `kept`; reuse: and takes them
-    from there, since maps that differ only in filters and thresholds share a volume."""
+    """Run the `with` block so that `project` stores the peaks of each volume in the dictionary
+    `kept`; with `reuse`, it also takes them from there, since maps that differ only in filters and
+    thresholds share a volume."""
     token = _CACHE.set((kept, reuse))
     try:
         yield
@@ -234,8 +246,12 @@ def cached_peaks(
 
 def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> DepthMap:
     """Convert the peaks of a volume to a depth map: each pixel takes the depth of its strongest
-    voxel (paper), or one between voxels; pixels below the threshold are NaN. Pixels whose strongest
-    voxel is the first or the last are flagged: the echo may be outside the volume."""
+    voxel, as in the paper, or with `config.subvoxel` one between voxels; pixels weaker than the
+    threshold are NaN.
+
+    method: id stored in the map. Pixels whose strongest voxel is the first or the last along z are
+    flagged: the echo may be outside the volume.
+    """
     grid = config.grid()
     db = amplitude_db(peaks.magnitude[1])
     z_m = grid.z_m[peaks.index]
@@ -247,12 +263,13 @@ def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> D
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:
-    """Position of the maximum between three voxels [3, ...] relative to the middle one, in voxels,
-    within ±½; 0 if one of them is NaN, since the maximum may be outside the volume.
+    """Compute the position of the maximum between three voxels from their magnitudes [3, ...],
+    relative to the middle one, in voxels: within ±½ if that one is the strongest; 0 where a
+    magnitude is NaN, since the maximum may be outside the volume.
 
-    The vertex of the parabola through their decibels: the logarithm of a band-limited main lobe is
-    closer to a parabola than the lobe itself (the quartic term of sinc x over the quadratic is
-    π²/20, that of its logarithm π²/30).
+    It is the vertex of the parabola through their decibels: the logarithm of a band-limited main
+    lobe is closer to a parabola than the lobe itself (the quartic term of sinc x over the quadratic
+    is π²/20, that of its logarithm π²/30).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         before, middle, behind = np.log(magnitude.astype(np.float64))

@@ -28,12 +28,13 @@ class _VolumeConfig(GridConfig):
     )
 
     def grid(self) -> VoxelGrid:
-        """The voxels."""
+        """Return the voxels."""
         return VoxelGrid(self.x.values_m(), self.y.values_m(), self.z.values_m())
 
 
 class BroadbandConfig(_VolumeConfig):
-    """Broadband backprojection with the paper's parameters."""
+    """Parameters of broadband backprojection with evenly stepped tones; the tones and voxels are
+    the paper's by default."""
 
     tolerance: float | None = Field(
         default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact"
@@ -45,12 +46,13 @@ class BroadbandConfig(_VolumeConfig):
     )
 
     def tones_hz(self) -> np.ndarray:
-        """The stepped tones."""
+        """Return the stepped tones [count], hertz."""
         return np.linspace(self.start_hz, self.stop_hz, self.count)
 
 
 class AlignedConfig(AgreementConfig, BroadbandConfig):
-    """Broadband with depths at which some tones' phases agree."""
+    """Broadband backprojection whose depths are refined: each pixel's depth is that at which the
+    phases of some tones agree."""
 
     estimator: Literal["phases", "capon", "coherence"] = Field(
         default="phases", description="of the shift along z"
@@ -69,14 +71,15 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
 
 
 class NarrowbandConfig(_VolumeConfig):
-    """Narrowband backprojection: a volume's projection with the three tones of 3-FSK only."""
+    """Narrowband backprojection: a volume imaged at the three tones of 3-FSK only, and its
+    strongest voxels."""
 
     f1_hz: float = Field(default=82.0e9, gt=0)
     f2_hz: float = Field(default=81.8e9, gt=0)
     f3_hz: float = Field(default=79.5e9, gt=0)
 
     def tones_hz(self) -> np.ndarray:
-        """The three tones."""
+        """Return the three tones, hertz."""
         return np.array([self.f1_hz, self.f2_hz, self.f3_hz])
 
 

@@ -40,8 +40,9 @@ PAPER = (
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A depth map and, from volumetric methods, how to image the complex volume [nz, ny, nx] behind
-    it, and its volume_z_m [nz]."""
+    """What a method returns: a depth map and, from methods that image a volume, a function that
+    images the complex volume [nz, ny, nx] behind it, and the volume's depths volume_z_m [nz],
+    metres."""
 
     depth: DepthMap
     volume: Callable[[], np.ndarray] | None = None
@@ -50,9 +51,13 @@ class Reconstruction:
 
 @dataclass(frozen=True)
 class Method:
-    """A method: run(capture, config, frame) → Reconstruction, with its configuration class. base:
-    the method that this one is a variant of, whose sensor-specific settings apply to it.
-    distribution: the plug-in that it comes from (None: built in)."""
+    """A registered method: its id, its configuration class, and its function run(capture, config,
+    frame) → Reconstruction.
+
+    summary: one line for listings; source: publication or file that describes it; base: id of the
+    method that this one is a variant of, whose sensor-specific settings apply to it; distribution:
+    the plug-in's package (None: built in).
+    """
 
     id: str
     config: type[Config]
@@ -63,7 +68,9 @@ class Method:
     distribution: str | None = None
 
     def configure(self, values: dict[str, Any], where: str) -> Config:
-        """The configuration from plain values; unknown keys are errors."""
+        """Return the configuration made of plain values, by name; others keep their defaults.
+        where: origin of the values, for messages. Raises HandbenchError for unknown names and
+        invalid values."""
         return parse(self.config, values, where)
 
 
@@ -77,9 +84,9 @@ Run = Callable[[RadarCapture, Any, int], Reconstruction]
 def register(
     id: str, config: type[Config], summary: str, source: str = PAPER, base: str | None = None
 ) -> Callable[[Run], Run]:
-    """Decorator that adds a function run(capture, config, frame) → Reconstruction to the registry.
-    Raises HandbenchError for an id that is taken or no name, and for a configuration without
-    defaults."""
+    """Return a decorator that registers a function run(capture, config, frame) → Reconstruction as
+    a method (fields: see `Method`). Raises HandbenchError for an id that is taken or is no valid
+    name, for an unknown base, and for a configuration without defaults."""
 
     def add(run: Run) -> Run:
         if id in METHODS:
@@ -104,8 +111,8 @@ def register(
 
 
 def method(id: str) -> Method:
-    """Look up a method by its id. The error for an unknown id names the nearest one, and plug-ins
-    that could not be loaded."""
+    """Look up a method by its id. Raises HandbenchError for an unknown id, naming the most similar
+    one and the plug-ins that could not be loaded."""
     _load()
     if id not in METHODS:
         missing = f"; plug-ins that could not be loaded: {', '.join(BROKEN)}" if BROKEN else ""
@@ -114,22 +121,26 @@ def method(id: str) -> Method:
 
 
 def methods() -> list[Method]:
-    """All methods, the built-in ones first, in the order of their registration."""
+    """List all methods, the built-in ones first, in the order of their registration."""
     _load()
     return list(METHODS.values())
 
 
 def method_key(id: str) -> tuple[str, ...]:
-    """`source_key` of the method with this id; empty for "" and for ids that are not registered."""
+    """Return the `source_key` of the method with this id, which changes with its code; empty for ""
+    and for ids that are not registered."""
     _load()
     return source_key(METHODS[id]) if id in METHODS else ()
 
 
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
-    """Identity of a method's code, for the keys of its results; computed once per process. For a
-    plug-in: all Python files of its package, its version and those of its requirements. For a
-    built-in method: all code that its module runs."""
+    """Return hashes and versions that change with a method's code, for the keys of its stored
+    results; computed once per process. For a plug-in: of all Python files of its package, and the
+    versions of it and its requirements. For a built-in method: of all code that its module runs.
+
+    Raises HandbenchError for a method whose code is in no file.
+    """
     try:
         file = Path(inspect.getsourcefile(method.run) or "")
     except TypeError:  # no Python function
@@ -156,8 +167,9 @@ def source_key(method: Method) -> tuple[str, ...]:
 
 
 def _load() -> None:
-    """Import the built-in methods and the plug-ins, once. A plug-in that fails is reported in one
-    line and left out completely; other methods still work."""
+    """Import the modules that register the built-in methods and those of plug-ins, once per
+    process. A plug-in that fails is reported in one line and left out completely; other methods
+    still work."""
     if GROUP in _begun:  # also by a plug-in that asks for a method while it is imported
         return
     _begun.add(GROUP)
@@ -190,8 +202,8 @@ def _load() -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Reason why a plug-in could not be loaded. Packages that were separate until 0.2 are now part
-    of handbench."""
+    """Describe in words why a plug-in could not be loaded, for an import of a package that was
+    separate until version 0.2 with its new name."""
     if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
         return (
             f"imports {error.name}, which is handbench.{error.name} since version 1.0; change "

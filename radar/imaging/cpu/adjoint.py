@@ -20,13 +20,16 @@ from handbench.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):
-    """Complex share of each antenna's wave that reaches each point past obstacles; smooth over
-    points, antennas and frequency. corner [3, n]: the three surface samples around each point (−1:
-    full sight of all antennas), with barycentric shares [3, n]. table_a [samples, 3, nodes]
-    complex64: coefficients of 1, u and u², u = (f/c − middle)/half, at some antennas of the first
-    leg; spread_a [a, nodes] interpolates them to all antennas. table_b, spread_b: the same for the
-    second leg. detour_m: longest extra path of diffracted waves; beside: sine of the largest angle
-    between them and the straight ray."""
+    """How much of each antenna's wave reaches each point past obstacles, as a complex share that is
+    smooth over points, antennas and frequency, stored as a table.
+
+    corner [3, n]: the three surface samples around each point (−1: the point is in full sight of
+    all antennas), whose table entries are mixed with the barycentric shares `share` [3, n]. table_a
+    [surface samples, 3, nodes], complex64: coefficients of 1, u and u², u = (f/c − middle) / half,
+    at some antennas (nodes) of the first leg; spread_a [a, nodes] interpolates them to all its
+    antennas. table_b, spread_b: the same for the second leg. detour_m: longest extra path of
+    diffracted waves; beside: sine of the largest angle between them and the straight ray.
+    """
 
     corner: np.ndarray
     share: np.ndarray
@@ -41,17 +44,18 @@ class Sight(NamedTuple):
 
     @property
     def partial(self) -> np.ndarray:
-        """Mask [n] of the points that are not in full sight."""
+        """Boolean mask [n]: True for points that are not in full sight of all antennas."""
         return self.corner[0] >= 0
 
     def where(self, chosen: np.ndarray) -> "Sight":
-        """The sight of some points, by mask or index."""
+        """Return the sight of some of the points, chosen by mask or index."""
         return self._replace(
             corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy()
         )
 
     def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
-        """Complex weights [a, n] of a leg, 0 or 1."""
+        """Compute the complex share of the wave between each antenna of a leg (0: first, 1: second)
+        and each point, at turns_per_m = f/c: [a, n], 1 for points in full sight."""
         table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
         u = (turns_per_m - self.middle) / self.half
         nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
@@ -77,10 +81,15 @@ FULL_SIGHT = Sight(
 
 
 class PackedScatterers(NamedTuple):
-    """Scatterers sorted by leaf, for the kernels: point_m [3, n], weight [n] complex64, delay_m [n]
-    one-way, normal [3, n] or [3, 0]; spreading: whether legs have gains; pattern: exponent of cos θ
-    in them; seen_a [a, n], seen_b [b, n]: which antennas see each point, or [0, 0] if all do. Masks
-    need leaves that keep all antennas."""
+    """Point scatterers sorted by the leaves (smallest boxes) of a plan, as arrays for compiled
+    code.
+
+    point_m [3, n]; weight [n] complex64; delay_m [n]: extra one-way path; normal [3, n] of facets,
+    or [3, 0]; spreading: whether echoes have gains (1/R, obliquity, pattern); pattern: exponent q
+    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: which antennas of each leg see which
+    point, or [0, 0] if all do; such masks need a plan that keeps all antennas. sight: partial
+    shadows.
+    """
 
     point_m: np.ndarray
     weight: np.ndarray
@@ -95,8 +104,9 @@ class PackedScatterers(NamedTuple):
 
 @njit(**FAST)
 def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
-    """Compute a cell's samples [k, 2, a, b] (shape) from its scatterers: the adjoint of
-    `gather`."""
+    """Compute the samples [k, 2, a, b] (shape; 2: real and imaginary part) of a cell from the
+    scatterers in it: the adjoint of `gather`. Scatterers starts[i]:starts[i + 1] of `source` lie in
+    the cell's leaf i."""
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
@@ -110,15 +120,17 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
 
 @njit(**FAST)
 def to_parent(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
-    """Convert a child's samples to its contribution to the parent's: the adjoint of `to_child`."""
+    """Convert the samples [k', 2, a', b'] of a box to what they contribute to its parent's samples
+    [k, 2, a, b]: the adjoint of `to_child`, with the same arguments."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 
 @njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
-    """Compute a leaf's samples [k, 2, a, b] from its scatterers (`source`: `PackedScatterers`): the
-    adjoint of `evaluate`."""
+    """Compute the samples [k, 2, a, b] (2: real and imaginary part) of a leaf, a smallest box, from
+    the scatterers in it: the adjoint of `evaluate`. source: these scatterers (`PackedScatterers`);
+    place: the leaf's centre and antennas, from `leaf_of`."""
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
@@ -179,8 +191,10 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
 
 @njit(**FAST)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
-    """Gains [a, p]: 1/R, times √(n·û) for scatterers with normals, times the antennas' cosᵠθ; 1
-    without spreading; 0 where an antenna does not see a point."""
+    """Compute the gain between each antenna and each of some points [3, p]: float32 [a, p], 1/R,
+    times √(n·û) for scatterers with normals, times the antennas' pattern cosᵠθ; 1 without
+    spreading; 0 where an antenna does not see a point. The points are the source's from index
+    `start` on."""
     n = points_m.shape[1]
     gain = np.ones((len(position_m), n), np.float32)
     if source.spreading:
@@ -209,8 +223,9 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
-    """Coefficients [3, 2a, n] (real parts above imaginary parts) of 1, u and u² in the weights of n
-    points."""
+    """Interpolate the coefficients of 1, u and u² of the partial-sight weights (see `Sight`) to n
+    points from index `start` on and to the leg's a antennas: float32 [3, 2a, n], real parts above
+    imaginary parts."""
     nodes, n_a = table.shape[2], len(spread)
     at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
     for power in range(3):
@@ -233,7 +248,8 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
 
 @njit(**FAST)
 def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
-    """Multiply steered [2a, n] by the weights at u."""
+    """Multiply the waves `steered` [2a, n], in place, by partial-sight weights: polynomials in the
+    scaled frequency u with coefficients factors [3, 2a, n]."""
     n_a = len(steered) // 2
     for i in range(n_a):
         for p in range(steered.shape[1]):
@@ -245,7 +261,7 @@ def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
-    """The scatterers start:stop; empty arrays stay empty."""
+    """Return the scatterers start:stop of packed scatterers; fields that are empty stay empty."""
     here = slice(start, stop)
     normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]

@@ -37,11 +37,11 @@ def exact_images(
     points_m: np.ndarray,
     apart: bool,
 ) -> np.ndarray:
-    """Image points_m [n, 3] by the exact sum: complex64 [f, n], one image per tone (apart), or [1,
-    n], their coherent sum.
+    """Image points_m [n, 3], in metres, by the sum over every tone and antenna in float32:
+    complex64 [f, n], one image per tone (apart), or [1, n], their coherent sum.
 
-    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan; frequencies_hz: [f]. Every tone
-    is summed.
+    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan or a BistaticScan;
+    frequencies_hz: [f]. Raises HandbenchError for samples that do not fit these, or are not finite.
     """
     check_samples(samples, frequencies_hz, aperture)
     images = np.zeros((len(samples) if apart else 1, len(points_m)), np.complex64)
@@ -68,11 +68,11 @@ def exact_sums(
     points_m: np.ndarray,
     apart: bool = False,
 ) -> np.ndarray:
-    """Image a few points_m in float64: complex128 [f or 1, n], accurate to 1e-11 of Σ|samples|
-    within a metre. The caller checks the samples (`check_samples`).
+    """Image a few points_m [n, 3] in float64: complex128 [f, n] if apart, else [1, n], accurate to
+    1e-11 of Σ|samples| within a metre. The samples are not checked (see `check_samples`).
 
-    The steering of each tone is the one before times that of their difference, which evenly spaced
-    tones share.
+    Evenly spaced tones are fast: each tone's steering phases are those of the tone before, times
+    those of the spacing.
     """
     tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
     lengths = [
@@ -94,7 +94,8 @@ def exact_sums(
 
 
 def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
-    """Steering exp(j2πfL/c) [f, a, n] of tones [f] at lengths [a, n]."""
+    """Compute the steering phases exp(j2πfL/c) of tones [f] at lengths L [a, n], metres: complex128
+    [f, a, n]."""
     waves = np.empty((len(frequencies_hz), *length_m.shape), np.complex128)
     waves[0], spacing_hz, steps = (
         phasor(length_m, frequencies_hz[0], 1),
@@ -110,7 +111,8 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
 
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
-    """Length of every channel's path over a point [3], metres: [t, r] or [n]."""
+    """Compute the length of every channel's path from the transmitter over a point [3] to the
+    receiver, metres: [t, r], or [n] for a scan."""
     to, back = array_legs(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
     return (to[:, None] + back).reshape(aperture.channels)
 
@@ -118,8 +120,8 @@ def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
 def _block_images(
     stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """Every tone's image complex64 [n] at one block of points_m [n, 3]; `stacked` comes from
-    `_stack`."""
+    """Yield every tone's image, complex64 [n], at points_m [n, 3], few enough that the factors of
+    the matrix product stay in the cache. stacked: each tone's samples, from `_stack`."""
     points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
         # the second is not looked at where the first is met twice
@@ -139,8 +141,8 @@ def _block_images(
 
 
 def _stack(samples: np.ndarray) -> np.ndarray:
-    """Complex S [t, r] as the real matrix [[Re, −Im], [Im, Re]] (real products are faster than
-    complex ones here); a scan's samples stay complex."""
+    """Convert complex samples S [t, r] to the real matrix [[Re, −Im], [Im, Re]], float32, since
+    real products are faster than complex ones here. Samples [n] of a scan stay complex."""
     if samples.ndim == 1:
         return np.ascontiguousarray(samples, np.complex64)
     re, im = samples.real, samples.imag
@@ -174,8 +176,9 @@ def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # 
 
 
 def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
-    """Raise HandbenchError for invalid tones and for samples that are not finite or do not fit the
-    tones and the aperture; else return the largest magnitude of a real or imaginary part."""
+    """Return the largest magnitude of a real or imaginary part of samples. Raises HandbenchError
+    for invalid tones, and for samples that are not finite or do not fit the tones and the
+    aperture."""
     tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:

@@ -31,16 +31,18 @@ ROWS = 16  # pixels along y of one piece of work
 
 
 class CpuExecutor:
-    """Images and echoes of points by a plan. Cells and leaves are planned when points first fall
-    into them, and then kept."""
+    """Computes images and echoes of points on the processor, by a plan of the geometry
+    (`TreePlan`). The plan's boxes (cells and, within them, leaves) are worked out when points first
+    fall into them, and then kept."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
-        tone) or [1, n] (their sum)."""
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, points], one image
+        per tone, if the plan keeps tones apart, else [1, points], their sum. The images are in the
+        order before sorting."""
         plan, order = self.plan, where.order
         with one_blas_thread():
             root = _down(planes(samples), plan.root_node, plan.top_node)
@@ -66,8 +68,8 @@ class CpuExecutor:
         return unsorted
 
     def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
-        """Compute samples complex64 [f, t, r or 1] of scatterers: the adjoint of `image` with tones
-        summed."""
+        """Compute the samples of scatterers at the sorted points: complex64 [f, t, r], or [f, n, 1]
+        for a scan. This is the adjoint of `image` with its tones summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 
@@ -89,7 +91,8 @@ class CpuExecutor:
         return complex_samples(samples)
 
     def _cell(self, cell: int, where: SortedPoints) -> tuple[Node, Leaves, np.ndarray]:
-        """A cell, its leaves and where each one's points start."""
+        """Return a cell's node, its packed leaves, and where each leaf's points start among all
+        sorted points [leaves + 1]. Leaves that hold points are planned if they are not yet."""
         count = self.plan.leaves_per_cell
         starts = where.starts[cell * count : (cell + 1) * count + 1]
         touched = set(np.flatnonzero(np.diff(starts)).tolist())
@@ -103,9 +106,9 @@ class CpuExecutor:
 
 
 class ToneSkeleton:
-    """The few tones frequencies_hz [k] that represent all f tones within the box from low_m to
-    high_m [3] to a relative `tolerance` (128 → 11 for 20 mm at 1e-6), for exact images of a few
-    points in it.
+    """The few tones frequencies_hz [k] from which all f tones follow within the box from low_m to
+    high_m [3], to a relative `tolerance` (128 → 11 for 20 mm at 1e-6). `compress` makes samples at
+    these tones, for exact images of a few points in the box.
 
     This is a node of `radar.imaging.tree` with the phase about the box's centre restored, so that
     its samples are ordinary samples at fewer tones.
@@ -131,8 +134,8 @@ class ToneSkeleton:
         return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
 
     def expand(self, samples: np.ndarray) -> np.ndarray:
-        """Convert echoes [k, t, r] of scatterers in the box at the few tones to [f, t, r] at all
-        tones: the adjoint."""
+        """Convert echoes [k, t, r] of scatterers in the box, simulated at the few tones, to echoes
+        [f, t, r] at all tones: the adjoint of `compress`."""
         return complex_samples(_up(self._centred(planes(samples), 1.0), self._all, self._few))
 
     def _centred(self, samples: np.ndarray, sign: float) -> np.ndarray:
@@ -145,14 +148,15 @@ class ToneSkeleton:
 
 
 class CpuUpsampler:
-    """Interpolates images on the coarse nodes of a plan to its voxels: of k frequencies [k, nz, ny,
-    nx], or one sum [1, nz, ny, nx]."""
+    """Interpolates images on a plan's coarse nodes, complex [f or 1, nz, ny, nx], to all voxels of
+    its grid: as volumes, or as the strongest voxel along z of each pixel."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan = plan
 
     def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
-        """Complex images [k or 1, nz, ny, nx] of all voxels, with the carrier or without."""
+        """Interpolate the nodes' images [f or 1, nz, ny, nx] to all voxels: complex64 [f or 1, nz,
+        ny, nx], with the carrier (the fast phase that all tones share) or without."""
         grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
         volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
 
@@ -168,7 +172,8 @@ class CpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """Find the volume's peaks without storing the volume."""
+        """Find the strongest voxels along z of the volume interpolated from the nodes' images [1,
+        nz, ny, nx], without storing the volume."""
         peaks = Peaks.empty(
             self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
         )
@@ -192,8 +197,9 @@ class CpuUpsampler:
         images: np.ndarray,
         keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
     ) -> None:
-        """Compute the envelopes of all voxels from the nodes' images, and pass them to keep(image,
-        rows, re, im) in pieces [nz, rows, nx]."""
+        """Interpolate the envelopes (images without carrier) of all voxels from the nodes' images,
+        and pass them to keep(image, rows, re, im) in pieces re, im [nz, rows, nx]; image: its
+        index, rows: a slice along y."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
         at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)

@@ -23,9 +23,13 @@ VECTOR = 32
 
 
 class Leaves(NamedTuple):
-    """The leaves of a cell, packed: sizes [n, 8] (tones, antennas of both legs; three flags for
-    given weights; offsets in `single` and `double`), zeros for leaves that are not planned; single,
-    double: their arrays, concatenated.
+    """The leaves (smallest boxes) of a cell, packed into three arrays so that compiled code reads
+    them.
+
+    sizes [n, 8], a row per leaf: numbers of tones and of antennas of both legs; three flags,
+    whether weights of tones and of both legs are given; where the leaf begins in `single` and in
+    `double`. Leaves that are not planned have zeros. single, double: all leaves' float32 and
+    float64 arrays, concatenated.
     """
 
     sizes: np.ndarray
@@ -34,19 +38,20 @@ class Leaves(NamedTuple):
 
 
 def planes(samples: np.ndarray) -> np.ndarray:
-    """Convert complex samples [k, t, r] (or a scan's [k, n]) to float32 planes [k, 2, t, r or
-    1]."""
+    """Convert complex samples [k, t, r], or [k, n] of a scan, to float32 with the real and the
+    imaginary part as second axis: [k, 2, t, r] or [k, 2, n, 1]."""
     apart = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
     return apart[..., None] if apart.ndim == 3 else apart
 
 
 def complex_samples(apart: np.ndarray) -> np.ndarray:
-    """Convert planes [k, 2, t, r] to complex64 [k, t, r]."""
+    """Convert samples [k, 2, t, r], real and imaginary parts, to complex64 [k, t, r]."""
     return apart[:, 0] + np.complex64(1j) * apart[:, 1]
 
 
 def pack(leaves: dict[int, Node], count: int) -> Leaves:
-    """Pack some of a cell's `count` leaves, by number, for the kernels."""
+    """Pack the nodes of some leaves, by their number, into arrays for compiled code. count: number
+    of leaves of the cell, planned or not."""
     single, double = [], []
     sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
     for number, leaf in leaves.items():
@@ -66,8 +71,11 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
 
 @njit(**FAST)
 def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
-    """Image a cell's points from its samples [k, 2, a, b]: [count, n], one image per tone or their
-    sum. points_m [3, …]: all points, sorted by leaf; leaf i has starts[i]:starts[i + 1]."""
+    """Image a cell's points from its samples [k, 2, a, b] (2: real and imaginary part): complex64
+    [count, n], with count = k one image per tone, with count = 1 their sum.
+
+    points_m [3, …]: all points, sorted by leaf; starts[i]:starts[i + 1] lie in leaf i of the cell.
+    """
     images = np.empty((count, starts[-1] - starts[0]), np.complex64)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
@@ -88,8 +96,9 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
 
 @njit(**FAST)
 def to_child(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
-    """Convert a parent's samples [k, 2, a, b] to its child's. Empty weights leave their axis
-    unchanged."""
+    """Compute the samples of a box from those of its parent [k, 2, a, b]: phases of the paths
+    shift_a [a] and shift_b [b] (metres) move the centre, then real weights combine tones and
+    antennas. Empty weights leave their axis unchanged."""
     return apply(
         weights_a,
         weights_b,
@@ -99,7 +108,8 @@ def to_child(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, we
 
 @njit(**FAST)
 def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
-    """Multiply samples by exp(±j2πf(shift_a + shift_b)/c)."""
+    """Multiply samples [k, 2, a, b] by exp(±j2πf(shift_a + shift_b)/c): shift_a [a], shift_b [b] in
+    metres, turns_per_m [k] = f/c, sign 1 or −1."""
     out = np.empty_like(samples)
     tones, _, n_a, n_b = samples.shape
     b_re, b_im = np.empty(n_b, np.float32), np.empty(n_b, np.float32)
@@ -125,8 +135,8 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
-    """Apply real weights [n, a] and [m, b] to the antenna axes of samples [k, 2, a, b]: [k, 2, n,
-    m]."""
+    """Combine antennas: apply real weights [n, a] and [m, b] to the antenna axes of samples [k, 2,
+    a, b], which gives [k, 2, n, m]. Empty weights leave their axis unchanged."""
     tones, _, n_a, n_b = samples.shape
     if weights_b.size != 0:
         samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
@@ -143,8 +153,12 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """Unpack leaf i: ((weights of tones, a, b), (shifts of a, b), turns per metre, (centre; length,
-    position, number of a, of b))."""
+    """Unpack leaf i of a cell; shape: of the cell's samples [k, 2, a, b].
+
+    Returns ((weights of tones, of both legs' antennas), (path shifts of both legs), turns per metre
+    of its tones, (centre; length, position and number of the antennas of the first leg, then of the
+    second)).
+    """
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
     weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
@@ -178,8 +192,8 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 
 @njit(**FAST)
 def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
-    """Image a leaf's points_m [3, n] into images, complex64 [k or 1, n]; one row is the sum over
-    all tones."""
+    """Image the points_m [3, n] of a leaf from its samples [k, 2, a, b], and write them to images,
+    complex64: one row per tone [k, n], or the sum over all tones [1, n]."""
     tones, _, n_a, n_b = samples.shape
     centre_m, length_a, position_a, _, length_b, position_b, _ = place
     count = points_m.shape[1]
@@ -221,8 +235,9 @@ def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images)
 
 @njit(**FAST)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Sum a · samples · b over both legs at every point: planes [2, p] from a [2a, p], samples [2,
-    a, b] and b [2b, p]; stacked [2a, 2b] and u [2a, p] are scratch arrays."""
+    """Compute Σ_a Σ_b a · samples · b at every point: [2, p], real and imaginary part, from waves a
+    [2a, p] and b [2b, p] (real parts above imaginary parts) and samples [2, a, b]. stacked [2a, 2b]
+    and u [2a, p] are scratch arrays."""
     n_a, n_b = samples.shape[1:]
     stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
     stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
@@ -237,8 +252,9 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
-    """Write out[a, p] = ΔR_a(p) − ΔR_reference(p), small enough for float32, and add
-    ΔR_reference(p) to common_m [p]."""
+    """Compute path differences to points, small enough for float32: out[a, p] = ΔR_a(p) −
+    ΔR_reference(p), metres, where ΔR is the path from an antenna (or the reference point) to p,
+    less that to the box's centre. ΔR_reference(p) is added to common_m [p]."""
     n = points_m.shape[1]
     cx, cy, cz = (
         centre_m[0] - reference_m[0],
@@ -264,8 +280,8 @@ def differences(points_m, position_m, passes, length_m, centre_m, reference_m, o
 
 @njit(**FAST)
 def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """Write out[2a, p]: real parts of exp(j2πfΔ/c) above imaginary parts; a negative f gives the
-    conjugate."""
+    """Write exp(j2πfΔ/c) of path differences Δ [a, p], metres, to out [2a, p]: real parts above
+    imaginary parts. turns_per_m: f/c; negative for the conjugate."""
     n_a, n = difference_m.shape
     turns = np.float32(turns_per_m)
     for a in range(n_a):

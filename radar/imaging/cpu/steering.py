@@ -21,8 +21,8 @@ FADED = 0.35  # or the pattern below this (half the tolerance was measured at 0.
 def _minimax(
     function: np.ufunc, degree: int, parity: int, most: float = 1 / 4
 ) -> tuple[np.float32, ...]:
-    """Power-series coefficients of function(2πt) in t² for |t| ≤ most, by Chebyshev interpolation
-    (parity 1: divided by t)."""
+    """Fit a polynomial in t² to function(2πt) for |t| ≤ most, by Chebyshev interpolation: its
+    coefficients, constant first. parity=1, for sines: to function(2πt) / t."""
     u = (np.cos(np.linspace(0, np.pi, 2001)) + 1) / 2 * most**2
     t = np.sqrt(np.maximum(u, 1e-12))
     values = function(2 * np.pi * t) / t**parity
@@ -46,8 +46,8 @@ def cis_turns(turns):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def cis_small(turns):  # type: ignore[no-untyped-def]
-    """Compute (cos 2πt, sin 2πt) for a float32 phase of a few turns, accurate to 5e-7: series over
-    a whole turn, without a sign."""
+    """Compute (cos 2πt, sin 2πt) for a float32 phase t of a few turns, accurate to 5e-7. One series
+    covers a whole turn, so that no sign has to be chosen."""
     t = turns - np.rint(turns)
     u = t * t
     cosine = Q0 + u * (Q1 + u * (Q2 + u * (Q3 + u * (Q4 + u * (Q5 + u * Q6)))))
@@ -57,7 +57,7 @@ def cis_small(turns):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _half_turn(t, sign):  # type: ignore[no-untyped-def]
-    """sign · (cos 2πt, sin 2πt) for |t| ≤ 1/4."""
+    """Compute sign · (cos 2πt, sin 2πt) for |t| ≤ 1/4, float32."""
     u = t * t
     cosine = C0 + u * (C1 + u * (C2 + u * (C3 + u * (C4 + u * C5))))
     sine = t * (S0 + u * (S1 + u * (S2 + u * (S3 + u * (S4 + u * S5)))))
@@ -66,7 +66,7 @@ def _half_turn(t, sign):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
-    """Distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
+    """Compute the distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
     out = np.empty((len(antennas_m), points_m.shape[1]))
     for a in range(len(antennas_m)):
         ax, ay, az = antennas_m[a, 0], antennas_m[a, 1], antennas_m[a, 2]
@@ -78,8 +78,8 @@ def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """Fill out [2a, p] (float32: real parts above imaginary parts) with exp(j2πfR/c) of distances R
-    [a, p], f/c being turns_per_m."""
+    """Write exp(j2πfR/c) of distances R [a, p], metres, to out [2a, p], float32: real parts above
+    imaginary parts. turns_per_m: f/c."""
     n_antennas, n_points = distance_m.shape
     for a in range(n_antennas):
         for p in range(n_points):
@@ -88,7 +88,8 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
-    """d|p − a|/dz [p] at points [p, 3], averaged over antennas [a, 3] with weights [a]."""
+    """Compute the derivative d|p − a|/dz at points p [n, 3], averaged over antennas a [m, 3] with
+    weights [m]: [n]."""
     out = np.zeros(len(points_m))
     for p in range(len(points_m)):
         for a in range(len(antennas_m)):
@@ -99,15 +100,15 @@ def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
-    """Compute exp(sign · j2πfR/c) of whole paths in float64: complex128; path_m and frequency_hz
-    broadcast."""
+    """Compute exp(sign · j2πfR/c) in float64, for whole paths R = path_m (there and back):
+    complex128. path_m and frequency_hz broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
 @njit(**FAST)
 def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
-    """Compute exp(j2πf(|p − a| − |c − a|)/c) [2p, a] (real parts above imaginary parts) for points
-    [p, 3] with f/c [p], antennas [a, 3] and the centre c [3]."""
+    """Compute exp(j2πf(|p − a| − |c − a|)/c₀) for points p [n, 3] with f/c₀ [n] (turns_per_m) each,
+    antennas a [m, 3] and the centre c [3]: float32 [2n, m], real parts above imaginary parts."""
     n_points, n_antennas = len(points_m), len(antennas_m)
     out = np.empty((2 * n_points, n_antennas), np.float32)
     at_centre = np.empty(n_antennas)
@@ -138,7 +139,9 @@ def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ig
 
 @njit(**FAST)
 def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes):  # type: ignore[no-untyped-def]
-    """Write planes [2, ny, nx]: image [ny, nx] without its carrier."""
+    """Remove an image's carrier, its fast phase: write image [ny, nx] times the conjugate carrier
+    to planes [2, ny, nx], float32 (real part, imaginary part). The image lies at x_m × y_m and the
+    one depth z_m; the arguments from turns_per_m to ramp are `GridPlan.carrier`."""
     for j in range(len(y_m)):
         for i in range(len(x_m)):
             cosine, sine = cis_turns(
@@ -151,7 +154,9 @@ def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 @njit(**FAST)
 def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
-    """Multiply (re + j·im) by the carrier: complex64 [nz, ny, nx]."""
+    """Multiply a volume re + j·im [nz, ny, nx] by its carrier, the fast phase that interpolation
+    leaves out: complex64 [nz, ny, nx]. The arguments from turns_per_m to ramp are
+    `GridPlan.carrier`."""
     nx = len(x_m)
     volume = np.empty(re.shape, np.complex64)
     cosine, sine = np.empty(nx, np.float32), np.empty(nx, np.float32)
@@ -172,21 +177,26 @@ def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 
 def least_cosine(pattern: float) -> float:
-    """Smallest cosine from the z axis at which an antenna's pattern cosᵠθ counts as smooth."""
+    """Return the smallest cosine of the angle from the z axis at which an antenna's pattern cosᵠθ,
+    q = `pattern`, counts as smooth across the array."""
     return max(GRAZING, FADED ** (1 / pattern)) if pattern != 0 else -1.0
 
 
 def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
-    """Sample smooth gains [p, a] at points [p, 3], normalised to unit mean square over the antennas
-    [a, 3]: 1/R and the pattern, and for up to half of the points the obliquity √(n·û) of a facet,
-    with normals spread over the directions that every antenna sees."""
+    """Sample the gains with which echoes of points [p, 3] reach antennas [a, 3]: [p, a], each row
+    with unit mean square.
+
+    A gain is 1/R; times the pattern cosᵠθ, q = `pattern`, where it is smooth; and for up to half of
+    the points times the obliquity √(n·û) of a facet, with normals n spread over the directions that
+    every antenna sees.
+    """
     return _probe_gains(
         points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern)
     )
 
 
 def _normals(count: int) -> np.ndarray:
-    """Unit vectors [count, 3] spread evenly over the sphere by an additive sequence;
+    """Return unit vectors [count, 3] spread evenly over the sphere by an additive sequence;
     deterministic."""
     plastic = 1.324717957244746  # g³ = g + 1: the ratio for two dimensions
     u = (0.5 + np.arange(count)[:, None] / plastic ** np.arange(1, 3)) % 1.0

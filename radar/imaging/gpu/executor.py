@@ -36,9 +36,13 @@ VOXEL_BYTES = 64  # per voxel of a piece: both planes, and their magnitude or ca
 
 
 class Batch(NamedTuple):
-    """n pieces of up to p points: sample [n] (row of the piece's leaf among the samples), leaf [n]
-    (its row in the level), points_m [3, n, p], target [n, p] (column of each point's image; padding
-    goes to one extra column)."""
+    """Points that are imaged together on the device: n pieces of up to p points, each piece within
+    one leaf (smallest box of the plan).
+
+    sample [n]: row of the piece's leaf among the computed samples; leaf [n]: its row in the `Level`
+    of all leaves; points_m [3, n, p]; target [n, p]: column of each point's image; points that only
+    fill up a piece go to one extra column.
+    """
 
     sample: Array
     leaf: Array
@@ -48,8 +52,9 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class DevicePoints:
-    """Points on the device, grouped by leaf: their count, the tree levels that they need, the rows
-    of their leaves, and the batches."""
+    """Points copied to the device, grouped by leaf (smallest box of the plan): their count, the
+    `Level`s of the cells and leaves planned so far, the rows of the points' leaves, and the batches
+    to image."""
 
     count: int
     cells: Level
@@ -59,8 +64,9 @@ class DevicePoints:
 
 
 class GpuExecutor:
-    """The counterpart of `radar.imaging.cpu.executor.CpuExecutor` on the current device, which
-    keeps planned cells in its memory."""
+    """Computes images of points on the current device, by a plan of the geometry (`TreePlan`). The
+    plan's cells are worked out when points first fall into them, and stay in the device's
+    memory."""
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
@@ -72,7 +78,8 @@ class GpuExecutor:
         self._lock = Lock()
 
     def place(self, where: SortedPoints) -> DevicePoints:
-        """Copy sorted points to the device; those of the last call stay there."""
+        """Copy sorted points to the device and group them into batches. The points of the last call
+        stay there and are returned again."""
         last, placed = self._last
         if placed is None or last is not where:
             per_cell = self.plan.leaves_per_cell
@@ -90,8 +97,9 @@ class GpuExecutor:
         return placed
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, n] (one image per
-        tone) or [1, n] (their sum)."""
+        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, points], one image
+        per tone, if the plan keeps tones apart, else [1, points], their sum. The images are in the
+        order before sorting."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
         whole = xp.asarray(
             samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
@@ -106,8 +114,8 @@ class GpuExecutor:
         return to_host(images[:, :-1])
 
     def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
-        """Image a batch's points: [n, k, p] for every tone, from the leaves' samples [leaves, k, a,
-        b]."""
+        """Image a batch's points at every tone from the leaves' samples [leaves, k, a, b]:
+        complex64 [n, k, p], on the device."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
         waves: list[Array] = []
@@ -131,8 +139,9 @@ class GpuExecutor:
         return received.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
     def _require(self, cells: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """Plan these cells if they are not planned yet: the levels of cells and leaves, and each
-        cell's row there [cells] (−1: not planned)."""
+        """Plan the cells with these numbers, if they are not planned yet. Returns the `Level`s of
+        all planned cells and of their leaves, and every cell's row in the first [cells of the plan]
+        (−1: not planned)."""
         with self._lock:
             new = [int(cell) for cell in cells if int(cell) not in self._planned]
             if new or self._levels is None:
@@ -156,7 +165,8 @@ class GpuExecutor:
 
 
 class GpuUpsampler:
-    """The counterpart of `radar.imaging.cpu.executor.CpuUpsampler` on the current device."""
+    """Interpolates images on a plan's coarse nodes, complex [f or 1, nz, ny, nx], to all voxels of
+    its grid on the current device: as volumes, or as the strongest voxel along z of each pixel."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan, self._xp = plan, array_module()
@@ -168,7 +178,8 @@ class GpuUpsampler:
         ]
 
     def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
-        """Complex images [k or 1, nz, ny, nx] of all voxels, with the carrier or without."""
+        """Interpolate the nodes' images [f or 1, nz, ny, nx] to all voxels: complex64 [f or 1, nz,
+        ny, nx], with the carrier (the fast phase that all tones share) or without."""
         grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
         volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
         for image, volume in zip(images, volumes, strict=True):
@@ -182,7 +193,8 @@ class GpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """Find the volume's peaks without storing the volume."""
+        """Find the strongest voxels along z of the volume interpolated from the nodes' images [1,
+        nz, ny, nx], without storing the volume."""
         xp, peaks = (
             self._xp,
             Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)),
@@ -201,8 +213,9 @@ class GpuUpsampler:
         return peaks
 
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
-        """Envelopes of all voxels from the nodes' image [nz, ny, nx]: (rows, float32 planes [2, nz,
-        rows, nx])."""
+        """Yield the envelope (image without its carrier) of all voxels in pieces, interpolated from
+        the nodes' image [nz, ny, nx]: (slice of rows along y, float32 [2, nz, rows, nx], real and
+        imaginary part)."""
         xp = self._xp
         envelope = xp.asarray(image) * self.plan.carrier_at(nodes, xp).conj()
         nz, ny, _ = nodes.shape
@@ -214,12 +227,13 @@ class GpuUpsampler:
             yield rows, voxels.reshape(2, voxels.shape[1], *block.shape[2:])
 
     def _windows(self, resampler: Resampler) -> list[tuple[slice, Array]]:
-        """Copy every window to the device: (node slice, weights [fine, nodes])."""
+        """Copy the interpolation weights of an axis to the device, per window: (slice of nodes,
+        weights [fine, nodes])."""
         return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
 
     def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
-        """Interpolate node values [..., n, m] to fine values [..., fine, m]; without windows, nodes
-        and fine samples are the same."""
+        """Interpolate node values [..., n, m] along the last axis but one: [..., fine, m]. windows:
+        from `_windows`; without any, nodes and fine samples are the same."""
         if not windows:
             return nodes
         return self._xp.concatenate(
@@ -230,8 +244,13 @@ class GpuUpsampler:
 def _batches(
     where: SortedPoints, touched: np.ndarray, rows: np.ndarray, point_bytes: int
 ) -> Iterator[Batch]:
-    """Cut the points of leaves (`touched`; rows in the level: `rows`) into batches, in numpy: even
-    pieces, the largest first, so that little is padded. Padding repeats a piece's last point."""
+    """Cut the points of leaves into batches of pieces of similar size, the largest first, so that
+    few points are added to fill up; a piece is filled up with its last point. The arrays are in
+    numpy.
+
+    touched [leaves]: numbers of the leaves that hold points; rows [leaves]: their rows in the
+    level; point_bytes: memory per point, which limits a batch.
+    """
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
     leaf = np.repeat(np.arange(len(touched)), pieces)
@@ -254,8 +273,8 @@ def exact_images(
     points_m: np.ndarray,
     apart: bool,
 ) -> np.ndarray:
-    """Image points_m [n, 3] by the exact sum, as `radar.imaging.cpu.exact.exact_images` does:
-    complex64 [f or 1, n]."""
+    """Image points_m [n, 3], in metres, by the sum over every tone and antenna on the current
+    device: complex64 [f, n], one image per tone (apart), or [1, n], their coherent sum."""
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
     matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first

@@ -18,13 +18,13 @@ CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 
 @dataclass(frozen=True)
 class Level:
-    """n boxes of one level of the tree, with k tones and a, b antennas each; their parents have k',
-    a', b'.
+    """n boxes of one level of the tree on a device. A box has k tones and a, b antennas of the two
+    legs; its parent, in the level above, has k', a', b'.
 
-    parent [n] is each one's row in the level above. Complex64: phases [n, k', a'] and [n, k', b']
-    from the parent's centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'], weights_b
-    [n, b', b] (transposed). Float64: turns_per_m [n, k], centre_m [3, n], and for each leg
-    position_m [3, n, a] and length_m [n, a].
+    parent [n]: row of each one's parent in the level above. Complex64: phases [n, k', a'] and [n,
+    k', b'] from the parent's centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'],
+    weights_b [n, b', b] (transposed). Float64: turns_per_m [n, k] = f/c, centre_m [3, n], and for
+    each leg position_m [3, n, a] and length_m [n, a], the path between antenna and centre.
     """
 
     xp: ModuleType
@@ -39,7 +39,8 @@ class Level:
     length_m: tuple[Array, Array]
 
     def descend(self, samples: Array, rows: Array) -> Array:
-        """Samples [rows, k, a, b] of these boxes from those of the level above [n', k', a', b']."""
+        """Compute the samples of some boxes of the level, chosen by rows [m], from those of all
+        boxes of the level above, [n', k', a', b']: complex64 [m, k, a, b]."""
         block = max(BLOCK_BYTES // (CHILD_BYTES * int(np.prod(samples.shape[1:]))), 1)
         parts = [
             self._descend(samples, rows[start : start + block])
@@ -61,7 +62,8 @@ class Level:
 
 
 def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int]) -> Level:
-    """Copy nodes of the tree to a device; parent [n]: index of each one's parent in `above`."""
+    """Copy nodes of the tree to a device as a `Level`. above: nodes of the level above; parent [n]:
+    index of each node's parent among them."""
     shifts = [_padded([node.shifts_m[leg] for node in nodes]) for leg in (0, 1)]
     turns_above = _padded([above[i].turns_per_m for i in parent])[:, :, None]
     tones = [_weights(node.tone_weights, len(node.turns_per_m)) for node in nodes]
@@ -91,7 +93,8 @@ def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int
 
 
 def _weights(weights: np.ndarray, count: int) -> np.ndarray:
-    """The weights, or a unit matrix for empty ones, which leave their axis unchanged."""
+    """Return the weights, or for empty ones, which leave their axis unchanged, a unit matrix of
+    size `count`."""
     return weights if weights.size else np.eye(count)
 
 
