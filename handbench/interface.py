@@ -26,14 +26,14 @@ File = str | Path
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
-    """Read the file or folder at a path.
+    """Read what is at a path, as the object that fits its kind.
 
     Args:
         path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
             a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
 
     Returns:
-        Capture, Result, Depth, Surface or Transform.
+        A Capture, Result, Depth, Surface or Transform.
 
     Raises:
         HandbenchError: the path is none of these.
@@ -59,7 +59,8 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
 
 
 class Capture:
-    """One scene's data in a folder: echoes, and, where there are any, its surface and photographs.
+    """A recording of one scene in a folder: the radar echoes and, where there are any, photographs
+    and the surface.
 
     Args:
         path: the folder.
@@ -88,38 +89,39 @@ class Capture:
 
     @cached_property
     def echoes(self) -> RadarCapture:
-        """All frames: `.samples` complex64 [frame, frequency, tx, rx], `.frequencies_hz`,
-        `.aperture` with `tx_m` [tx, 3] and `rx_m` [rx, 3]."""
+        """The radar samples of all frames, read on first use: `.samples` complex64 [frame,
+        frequency, tx, rx], `.frequencies_hz` [frequency], and `.aperture` with the antennas `tx_m`
+        [tx, 3] and `rx_m` [rx, 3] in the radar's frame."""
         return self._recorded.echoes()
 
     @property
     def photos(self) -> Path | None:
-        """The folder of its photographs."""
+        """The folder of its photographs; None if there are none."""
         return self._recorded.photos
 
     @property
     def truth(self) -> Path | None:
-        """The file of the true surface, in the radar's frame."""
+        """The file of the true surface, in the radar's frame; None if it is not known."""
         return self._recorded.truth
 
     @property
     def mesh(self) -> Path | None:
-        """The file of the measured surface, in the photographs' frame."""
+        """The file of the measured surface, in the photographs' frame; None if there is none."""
         return self._recorded.mesh()
 
     @property
     def transform(self) -> Transform | None:
-        """The transform that carries `mesh` into the radar's frame."""
+        """The transform that carries `mesh` into the radar's frame; None if there is none."""
         return self._recorded.transform()
 
     def reconstruct(self, method: str = "3fsk", frame: int = 0, **settings: Any) -> Depth:
-        """Image one frame.
+        """Image one frame and find the depth of the surface at each pixel.
 
         Args:
             method: an id of `methods()`.
             frame: which frame, from 0.
-            settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}, over what
-                the capture asks for; `handbench list methods` has them all.
+            settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}; they
+                replace those that the capture's folder gives. `handbench list methods` shows all.
 
         Returns:
             The depth map, which remembers this capture.
@@ -146,14 +148,13 @@ class Capture:
 
 
 class Plottable:
-    """An object with a figure, which notebooks show."""
+    """An object that `plot` draws as a figure, which notebooks show by themselves."""
 
     def plot(self, file: File | None = None) -> Figure:
-        """Draw it as seen from the array: x grows to the left.
+        """Draw this object as seen from the array: x grows to the left.
 
         Args:
-            file: where the figure is written too (.png, .pdf, .svg), if it is named; replaced if it
-                exists.
+            file: also write the figure here (.png, .pdf, .svg); an existing file is replaced.
 
         Returns:
             Matplotlib's figure.
@@ -175,12 +176,13 @@ class Plottable:
 
 
 class Depth(Plottable):
-    """A depth map: x_m [nx], y_m [ny], z_m and amplitude_db [ny, nx], and all else that `DepthMap`
-    holds (`.map`).
+    """A depth map: pixel centres x_m [nx], y_m [ny], depths z_m [ny, nx] (NaN where no surface was
+    seen) and amplitude_db [ny, nx], in the radar's frame. All attributes of `DepthMap` can be read
+    here too.
 
     Args:
-        map: the depth map.
-        capture: the capture that it was imaged from, whose surface `evaluate` takes.
+        map: the depth map as `DepthMap`.
+        capture: the capture that it was imaged from; `evaluate` takes its surface.
     """
 
     def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
@@ -202,10 +204,10 @@ class Depth(Plottable):
         )
 
     def save(self, file: File) -> None:
-        """Write the depth map.
+        """Write the depth map to a file.
 
         Args:
-            file: its .npz, as docs/files.md describes it; replaced if it exists.
+            file: its .npz, described in docs/files.md; an existing file is replaced.
         """
         self.map.save(file)
 
@@ -218,22 +220,23 @@ class Depth(Plottable):
         )
 
     def points_m(self) -> np.ndarray:
-        """The pixels on target as points [n, 3] in the radar's frame."""
+        """Return the pixels with a depth as points [n, 3], metres in the radar's frame."""
         import numpy as np
 
         x_m, y_m = np.meshgrid(self.x_m, self.y_m)
         return np.stack([x_m, y_m, self.z_m], axis=-1)[np.isfinite(self.z_m)]
 
     def to_pointcloud(self) -> PointCloud:
-        """The pixels on target as Open3D's point cloud, metres, radar frame."""
+        """Return the pixels with a depth as a point cloud of Open3D, metres in the radar's
+        frame."""
         from handbench.support.rays import load_open3d
 
         o3d = load_open3d()
         return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
 
     def to_xarray(self) -> xr.Dataset:
-        """The maps over y_m and x_m as a Dataset of xarray, which is no dependency: `pip install
-        xarray`."""
+        """Return z_m, amplitude_db and all other maps as a Dataset of xarray over y_m and x_m.
+        Raises HandbenchError if xarray, which is no dependency, is not installed."""
         try:
             import xarray as xr
         except ImportError as error:
@@ -256,21 +259,22 @@ class Depth(Plottable):
         transform: Transform | File | None = None,
         protocol: str = "paper",
     ) -> Score:
-        """Hold the map against a surface: by default that of its capture, the true one or else the
-        measured.
+        """Compare the depth map with a surface. Without a mesh this is the surface of the capture
+        that the map was imaged from: the true one or, if that is unknown, the measured one.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
-            transform: what carries the mesh into the radar's frame, or its .json; without one it
-                is there already.
-            protocol: the scoring protocol, as "maroon", which scores the pixels of the capture's
-                own mask.
+            transform: carries the mesh into the radar's frame (an object, or its .json); None: the
+                mesh is there already, or the capture has the transform of its own mesh.
+            protocol: which pixels are scored, and how: "paper", or "maroon", which scores the
+                pixels of the capture's own mask.
 
         Returns:
-            The figures, by name, and the map of signed errors.
+            The metrics by name, and the map of signed errors.
 
         Raises:
-            HandbenchError: no mesh, or nothing that carries the capture's own to the radar.
+            HandbenchError: there is no mesh, or nothing that carries the capture's own to the
+                radar.
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
@@ -301,13 +305,13 @@ class Depth(Plottable):
 
 
 class Score(Plottable):
-    """The figures of a depth map against a surface, by name (`score["mae_mm"]`), and the error of
-    each pixel.
+    """The accuracy of a depth map against a surface: metrics by name, as score["mae_mm"], and the
+    error of each pixel, which `plot` draws.
 
     Args:
         errors: signed errors in metres, z − z_ref: positive behind the surface.
-        values: metric → figure in the unit of its name; None where it is not defined.
-        method: the method's id.
+        values: metric → figure in the unit that ends its name; None where it is not defined.
+        method: the id of the imaging method.
     """
 
     def __init__(self, errors: ErrorMap, values: dict[str, float | None], method: str) -> None:
@@ -332,23 +336,27 @@ class Score(Plottable):
 
 
 def methods() -> dict[str, str]:
-    """Every method's id with a line on what it does."""
+    """Return all imaging methods: id → a line on what the method does."""
     from handbench.radar.methods.registry import methods as registered
 
     return {method.id: method.summary for method in registered()}
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:
-    """Write the capture of a scene file.
+    """Simulate the radar echoes of a scene, with the photographs that it asks for, and write them
+    as a capture.
 
     Args:
         scene: the scene's .toml.
         folder: where the capture is written.
-        frames: how many frames, each with different noise.
+        frames: how many frames, which differ in their noise.
         overwrite: whether an existing capture may be replaced.
 
     Returns:
         The capture.
+
+    Raises:
+        HandbenchError: the folder exists and may not be replaced, or is no capture.
     """
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
@@ -362,18 +370,19 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
 def reconstruct_mesh(
     photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any
 ) -> Surface:
-    """Reconstruct a metric surface from photographs.
+    """Reconstruct a surface in metres from photographs, by photogrammetry.
 
     Args:
         photos: the folder of photographs.
-        mesh: where the surface is written too (.ply), if it is named.
-        workdir: where the stages' files are kept, cameras and sparse points among them.
-        options: those of `handbench.groundtruth.options.Options`, as board="board.toml",
+        mesh: also write the surface here (.ply).
+        workdir: keep intermediate files here, cameras and sparse points among them.
+        options: fields of `handbench.groundtruth.options.Options`, as board="board.toml",
             quality="draft".
 
     Returns:
-        `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n] and `observed` [n] in the photographs'
-        frame.
+        The surface in the photographs' frame: `vertices_m` [n, 3], `faces` [m, 3], `sigma_m` [n],
+        the standard deviation along the normal, and `observed` [n], False for a vertex that was
+        interpolated.
     """
     from handbench.groundtruth.options import Options
     from handbench.groundtruth.pipeline import reconstruct
@@ -388,16 +397,16 @@ def reconstruct_mesh(
 
 
 def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int = 0) -> Transform:
-    """Find what carries the photographs' frame to the radar's.
+    """Find the transform from the photographs' frame to the radar's, from captures of a calibration
+    target that both see.
 
     Args:
-        captures: one or several captures of one calibration target.
+        captures: one or several captures of the same target.
         quality: of the photogrammetry: draft, normal or high.
         seed: of the random numbers.
 
     Returns:
-        radar_from_photo, with its covariance (of [translation in metres, rotation vector in
-        radians]).
+        The transform, with the covariance of [translation in metres, rotation vector in radians].
     """
     from handbench.bench.run.photogrammetry import calibrate_captures
 
@@ -406,15 +415,16 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
 
 
 def run(bench: File, folder: File, overwrite: bool = False) -> Result:
-    """Run or resume a benchmark.
+    """Run a benchmark: image every capture with every method and score the depth maps. A run that
+    was interrupted is resumed.
 
     Args:
-        bench: its .toml, or an embedded one's name, as "paper_table".
-        folder: the result folder.
+        bench: the benchmark's .toml, or the name of one that handbench contains, as "paper_table".
+        folder: where the result is written.
         overwrite: whether another benchmark's result may be replaced.
 
     Returns:
-        The result, whose tables are DataFrames: `.table`, `.tasks`, `.comparisons`, …
+        The result, whose tables `.table`, `.tasks`, `.comparisons`, … are pandas DataFrames.
     """
     from handbench.bench.results import load as load_result
     from handbench.bench.run import runner

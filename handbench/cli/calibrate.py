@@ -16,7 +16,9 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Target captures → transform; or a mesh and a depth map → transform."""
+    """Find the transform from the photographs' frame to the radar's and write it (-o): from
+    captures of the calibration target or, with --refine, by aligning a mesh to a depth map. --array
+    also estimates and writes the antennas' gains, phases and places."""
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)

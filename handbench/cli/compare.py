@@ -7,7 +7,8 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Two result folders → their differences, printed, and written with -o."""
+    """Compare two result folders and print the differences; with -o also write them into a
+    folder."""
     from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared
     from handbench.reports.tables.comparison import show, write

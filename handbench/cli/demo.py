@@ -17,8 +17,9 @@ TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
 def run(options: argparse.Namespace) -> None:
-    """Simulate, image, score and draw, all in one folder; continues an earlier demo of this
-    version."""
+    """Simulate a hand, image it with the paper's four methods, score the depth maps against the
+    true surface and draw them, all in one folder. Prints errors and seconds per frame. An earlier
+    demo of this version is continued."""
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
@@ -83,8 +84,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _claim(folder: Path, scene: str) -> None:
-    """Write the scene file into a new or empty folder, or continue in a folder with the same scene
-    file."""
+    """Write the scene file into a new or empty folder. A folder with the same scene file, of an
+    earlier demo, is continued; any other is a HandbenchError."""
     marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
     mark = folder / SCENE
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
@@ -96,7 +97,8 @@ def _claim(folder: Path, scene: str) -> None:
 
 
 def _simulate(scene: Path, capture: Path) -> None:
-    """Simulate the scene's capture, unless it exists. The kernels are compiled meanwhile."""
+    """Simulate the scene and write its capture, unless this exists. The compiled loops that imaging
+    needs are prepared at the same time."""
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
     from handbench.radar.warmup import compile_kernels

@@ -12,7 +12,8 @@ WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print one line per check: its name, and 'ok' or the consequence of the missing part."""
+    """Check this machine's hardware and libraries. Prints one line for each check: what was found,
+    and "ok" or what does not work without it."""
     for what, verdict in (*_hardware(), *_libraries()):
         print(f"{what:<58} {verdict}")
 

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Depth map × mesh → metrics on stdout (a table on a terminal, else JSON), after any
-    warnings."""
+    """Compare a depth map with a mesh and print the metrics on stdout, as a table on a terminal and
+    else as JSON. Warnings come first, on stderr."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.floor import floor_interval
@@ -62,8 +62,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
-    """The figures as a table. Intervals are over captures, and one map is one capture, so only the
-    ground-truth floor has one, if the surface and its registration have a known uncertainty."""
+    """Print the metrics as a table. values: metric → figure; floor: interval of the error that the
+    ground truth itself has, if its uncertainty is known; caption: a note below. No other metric has
+    an interval, since intervals are over captures and this is one."""
     from rich.console import Console
     from rich.table import Table
 

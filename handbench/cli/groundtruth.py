@@ -12,7 +12,8 @@ MILLIMETRE_M = 1e-3
 
 
 def run(options: argparse.Namespace) -> None:
-    """Photographs → mesh; or a mesh in any unit → a mesh in metres."""
+    """Reconstruct a mesh in metres from photographs, or convert a mesh file with --unit to metres,
+    and write it (-o). Prints a summary as JSON."""
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
         _take_over(options)
@@ -57,7 +58,8 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """The options' values, by the names of the configuration."""
+    """Return the options of the command line as values for `groundtruth.options.Options`, by its
+    names."""
     from handbench.groundtruth.options import Options
 
     return {

@@ -7,7 +7,8 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Foreign data → capture folder; a foreign hand → scene."""
+    """Convert foreign data to a capture folder, or a hand of MakeHuman to a scene, and write it
+    (-o)."""
     from handbench.bench.datasets.dataset import import_capture
     from handbench.bench.datasets.foam_panel import import_planar_scan
     from handbench.bench.scenes.makehuman import SCENE, import_makehuman

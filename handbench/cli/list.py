@@ -20,8 +20,8 @@ SECTIONS = {  # as commands.toml names them → title
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print everything that has a name; optionally of one section, and with a text in the name or
-    in its line."""
+    """Print all methods, metrics, benchmarks, effects, data sets and poses, or one section of
+    these; with a filter only the entries with this text in their name or the line about them."""
     wanted = (options.filter or "").casefold()
     printed = False
     for section in [options.section] if options.section else SECTIONS:
@@ -36,7 +36,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _entries(section: str) -> Iterator[list[str]]:
-    """The printed lines of each entry of a section of `handbench list`, as 'methods'."""
+    """Yield the entries of a section of `handbench list`, each as the lines to print. section: a
+    key of SECTIONS."""
     from handbench.bench.datasets.dataset import KNOWN
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.run.benchmark_file import embedded_benchmarks

@@ -36,8 +36,9 @@ GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command. A known error prints one line on stderr and gives exit code 2, an unknown
-    one keeps its traceback."""
+    """Run one command of the command line and return the exit code. A known error prints one line
+    on stderr and gives 2; an unknown one keeps its traceback. arguments: by default those of this
+    process."""
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -114,7 +115,8 @@ def _require_addresses() -> None:
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """The device on which the command images, if it images."""
+    """Return a context in which the command images on the device that its options name (CPU or
+    GPU); it has no effect for a command that does not image."""
     if "device" not in options:
         return nullcontext()
     from handbench.radar.imaging.device import use_device
@@ -123,7 +125,8 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """All commands and their options."""
+    """Return the parser of the command line, with all commands and options that commands.toml
+    declares."""
     purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
     top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")

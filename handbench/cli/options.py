@@ -1,4 +1,5 @@
-"""Options declared in commands.toml, and refusals to overwrite."""
+"""Helpers of the commands: options as commands.toml declares them, and checks that nothing is
+overwritten by mistake."""
 
 import argparse
 import tomllib
@@ -20,14 +21,14 @@ def positive(text: str) -> int:
 
 
 def _ending(ends: Sequence[str], text: str) -> Path:
-    """Argument type: a path with one of these suffixes."""
+    """Argument type: a path with one of the suffixes `ends`; argparse's error for another."""
     if Path(text).suffix.lower() not in ends:
         raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
     return Path(text)
 
 
 def method_ids(**_: object) -> list[str]:
-    """The ids that a shell offers for --method."""
+    """Return the ids of all methods, which a shell offers to complete --method."""
     from handbench.radar.methods.registry import methods
 
     return [method.id for method in methods()]
@@ -38,14 +39,16 @@ TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
 
 @cache
 def declared_commands(file: Path) -> dict[str, dict[str, Any]]:
-    """Each command's entry in commands.toml."""
+    """Return what a file like commands.toml declares: name of a command → its help and its
+    options."""
     return tomllib.loads(file.read_text("utf-8"))
 
 
 def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add declared options: names, separated by commas, with argparse's arguments. type: a name in
-    TYPES; group: the heading in the help; either: at most one of the options with the same word;
-    ends: allowed suffixes of a path."""
+    """Add options to a command's parser. options: names, separated by commas → arguments of
+    argparse's `add_argument`, and besides: type, a name in TYPES; group, the heading in the help;
+    either, a word shared by options of which only one may be given; ends, the allowed suffixes of a
+    path."""
     groups: dict[str, argparse._ActionsContainer] = {}
     for names, keywords in options.items():
         facts: dict[str, Any] = {
@@ -66,7 +69,8 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
 
 
 def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
-    """The numbers in an option's text; None without a text."""
+    """Return the `count` numbers, separated by commas, in an option's text; None without a text.
+    Raises HandbenchError, which names the option, for anything else."""
     if text is None:
         return None
     try:
@@ -79,7 +83,7 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
 
 
 def free(path: Path, overwrite: bool) -> None:
-    """Refuse to overwrite a file, unless `overwrite`."""
+    """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
     if path.exists() and not overwrite:
         raise HandbenchError(
             f"{path}: exists already; choose another -o, or --overwrite to replace it"
@@ -87,8 +91,9 @@ def free(path: Path, overwrite: bool) -> None:
 
 
 def free_folder(path: Path, overwrite: bool, mark: str) -> None:
-    """As `free`, for folders; even with `overwrite`, only a folder that contains `mark`, a file
-    that handbench writes, is replaced."""
+    """Raise a HandbenchError if a folder exists and may not be overwritten, or does not contain
+    `mark`, the name of a file that handbench writes into such folders: a foreign folder is never
+    replaced."""
     free(path, overwrite)
     if path.exists() and not (path / mark).is_file():
         raise HandbenchError(

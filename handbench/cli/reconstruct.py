@@ -29,7 +29,9 @@ FINER = 10.0  # times, when a certificate does not keep the tolerance
 
 
 def run(options: argparse.Namespace) -> None:
-    """Capture × method → depth map."""
+    """Image one frame of a capture with one method and write the depth map (-o) and, where asked
+    for, the volume. Prints warnings, the number of pixels with a depth, and the bound of the
+    images' error."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
     if options.volume == options.out:
@@ -78,9 +80,10 @@ def run(options: argparse.Namespace) -> None:
 def _imaged(
     task: ImagingTask, options: argparse.Namespace
 ) -> tuple[Reconstruction, ImagingTask, Certificate]:
-    """The method's result, its settings, and the certificate of its images. A tolerance relative to
-    the image is kept, if the certificate exceeds it, by imaging again with a tenth of it, or
-    exactly."""
+    """Image the capture. Returns the method's result, the task with the settings used last, and the
+    certificate, which bounds the images' relative error. If the bound is above the tolerance asked
+    for, the capture is imaged again with a tenth of it, at last with the exact sum; with
+    --relative-to samples it never is."""
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -107,8 +110,9 @@ def _check(
     most: float,
     options: argparse.Namespace,
 ) -> None:
-    """Print how far the volume is from the exact sum; HandbenchError if it is further than
-    `most`."""
+    """Compare a volume [nz, ny, nx] at random voxels with the exact sum over all samples and print
+    the relative error. Raises HandbenchError if this is larger than `most`. settings: the method's,
+    with tones and grid."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(
         volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check
@@ -125,8 +129,9 @@ def _check(
 
 
 def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with --set, --tolerance and --exact put in; methods that always image exactly have
-    no tolerance."""
+    """Return the method's settings `values` with those from the command line in their place: --set
+    KEY=VALUE, --tolerance and --exact. A method that always images exactly has no tolerance to
+    set."""
     for setting in options.settings:
         key, separator, text = setting.partition("=")
         *parents, leaf = key.split(".")

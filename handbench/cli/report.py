@@ -6,7 +6,8 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Result folder → report; several → a ranking of their methods, with the report of each."""
+    """Write the report of one result folder or, of several, a ranking of their methods and the
+    report of each. Prints the path of its first page."""
     from handbench.bench.results import load
     from handbench.bench.results.ranking import rank_methods
     from handbench.reports.page import html, leaderboard

@@ -1,10 +1,12 @@
-"""`handbench run`: the main job."""
+"""`handbench run`: image all captures of a benchmark with all its methods and score the depth
+maps."""
 
 import argparse
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run, resume or repeat a benchmark; prints the table at the end."""
+    """Run a benchmark, or resume or repeat it, and print the table of its main figures at the
+    end."""
     from handbench.bench.run import runner
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.reports.tables.result_tables import show

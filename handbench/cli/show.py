@@ -47,7 +47,9 @@ TURNS = {
 
 
 def run(options: argparse.Namespace) -> None:
-    """File → picture, drawing or interactive page; prints the path of a picture or a page."""
+    """Draw the file or folder that the options name: a picture, a printable drawing of a board or
+    target, or with --3d a page on which the surface can be turned. Prints the path of a picture or
+    page."""
     path: Path = options.path
     if path.suffix == ".toml" or not path.exists():
         _drawing(options)
@@ -74,7 +76,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _drawing(options: argparse.Namespace) -> None:
-    """Draw a board or a target at true scale, or write its description where -o ends in .toml."""
+    """Write a board or a calibration target as a drawing at true scale (.pdf, .svg) or, where -o
+    ends in .toml, as its description."""
     from handbench.calibration.spheres.description import Target, save_target
     from handbench.groundtruth.board.board import save_board
     from handbench.reports.drawings.board_drawing import board_sheets
@@ -107,7 +110,8 @@ def _drawing(options: argparse.Namespace) -> None:
 
 
 def _described(path: Path) -> tuple[Target | Board, str]:
-    """The target or board to draw, and its title; a file's title has the first digits of its
+    """Return the calibration target or board that a path names, and the drawing's title. The path
+    is "target" or "stand" for those built in, else a .toml, whose title has the first digits of its
     SHA-256."""
     from handbench.bench.scenes.stand import stand_board
     from handbench.calibration.spheres.description import Target, default_target
@@ -151,8 +155,8 @@ def _folder(path: Path) -> Figure:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of a .npz file of handbench (a depth map, errors, a reference's depth or a
-    volume), with their shapes checked."""
+    """Return the arrays of a .npz file of handbench by name: a depth map, errors, a reference's
+    depths or a volume. Raises HandbenchError if their shapes do not fit x_m [nx] and y_m [ny]."""
     found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
     shape = found["y_m"].size, found["x_m"].size
     shapes: dict[str, tuple[int, ...]] = {
@@ -230,7 +234,8 @@ def _mesh(path: Path) -> Figure:
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
-    """Evenly spaced pixel centres in x and y that cover a mesh."""
+    """Return pixel centres in x and y, at even steps, that cover a mesh with a small margin: about
+    VIEWED_PX along its longer side. vertices_m [n, 3]."""
     low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
     step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)
     return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
@@ -293,7 +298,8 @@ def _recording(path: Path) -> Figure:
 
 
 def _surface(path: Path) -> tuple[str, SurfaceMap]:
-    """The height field of an interactive page, with its title."""
+    """Return the surface that --3d shows, as depths over x and y, and its title. The path is a
+    depth map, a mesh, or a capture with a surface; HandbenchError for anything else."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid

@@ -18,8 +18,9 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Scene → capture folder, or only the effects of its echoes and photographs, with reasons;
-    benchmark → set of captures."""
+    """Simulate a scene and write its capture, or all captures of a benchmark. With --explain only
+    print the physical effects that would be simulated, each with its size and why it is on or
+    off."""
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
@@ -42,15 +43,17 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _is_benchmark(path: Path) -> bool:
-    """True for the name of an embedded benchmark and for a file that lists methods."""
+    """True if the path is a file that lists methods or the name of a benchmark that handbench
+    contains; a scene is neither."""
     if not path.is_file():
         return str(path) in embedded_benchmarks()
     return "method" in read_toml(path, "a scene or a benchmark")
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print the effects on stdout, as wide as the table needs: estimate, on or off, reason, and
-    seconds of each; pixels %: lost and gained."""
+    """Print a table of physical effects on stdout, one row each: its estimated influence on depths
+    (mm), on pixels lost or gained (%) and its level (dB), whether it is on and why, and its seconds
+    (~: estimated)."""
     from handbench.reports.tables.result_tables import terminal_table, wide_console
 
     lines = []

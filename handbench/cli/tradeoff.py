@@ -1,4 +1,5 @@
-"""`handbench tradeoff`: accuracy against time."""
+"""`handbench tradeoff`: measure the accuracy and the time of many settings, and find those that no
+other beats."""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 def run(options: argparse.Namespace) -> None:
-    """Sweep → fronts, their report, and the answer to the question in the options. Raises
-    HandbenchError, after everything is written, if no setting answers it."""
+    """Measure accuracy against time over the benchmark's settings, print the fronts and write their
+    report. --max-mae and --max-time ask for one setting within these limits; HandbenchError, after
+    everything is written, if none is."""
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.bench.tradeoff.run import run as sweep
     from handbench.bench.tradeoff.run import setting_path
@@ -53,8 +55,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
-    """Parse a number with its unit, 2mm or 33 ms, into the unit whose factor is 1; HandbenchError
-    for anything else."""
+    """Return the number in a text as "2mm" or "33 ms", converted to the unit whose factor is 1.
+    units: unit → factor; option: named in the error. Raises HandbenchError for anything else."""
     found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
         raise HandbenchError(
@@ -64,8 +66,9 @@ def quantity(text: str, units: dict[str, float], option: str) -> float:
 
 
 def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
-    """Print all sections. If acquisition is counted, the imaging front is that of frame and
-    acquisition together."""
+    """Print the table of every section of a trade-off, with the settings on its front, and the
+    paper's claims about time. count_acquisition: add the time of acquisition to that of imaging,
+    which may change which settings are on that front."""
     from handbench.bench.tradeoff.settings import rank, with_acquisition
 
     for section in tradeoff.facts.sections:
@@ -90,7 +93,8 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:
-    """The front, and the settings that are on their own method's front only, as a table."""
+    """Return a Markdown table of the settings on a section's front, those that no other beats, and
+    of those that are only beaten by settings of another method."""
     shown = sorted(
         (s for s in settings if s.on_front or s.on_method_front), key=lambda s: s.seconds or 0.0
     )
@@ -108,8 +112,8 @@ def _front(section: Section, settings: Sequence[Setting]) -> str:
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]], texts: Sequence[str]) -> str:
-    """Columns of cells as Markdown, padded for a terminal, without empty columns; `texts` are
-    aligned left, numbers right."""
+    """Return a Markdown table that is also aligned on a terminal. columns: heading → cells, empty
+    columns are left out; texts: headings of the columns that are aligned left."""
     padded = []
     for heading, cells in columns.items():
         if any(cells):

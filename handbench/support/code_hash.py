@@ -1,5 +1,5 @@
-"""Hashes of the code that a module runs: the module and all that it imports, found by reading
-import statements.
+"""Hashes of the code that a module runs (its own and that of all modules that it imports), by which
+a stored result is recognised as made by other code.
 
 All imports of a module count, also those in functions and `importlib.import_module("a.b")`,
 together with the packages around them. Imports for types only (`if TYPE_CHECKING:`) never run and
@@ -26,8 +26,8 @@ BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, 
 
 
 class _Module(NamedTuple):
-    """A module's hash, the handbench modules that it imports (with the packages around them), and
-    the other libraries."""
+    """What one module contributes: the hash of its file, the names of handbench's modules that it
+    imports (with the packages around them), and of the other libraries."""
 
     hash: str
     ours: frozenset[str]
@@ -35,7 +35,8 @@ class _Module(NamedTuple):
 
 
 class Sources:
-    """handbench's modules, whose package is in the folder `root`, each read once, on first use."""
+    """The source files of handbench's modules, found in the package's folder `root`. Each is read
+    once, on first use."""
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
@@ -46,8 +47,9 @@ class Sources:
         self._modules: dict[str, _Module] = {}
 
     def imports_of(self, module: str) -> tuple[list[str], list[str]]:
-        """The modules that `module` runs, itself among them, and the names of other libraries, both
-        in order. Raises ModuleNotFoundError for an unknown module."""
+        """Return the names of all handbench modules that run when `module` is imported, itself
+        among them, and of the other libraries that these import, Python's own excepted; both
+        sorted. Raises ModuleNotFoundError for an unknown module."""
         ours: set[str] = set()
         others: set[str] = set()
         waiting = {module, *self._passed(module)}
@@ -60,8 +62,8 @@ class Sources:
         return sorted(ours), sorted(others - sys.stdlib_module_names)
 
     def key(self, module: str) -> str:
-        """Hash of all code that a module runs: the content of handbench's modules, and the versions
-        of other libraries and of Python."""
+        """Return a hash of all code that a module runs: the files of handbench's modules, and the
+        versions of the other libraries and of Python."""
         ours, others = self.imports_of(module)
         versions = [installed(name) for name in others]
         return content_hash(
@@ -93,7 +95,8 @@ class Sources:
         return _Module(content_hash(file, *named), ours, others)
 
     def _passed(self, name: str) -> list[str]:
-        """The modules that run when a name is imported: those of a, a.b and a.b.c that exist."""
+        """Return the modules of handbench that run when a name is imported: of a.b.c those of a,
+        a.b and a.b.c that exist."""
         parts = name.split(".") if name.partition(".")[0] == PACKAGE else []
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
@@ -115,8 +118,8 @@ class Sources:
 
 @cache
 def key_of(module: str) -> str:
-    """`Sources.key` of the installed code as first read by this process, which is the code that it
-    runs."""
+    """Return a hash of all code that a module of the installed handbench runs, from the files as
+    this process first read them."""
     return _INSTALLED.key(module)
 
 
@@ -125,8 +128,9 @@ _INSTALLED = Sources()
 
 @cache
 def _imported(source: bytes, package: str) -> frozenset[str]:
-    """The full names that a module of `package` imports. For `from a import b` these are a and a.b,
-    which may be a module."""
+    """Return the full names that a module imports. For `from a import b` these are a and a.b, which
+    may be a module. source: the module's text; package: the package that it is in, from which
+    relative imports start."""
     collecting = gc.isenabled()
     gc.disable()  # it would go through each tree many times while it grows
     try:
@@ -154,7 +158,8 @@ def _names(tree: ast.Module, package: str, calls: bool) -> Iterator[str]:
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """All statements below a node, without those for types only."""
+    """Yield all statements below a node of a syntax tree, at any depth, without those for types
+    only."""
     types = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
     for block in BLOCKS[types:]:
         for inner in getattr(node, block, ()):
@@ -164,17 +169,17 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def installed(library: str) -> tuple[str, ...]:
-    """The distributions that provide an imported library, with their versions; without one, the
-    library's name with "none"."""
+    """Return the installed distributions that provide an imported library, each with its version,
+    as "numpy 2.1.0"; without one, the library's name followed by "none"."""
     brought_by = {one.metadata["Name"] for one in _distributions().get(library, [])}
     return tuple(sorted(map(with_version, brought_by or {library})))
 
 
 @cache
 def _distributions() -> dict[str, list[metadata.Distribution]]:
-    """The installed distributions by the names that they provide. Same result as
-    `metadata.packages_distributions`, from the text of the records: one object for each of 30 000
-    files takes four times as long."""
+    """Return the installed distributions by the names that can be imported from them, as
+    `metadata.packages_distributions` finds them. This reads the text of their records, which is
+    four times as fast as one object for each of 30 000 files."""
     found: dict[str, list[metadata.Distribution]] = {}
     for one in metadata.distributions():
         inferred = re.findall(r"(?m)^([^/,\n]+?)(?:/[^,\n]*)?\.py,", one.read_text("RECORD") or "")
@@ -184,7 +189,7 @@ def _distributions() -> dict[str, list[metadata.Distribution]]:
 
 
 def with_version(distribution: str) -> str:
-    """A distribution's name with its installed version."""
+    """Return a distribution's name with its installed version, as "numpy 2.1.0", or with "none"."""
     try:
         return f"{distribution} {metadata.version(distribution)}"
     except metadata.PackageNotFoundError:  # an extra that is not installed

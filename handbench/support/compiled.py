@@ -38,11 +38,13 @@ cpu_target.target_context  # noqa: B018  # which keeps the features that it meet
 
 
 def compile_once(module: str, *kernels: Any) -> None:
-    """Have `python -m module`, which runs the kernels, compile them if one is not cached. If
-    several processes ask, one compiles, and the others wait. The compilation runs in a separate
-    process because a kernel that calls another one is linked to that kernel's code if both were
-    just compiled, and to a copy, optimised again, if it is loaded: sums would differ in their last
-    bits (3e-7)."""
+    """Have compiled loops (kernels) compiled and cached before their first use, by running `python
+    -m module`, which calls them. Of several processes that ask, one compiles and the others wait.
+
+    A separate process compiles because a kernel that calls another one is linked to that kernel's
+    code if both were just compiled, and to a copy, optimised again, if it is loaded: sums would
+    differ in their last bits (3e-7).
+    """
     if _cached(kernels):
         return
     with open(__file__) as lock:
@@ -63,7 +65,8 @@ def compile_once(module: str, *kernels: Any) -> None:
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
-    """True if numba has cached code of the kernels for this processor, or does not compile."""
+    """True if numba need not compile the kernels: it has their code for this processor in its
+    cache, or is set not to compile."""
     if getattr(config, "DISABLE_JIT", False):
         return True
     codes = (

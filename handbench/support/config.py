@@ -1,5 +1,5 @@
-"""Strict configuration: every key known, every value checked, and the nearest key suggested for a
-typo."""
+"""Configurations that are checked strictly: every key must be known and every value valid; for a
+mistyped key the nearest known one is suggested."""
 
 import difflib
 import tomllib
@@ -17,8 +17,9 @@ SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
 
 
 class Config(pydantic.BaseModel):
-    """Base class of every configuration: immutable, no unknown key at any level, no NaN, checked
-    defaults."""
+    """Base class of every configuration. Its values cannot be changed; an unknown key at any level,
+    NaN, infinity, or a number of a size that no quantity in SI units has, is an error; defaults are
+    checked too."""
 
     model_config = pydantic.ConfigDict(
         extra="forbid",
@@ -30,7 +31,8 @@ class Config(pydantic.BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _in_range(self) -> Self:
-        """What no quantity in SI units has overflows, or vanishes, in float32."""
+        """Refuse numbers so small or so large that they would vanish or overflow in float32; no
+        quantity in SI units is as small or large."""
         for name, value in self:
             for number in value if isinstance(value, tuple) else (value,):
                 if (
@@ -46,8 +48,9 @@ class Config(pydantic.BaseModel):
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
-    """Build a `model` from plain `values`. `where` (a file or an option) begins the one-line
-    error."""
+    """Return a configuration of the class `model` from plain values, as a TOML file gives them.
+    Raises a HandbenchError of one line, which begins with `where` (a file or an option) and says
+    what is wrong."""
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
@@ -67,7 +70,8 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Parse a TOML file into plain values; HandbenchError for a missing or broken file."""
+    """Return the content of a TOML file as plain values. Raises a HandbenchError, which says that
+    `what` was expected, for a missing or broken file."""
     try:
         return plain_toml(read_text(path, what, TOML_BYTES))
     except (
@@ -80,26 +84,30 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
 
 
 def plain_toml(text: str) -> dict[str, Any]:
-    """Parse TOML into plain values; ValueError or RecursionError for invalid or too deeply nested
-    text."""
+    """Return the content of a TOML text as plain values. Raises ValueError for text that is invalid
+    or too deeply nested; for some deep nesting RecursionError."""
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
     return require_shallow(tomllib.loads(text))
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
-    """Read a TOML file and parse it as a `model`."""
+    """Return a configuration of the class `model` from a TOML file. Raises a HandbenchError for a
+    file that is missing, broken or has wrong values. what: the expected file, in words."""
     return parse(model, read_toml(path, what), str(path))
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """ "did you mean 'x'?" for the nearest known name, or the list of all names if none is near."""
+    """Return a hint for an unknown name: "did you mean 'x'?" with the most similar known name, or
+    the list of all known names if none is similar."""
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
-    """A validation error of pydantic in words. prefix: the keys that lead to the model's values."""
+    """Return in words what is wrong with one value of a configuration. problem: pydantic's
+    description of the error; prefix: keys that lead from the file's top to the configuration's
+    values."""
     models, keys = _follow(model, problem["loc"])
     location = ".".join(map(str, (*prefix, *keys))) or "the file"
     if problem["type"] == "extra_forbidden":
@@ -119,8 +127,9 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
 def _follow(
     model: type[Config], location: tuple[int | str, ...]
 ) -> tuple[list[type[Config]], list[str]]:
-    """The models along an error's location, and its keys as the file has them. Pydantic adds the
-    tag of a union's member, which is not a key."""
+    """Return the configuration classes that a wrong value may belong to, and the keys that lead to
+    it as the file has them. location: the value's place as pydantic gives it, which besides keys
+    names the chosen class of a union."""
     models, keys = [model], []
     for part in location:
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
@@ -147,8 +156,9 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """Return `name` if it can be part of a file name: it does not leave its folder, is not hidden,
-    and does not contain '__', which handbench uses as separator."""
+    """Return `name` if it can be a part of a file's name; ValueError if it leads to another folder,
+    is hidden, is longer than 80 characters or contains '__', with which handbench separates
+    names."""
     unfit = (
         not name.isprintable()
         or name.startswith(".")

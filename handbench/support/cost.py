@@ -1,5 +1,5 @@
-"""The cost of work: wall-clock time, CPU time and peak memory; facts of the machine; and limits of
-time and memory, checked before the work."""
+"""What work costs (wall-clock time, processor time, peak memory), facts of the machine that affect
+this, and limits of time and memory that are checked before the work begins."""
 
 import os
 import platform
@@ -28,8 +28,8 @@ ANNOUNCED_S, MOST_HOURS = 10.0, 24.0
 
 @dataclass
 class Cost:
-    """Cost of the entire process: seconds, cpu_seconds, and peak_memory_mb, the largest resident
-    size, MB."""
+    """What a piece of work cost, for the entire process: wall-clock seconds, seconds of processor
+    time, and the largest memory in use, MB."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -38,7 +38,8 @@ class Cost:
 
 @contextmanager
 def measured() -> Iterator[Cost]:
-    """Yield a Cost that is filled in when the block ends."""
+    """Context that measures the work inside it: yields a Cost, which has its figures when the block
+    ends."""
     cost, done, process = Cost(), threading.Event(), psutil.Process()
 
     def watch() -> None:
@@ -63,9 +64,9 @@ def measured() -> Iterator[Cost]:
 
 @contextmanager
 def others() -> Iterator[list[float]]:
-    """Yield a list that receives, at the end of the block, the mean number of cores taken by other
-    work: the time that all cores were busy, or withheld by the machine's host, minus the time of
-    this process."""
+    """Context that measures how busy the machine is with other work: yields a list, which receives
+    at the end of the block the mean number of cores taken by others. This is the time that all
+    cores were busy, or withheld by the machine's host, minus the time of this process."""
     found: list[float] = []
     start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
     try:
@@ -76,8 +77,8 @@ def others() -> Iterator[list[float]]:
 
 
 def _busy_s() -> float:
-    """Seconds, summed over all cores since the machine started, of work or of time withheld by its
-    host."""
+    """Return the seconds of work, summed over all cores since the machine started, including time
+    that its host withheld."""
     times = psutil.cpu_times()
     return sum(
         getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal")
@@ -88,8 +89,9 @@ CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
 
 
 def calibrated_machine() -> dict[str, Any]:
-    """Facts of the machine with its name and `gemm_gflops`, with which times of different machines
-    can be compared; measured once per process."""
+    """Return facts of the machine that affect times, with its name as "host" and its rate of matrix
+    products as "gemm_gflops", by which times of different machines can be compared. Measured once
+    per process."""
     if not CALIBRATED:
         CALIBRATED.update(
             {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
@@ -98,8 +100,8 @@ def calibrated_machine() -> dict[str, Any]:
 
 
 def gemm_gflops() -> float:
-    """Rate of a float32 matrix product on all cores, GFLOP/s: the best of half a second, because
-    other work on the machine only slows it down."""
+    """Measure the rate of float32 matrix products on all cores in GFLOP/s: the best within half a
+    second, since other work on the machine can only slow it down."""
     gemm(GEMM_SIZE)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:
@@ -109,7 +111,8 @@ def gemm_gflops() -> float:
 
 
 def machine() -> dict[str, str | int | float]:
-    """Facts of the machine that affect times."""
+    """Return facts of the machine that affect times: processor, cores, memory_gb, system and
+    python."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -130,7 +133,8 @@ def _processor() -> str:
 
 
 def gemm(size: int) -> np.ndarray:
-    """One square product of float32 matrices: 2·size³ operations on all cores."""
+    """Return the product of two fixed random float32 matrices [size, size], which takes 2·size³
+    operations on all cores."""
     return np.matmul(*_factors(size))
 
 
@@ -142,8 +146,9 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def require_memory(needed_bytes: float, what: str) -> None:
-    """Raise a HandbenchError for work that needs too much memory, with its size and what would fit.
-    The limit for imaging is a quarter of the machine's memory, or HANDBENCH_MEMORY_GB."""
+    """Raise a HandbenchError for imaging that needs more memory than allowed: a quarter of the
+    machine's, or HANDBENCH_MEMORY_GB. The message begins with `what` and says how much coarser
+    steps would fit."""
     limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
@@ -157,9 +162,14 @@ def require_memory(needed_bytes: float, what: str) -> None:
 
 
 def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
-    """Print the predicted time on all cores, if it is long; raise a HandbenchError if it is more
-    than HANDBENCH_HOURS (24). core_s: processor time on one core; bytes_: predicted memory, which
-    is always printed with the time."""
+    """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores;
+    print the predicted time if it is long.
+
+    Args:
+        core_s: predicted processor time on one core, seconds.
+        what: the work, in words.
+        bytes_: predicted memory; where it is given, time and memory are always printed.
+    """
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
     duration = (
         f"{seconds:.0f} s"
@@ -180,7 +190,8 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
 
 
 def setting(name: str, default: float, unit: str) -> float:
-    """Read a positive number from an environment variable."""
+    """Return a positive number from the environment variable `name`, or `default` if it is not set.
+    Raises a HandbenchError, which names the unit, for anything else."""
     wanted = os.environ.get(name, "")
     try:
         value = float(wanted) if wanted else default
@@ -194,7 +205,8 @@ def setting(name: str, default: float, unit: str) -> float:
 
 
 def require_free(needed_bytes: float, what: str, advice: str) -> None:
-    """Raise a HandbenchError, with the size, for work that needs more than the free memory."""
+    """Raise a HandbenchError for work that needs more than the memory free now. The message begins
+    with `what` and ends in `advice`."""
     free = psutil.virtual_memory().available
     if needed_bytes > free:
         raise HandbenchError(

@@ -1,4 +1,4 @@
-"""Reading and writing files safely in case of a crash, a full disk or a malicious file."""
+"""Reading and writing of files such that a crash, a full disk or a malicious file does no harm."""
 
 import errno
 import hashlib
@@ -30,9 +30,9 @@ NPY_HEADERS = {
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path next to `path` (same suffix); it replaces `path` when the block
-    succeeds and is removed when the block fails. An OSError (a full disk, a read-only folder)
-    becomes a HandbenchError."""
+    """Context that writes a file completely or not at all: yields a temporary path next to `path`,
+    with the same suffix, which takes the place of `path` when the block succeeds and is removed
+    when it fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
         handle, name = tempfile.mkstemp(
@@ -48,8 +48,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """As `atomic_path`, for a whole folder: it appears complete or not at all. An existing folder
-    is replaced at the very end; a file in its place is refused."""
+    """Context that writes a folder completely or not at all: yields a temporary folder next to
+    `path`, which takes its place when the block succeeds and is removed when it fails. An existing
+    folder is replaced at the very end; a file or a link in its place is a HandbenchError, as is any
+    other OSError."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
@@ -70,8 +72,8 @@ def _permit(path: Path, mode: int) -> None:
 
 @contextmanager
 def writable(path: Path, advice: str) -> Iterator[None]:
-    """Make the folder of `path`. An OSError here or in the block becomes a HandbenchError with the
-    advice."""
+    """Context for writing `path`: creates the folder above it, and turns an OSError, there or in
+    the block, into a HandbenchError that ends in `advice`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
@@ -82,8 +84,9 @@ def writable(path: Path, advice: str) -> Iterator[None]:
 
 
 def _replace_folder(new: Path, path: Path) -> None:
-    """Rename `new` to `path`. The previous folder is moved away first, and back if the second
-    rename fails."""
+    """Rename the folder `new` to `path`. A folder that is there already is moved aside first and
+    then deleted, or moved back if the renaming fails. Raises NotADirectoryError if a file or a link
+    is there."""
     if path.is_symlink():
         raise NotADirectoryError(errno.ENOTDIR, "a link is in the folder's place")
     if not path.exists():
@@ -109,8 +112,8 @@ def _umask() -> int:
 
 
 def require_file(path: str | Path, what: str) -> Path:
-    """Return `path` as a Path if it is a file; else raise a HandbenchError that expects `what`
-    there."""
+    """Return `path` as a Path if it is a file. Otherwise raises a HandbenchError which says that
+    `what` (as "a photograph") was expected there."""
     path = Path(path)
     # which, unlike Path's, is False for names too long and links in a circle
     if not os.path.isfile(path):
@@ -120,7 +123,8 @@ def require_file(path: str | Path, what: str) -> Path:
 
 
 def require_size(path: Path, what: str, most: int) -> int:
-    """The size of a file in bytes; HandbenchError for more than `most`."""
+    """Return the size of a file in bytes. Raises a HandbenchError if there are more than `most`,
+    which says that `what` was expected."""
     size = path.stat().st_size
     if size > most:
         raise HandbenchError(
@@ -130,7 +134,8 @@ def require_size(path: Path, what: str, most: int) -> int:
 
 
 def read_bytes(path: str | Path, what: str, most: int) -> bytes:
-    """The content of a file of at most `most` bytes; HandbenchError for a missing or larger one."""
+    """Return the content of a file. Raises a HandbenchError, which says that `what` was expected,
+    for a file that is missing, cannot be read, or has more than `most` bytes."""
     path = require_file(path, what)
     try:
         with path.open("rb") as stream:
@@ -142,23 +147,24 @@ def read_bytes(path: str | Path, what: str, most: int) -> bytes:
 
 
 def read_text(path: str | Path, what: str, most: int) -> str:
-    """Read a file as UTF-8 text without a byte order mark, with \\n as line end; ValueError for
-    other bytes."""
+    r"""Return a file's content as text, from UTF-8 without a byte order mark and with \n at the end
+    of every line. Raises ValueError for bytes that are not UTF-8, and HandbenchError as
+    `read_bytes` does for a missing or too large file."""
     text = read_bytes(path, what, most).decode("utf-8-sig")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def one_form(name: str) -> str:
-    """A name in the one form in which names are compared: composed letters (NFC, where a file
-    system of macOS writes an accent by itself), bytes that are not UTF-8 as %E4."""
+    """Return a file's name in the form in which names are compared: an accent and its letter as one
+    character (NFC; macOS may store two), and bytes that are not UTF-8 as %E4."""
     known = os.fsencode(name).decode("utf-8", "surrogateescape")
     shown = "".join(f"%{ord(c) - 0xDC00:02X}" if "\udc80" <= c <= "\udcff" else c for c in known)
     return unicodedata.normalize("NFC", shown)
 
 
 def require_folder(path: str | Path, what: str) -> Path:
-    """Return `path` as a Path if it is a folder; else raise a HandbenchError that expects `what`
-    there."""
+    """Return `path` as a Path if it is a folder. Otherwise raises a HandbenchError which says that
+    a folder with `what` was expected there."""
     path = Path(path)
     if not os.path.isdir(path):
         found = "a file" if os.path.isfile(path) else "nothing"
@@ -169,8 +175,9 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
-    """`folder / name`; HandbenchError for a name that leads out of `folder` (names in TOML files
-    and reports are untrusted)."""
+    """Return the real path of `folder / name`. Raises a HandbenchError, which begins with `where`,
+    for a name that is too long or leads out of the folder: names in TOML files and reports are
+    untrusted."""
     if (
         max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME
         or len(name) > 1000
@@ -186,22 +193,22 @@ def inside(folder: Path, name: str, where: str) -> Path:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file (UTF-8), atomically."""
+    """Write a text file (UTF-8), completely or not at all; an existing file is replaced."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def write_json(path: str | Path, content: Any) -> None:
-    """Write `content` as indented JSON, atomically. NaN, which JSON does not have, is written as
-    null."""
+    """Write `content` as indented JSON, completely or not at all. NaN and infinity, which JSON does
+    not have, are written as null; arrays become lists."""
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
 def read_json(
     path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES
 ) -> Any:
-    """Parse a JSON file; HandbenchError for a missing or broken file, and for more than `most`
-    values."""
+    """Return the content of a JSON file. Raises a HandbenchError, which says that `what` was
+    expected, for a missing or broken file and for more than `most` values or `most_bytes` bytes."""
     try:
         return plain_json(read_text(path, what, most_bytes), most)
     except (ValueError, RecursionError) as error:
@@ -211,8 +218,8 @@ def read_json(
 
 
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
-    """Parse JSON into plain values; ValueError or RecursionError for text that is invalid, too
-    deeply nested, or has more than `most` values."""
+    """Return the values in a JSON text. Raises ValueError for text that is invalid, too deeply
+    nested or has more than `most` values; for some deep nesting RecursionError."""
     # before they are made: a value takes a byte here, 60 in memory
     if sum(map(text.count, "[{,")) > most:
         raise ValueError(f"it holds more than {most} values")
@@ -220,9 +227,9 @@ def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
-    """Write named arrays as compressed .npz, atomically and without pickles. The lowest compression
-    level is used: for measured data, a higher one saves 8 % of the size and takes 1.5 times as
-    long."""
+    """Write arrays by name as a compressed .npz, completely or not at all. The lowest compression
+    level is used: for measured data a higher one saves 8 % of the size and takes 1.5 times as long.
+    Arrays of Python objects, which would need pickles, are a ValueError."""
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
@@ -238,8 +245,9 @@ def read_npz(
     optional: tuple[str, ...] = (),
     most: int = limits.ARRAY_BYTES,
 ) -> dict[str, np.ndarray]:
-    """Read the arrays `names` from an .npz file, and those of `optional` that it has. Pickled
-    content is refused, never run; arrays of more than `most` bytes unpacked are refused too."""
+    """Return the arrays of an .npz file by name: all of `names`, and those of `optional` that it
+    has. Raises a HandbenchError for a missing or broken file or array, for arrays of more than
+    `most` bytes, and for pickled content, which is never run."""
     try:
         content = read_bytes(path, "an .npz file", most)
         # zipfile reads its list of them before it can be asked
@@ -277,9 +285,9 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
-    """Read the array in .npy form at a stream's position, of which `room_bytes` are left. Raises
-    ValueError for pickled content and for a header that promises more bytes than are left, before
-    memory is taken."""
+    """Read the array, in numpy's .npy form, that begins at the stream's position. room_bytes: how
+    many bytes are left there. Raises ValueError for pickled content and for an array that claims
+    more bytes than are left, before memory is taken."""
     start = stream.tell()
     version = np.lib.format.read_magic(stream)
     if version not in NPY_HEADERS:
@@ -298,10 +306,13 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
 
 
 def content_hash(*parts: Any) -> str:
-    """SHA-256 over strings, numbers, JSON-like values (with arrays inside them), arrays, files and
-    folders (name and content of each file). TypeError for anything else, whose text may be equal
-    for different values. A link in a folder to a file inside it counts with that file's content;
-    other links, pipes and devices are a HandbenchError."""
+    """Return the SHA-256, in hexadecimal, of some values: strings, numbers, lists and mappings of
+    them, arrays, files, and folders (name and content of each file).
+
+    Raises TypeError for anything else, since its text may be equal for different values. A link in
+    a folder counts with the content of its file if this is in the folder too; other links, pipes
+    and devices are a HandbenchError.
+    """
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path) and part.is_dir():

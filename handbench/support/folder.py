@@ -23,8 +23,9 @@ ADVICE = "free the space or choose another -o"
 
 
 def require_owned(path: Path) -> os.stat_result | None:
-    """The state of a path, without following links, if it is a file or a folder of this user (root:
-    of anyone); None if it does not exist. Raises HandbenchError for anything else."""
+    """Return the state of a file or folder (`os.lstat`), None if there is nothing. Raises a
+    HandbenchError for a link, a device or a pipe, and for what belongs to another user, unless this
+    user is root."""
     try:
         found = os.lstat(path)
     except FileNotFoundError:
@@ -48,14 +49,15 @@ def _refuse_foreign(found: os.stat_result, path: Path) -> None:
 
 
 def is_owned_folder(path: Path) -> bool:
-    """True if the path is a folder of this user; see `require_owned`."""
+    """True if the path is a folder of this user, False for a file or nothing. Raises a
+    HandbenchError for a link, a device, a pipe, and for what belongs to another user."""
     found = require_owned(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
 def read_owned(path: str | Path) -> Iterator[bytes]:
-    """A file's content in parts of PART_BYTES; see `require_owned`. FileNotFoundError if there is
-    none."""
+    """Yield a file's content in parts of PART_BYTES. Raises FileNotFoundError if there is none, and
+    a HandbenchError for a link, a device, a pipe, and for what belongs to another user."""
     handle = _open_owned(path, os.O_RDONLY)
     try:
         while part := os.read(handle, PART_BYTES):
@@ -65,8 +67,9 @@ def read_owned(path: str | Path) -> Iterator[bytes]:
 
 
 def _open_owned(path: str | Path, flags: int) -> int:
-    """Open a file of this user, without following links or waiting; HandbenchError for anything
-    else."""
+    """Open a file and return its descriptor, without following a link or waiting for a pipe. Raises
+    a HandbenchError for anything but a file or folder of this user. flags: as `os.open` takes
+    them."""
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
@@ -81,8 +84,8 @@ def _open_owned(path: str | Path, flags: int) -> int:
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:
-    """Remove files and folders with these names, in this order, before they are written again, and
-    the half-written ones of killed runs."""
+    """Remove files and folders from a folder before they are written again: those with these names,
+    in this order, and the half-written ones that a killed run left."""
     half_written = [
         p
         for p in folder.iterdir()
@@ -102,12 +105,12 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[Path]:
-    """Lock a result folder for this run and yield its `work` folder, cleared of half-written files
-    of killed runs.
+    """Context that keeps other runs out of a result folder: yields its `work` folder, without the
+    half-written files of killed runs. The lock ends with the process.
 
-    A marker shows that a run made the folder: a non-empty folder without it is refused. Everything
-    in the folder and in `work` must be this user's own file or folder. The lock ends with the
-    process.
+    A marker file shows that a run made the folder: one that holds files but no marker is refused,
+    as is a folder that another run is writing to. Everything in the folder and in `work` must be
+    this user's own file or folder. Each refusal is a HandbenchError.
     """
     if folder.exists() and not folder.is_dir():
         raise HandbenchError(

@@ -28,8 +28,8 @@ CHUNKS = 2**17  # of one data set
 
 @contextmanager
 def open_hdf5(path: Path) -> "Iterator[h5py.File]":
-    """Yield the file, open for reading. Raises ValueError for files on which the library would loop
-    forever."""
+    """Context that yields an HDF5 file, open for reading. Raises ValueError for a file on which the
+    HDF5 library would loop forever."""
     import h5py
 
     with path.open("rb") as stream:
@@ -41,7 +41,8 @@ def open_hdf5(path: Path) -> "Iterator[h5py.File]":
 
 
 def _check_heaps(content: mmap.mmap) -> None:
-    """Refuse a heap with an object of size 0, at which HDF5's library (2.0) loops forever."""
+    """Raise a ValueError for a heap (HDF5's collection of texts) with an object of size 0, at which
+    the HDF5 library (2.0) loops forever. content: the file's bytes."""
     at = content.find(HEAP)
     while at >= 0:
         end = min(at + int.from_bytes(content[at + 8 : at + 16], "little"), len(content))
@@ -55,9 +56,9 @@ def _check_heaps(content: mmap.mmap) -> None:
 
 
 def attribute(file: "h5py.File", name: str) -> Any:
-    """A text or a number among a file's attributes, also in an array of one, as the C library and
-    netCDF write it; None if there is none, or if it is of another kind: the library crashes on
-    lists of a kind that it does not know."""
+    """Return an attribute of a file as a text or a number, also from an array of one, as the C
+    library and netCDF write it. None if there is no such attribute or it is of another kind: on
+    lists of a kind that it does not know, the HDF5 library crashes."""
     from h5py import h5t
 
     if name not in file.attrs:
@@ -74,7 +75,8 @@ def attribute(file: "h5py.File", name: str) -> Any:
 
 
 def local_item(file: "h5py.File", name: str) -> Any:
-    """The item of that name in this very file; None if only soft or external links lead to one."""
+    """Return the group or data set of that name ("a/b"), if it is stored in this very file; None if
+    there is none or only soft or external links lead to it."""
     import h5py
 
     found: Any = file
@@ -88,9 +90,10 @@ def local_item(file: "h5py.File", name: str) -> Any:
 
 
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """Read an entire data set. Raises ValueError for anything but a data set of numbers in this
-    very file (reached without links), and for one that declares more than the file can contain;
-    HandbenchError for one that does not fit into memory."""
+    """Return an entire data set of numbers as an array. path: the file's, for its size and for
+    messages. Raises ValueError for anything but numbers stored in this very file, and for a data
+    set that claims more than the file can contain; HandbenchError for one that does not fit into
+    memory."""
     import h5py
 
     if (found := local_item(file, name)) is None:
@@ -116,8 +119,9 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
 
 
 def _check_pieces(found: "h5py.Dataset", name: str) -> None:
-    """Raise a ValueError for a chunk that unpacks to more than its data set declares, which would
-    make the library take all memory."""
+    """Raise a ValueError for a compressed piece (chunk) of a data set that unpacks to more bytes
+    than the data set declares, for which the HDF5 library would take all memory, and for too many
+    pieces or an unknown compression. name: of the data set, for messages."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
         raise ValueError(
             f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces"

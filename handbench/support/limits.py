@@ -32,7 +32,8 @@ LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \
 
 
 def require_shallow(values: Any) -> Any:
-    """Return the tree of plain values; ValueError if it is deeper than DEEPEST."""
+    """Return `values`, plain values in lists and mappings; ValueError if these are nested deeper
+    than DEEPEST levels."""
     level = [values]
     for _ in range(DEEPEST + 1):
         inner = [

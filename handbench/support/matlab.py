@@ -21,8 +21,9 @@ KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8",
 
 
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers by name, with reversed axes, as HDF5 would store them. ValueError for
-    broken files and for arrays that unpack to more than the limit."""
+    """Return the arrays of numbers in a MATLAB file by name, with the order of axes reversed, as
+    HDF5 would store them. Raises ValueError for a broken file and for arrays that unpack to more
+    than ARRAY_BYTES."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
         raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
@@ -54,7 +55,8 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Kind and bytes of each element; an element of at most four bytes is stored inside its tag."""
+    """Yield the elements that follow one another in `content`, each as its kind (a number of the
+    format) and its bytes. order: of the bytes, "<" or ">"."""
     at = 0
     while at + TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, at)
@@ -67,7 +69,8 @@ def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview
 
 
 def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
-    """Name → array of numbers; empty for texts, structures and other kinds."""
+    """Return a variable as {name: array}; empty for a text, a structure and other kinds. matrix:
+    the bytes of its element; order: of the bytes, "<" or ">"."""
     (_, flags), (_, shape), (_, name), *parts = islice(_elements(matrix, order), 5)
     [kind] = np.frombuffer(flags[:4], f"{order}u4")
     if kind & 0xFF not in NUMBERS:

@@ -1,5 +1,5 @@
-"""Threads over independent blocks, whose number never changes results; and processes that a
-caller's script starts.
+"""Threads over independent parts of a computation, whose number never changes results, and helpers
+for processes that a caller's script starts.
 
 This module imports no library that counts the cores, so that a process can restrict its cores
 first.
@@ -25,8 +25,8 @@ Item = TypeVar("Item")
 
 
 def workers() -> int:
-    """Number of threads: HANDBENCH_WORKERS if set, else the number of cores available to this
-    process."""
+    """Return the number of threads to use: HANDBENCH_WORKERS if set, else the number of cores
+    available to this process."""
     wanted = os.environ.get("HANDBENCH_WORKERS", "")
     if wanted and not (wanted.isdigit() and int(wanted)):
         raise HandbenchError(
@@ -36,9 +36,12 @@ def workers() -> int:
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
-    """Call function(item) for all items on all cores. BLAS uses one thread inside, because nested
-    threads would cost 2.5–3 times the CPU time. The first exception stops the items that have not
-    begun, and is raised. A single item or a single worker runs in place, without threads."""
+    """Call function(item) for all items, in threads on all cores; return when all are done. The
+    first exception stops the items that have not begun, and is raised.
+
+    Inside, BLAS uses one thread, since nested threads would cost 2.5–3 times the CPU time. A single
+    item, a single worker, or a call from one of these threads runs without new threads.
+    """
     items = list(items)
     with one_blas_thread():
         if len(items) == 1 or workers() == 1 or getattr(_inside, "worker", False):
@@ -66,15 +69,15 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
-    """A context in which BLAS uses one thread, for small products outside `for_each`."""
+    """Context in which BLAS uses one thread, for small matrix products outside `for_each`."""
     return _blas().limit(limits=1, user_api="blas")
 
 
 @contextmanager
 def script_left_out() -> Iterator[None]:
-    """A context in which new processes do not run the caller's script again. multiprocessing's
-    "spawn" runs it to unpickle its objects, and a script without `if __name__ == "__main__"` would
-    start again."""
+    """Context in which new processes do not run the caller's script. To unpickle the script's
+    objects, multiprocessing's "spawn" runs it, so that one without `if __name__ == "__main__"`
+    would start all over again."""
     script = sys.modules["__main__"]
     # of two threads the second would take what the first has hidden for what the script has
     with _hiding:
@@ -88,9 +91,9 @@ def script_left_out() -> Iterator[None]:
 
 
 def begin_process(cores: list[int], parent: int) -> None:
-    """Set up a process that works for the process `parent`: it uses only these cores, leaves Ctrl-C
-    to its parent and ends with it, since a process that outlives a run would write into the next
-    run's folders."""
+    """Set up this process as a helper of the process `parent`: it uses only the given cores, leaves
+    Ctrl-C to its parent, and is killed when its parent ends, since otherwise it could write into
+    the folders of the next run."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.getppid() != parent:

@@ -39,8 +39,9 @@ else:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Yield a picture file, open and not decoded. HandbenchError for one that cannot be opened or
-    decoded, here or in the block, or whose header promises too long or too large a decoding."""
+    """Context that yields a picture file, open and not yet decoded. Raises a HandbenchError for one
+    that cannot be opened or decoded, here or in the block, and for one whose header claims so many
+    pixels that decoding would take too long or too much memory."""
     # a file takes memory for what it says it has
     content = io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))
     try:
@@ -64,8 +65,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 
 def is_deep(image: Image.Image) -> bool:
-    """True for 16 bits per channel, by Pillow's modes for pictures that it would shorten to 8
-    bits."""
+    """True for a picture of 16 bits per channel, even where Pillow's mode would shorten it to 8."""
     return ";16" in str(getattr(image, "tile", ""))
 
 
@@ -92,7 +92,8 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 
 
 def _scans(content: bytes) -> int:
-    """Number of passes over a JPEG file's pixels, from its markers."""
+    """Return how many passes over its pixels a JPEG file makes, from its markers; counting stops
+    soon after MOST_SCANS. Raises ValueError for too many markers. content: the file's bytes."""
     count, at = 0, 2
     for _ in range(MOST_MARKERS):
         if not (found := MARKER.search(content, at)):

@@ -22,7 +22,8 @@ WINDOWS = "open3d.visualization"  # which imports a web server
 
 
 def _windows(name: str) -> ModuleType:
-    """The part of open3d that `load_open3d` leaves out."""
+    """Import and return the part of open3d that `load_open3d` leaves out, on its first use. Raises
+    AttributeError for any other name."""
     if f"open3d.{name}" != WINDOWS:
         raise AttributeError(f"module 'open3d' has no attribute '{name}'")
     import open3d.visualization
@@ -33,9 +34,9 @@ def _windows(name: str) -> ModuleType:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import open3d. Provides the libusb that its wheel needs and a bare machine lacks, and hides
-    its TBB from numba (it is too old: numba would warn). open3d's windows and web pages, which take
-    as long to import as all that is used of it, are imported only on first use."""
+    """Import open3d and return it. Outside notebooks, its windows and web pages, which take as long
+    to import as the rest, follow only on first use. The libusb that its wheel needs is provided,
+    and its TBB, too old for numba, is hidden from numba."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -54,7 +55,8 @@ def load_open3d() -> ModuleType:
 
 
 def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
-    """An Embree scene of triangles: vertices [n, 3], faces [m, 3]."""
+    """Return a scene of triangles for Embree's ray casting. vertices_m [n, 3] in metres, stored in
+    single precision; faces [m, 3], indices of vertices."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
     vertices, triangles = (
@@ -66,8 +68,9 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
 
 
 class Rays:
-    """Ray casting against triangles vertices_m [n, 3], faces [m, 3]; `cast` counts every ray of the
-    process."""
+    """Ray casting against triangles: vertices_m [n, 3] in metres, faces [m, 3]. Raises a
+    HandbenchError for a vertex farther than FARTHEST_M from the origin. `cast` counts all rays of
+    the process."""
 
     cast = 0
 
@@ -84,14 +87,15 @@ class Rays:
     def first_hits(
         self, origins_m: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [n] in units of the directions' lengths (inf: none) and face [n] of each ray's
-        first hit."""
+        """Find where each ray first meets a triangle. origins_m, directions [n, 3]. Returns the
+        distance [n] in units of the direction's length, infinite for a ray that meets none, and the
+        triangle's index [n]."""
         found = self._scene.cast_rays(self._tensor(origins_m, directions))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """bool [n]: whether each point [n, 3] on the surface is visible from its origin, [n, 3] or
-        [3]."""
+        """Return for each point on the surface whether no triangle hides it from its origin, bool
+        [n]. points_m [n, 3]; origins_m [n, 3], or [3] for all."""
         towards = origins_m - points_m
         start = points_m + towards * (
             OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None]

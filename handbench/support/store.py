@@ -45,13 +45,14 @@ LIBRARIES = (
 
 @dataclass(frozen=True)
 class Stage:
-    """A call with a cached result: `function`, at a module's top level, with the folder to fill and
-    `arguments` (plain values and paths). Any machine that sees the files can make it.
+    """A processing step whose result is kept on disk: a call of `function`, at a module's top
+    level, with a folder to fill and `arguments` (plain values and paths). Any machine that sees
+    these files can run it.
 
-    inputs: all that the result depends on besides code: values, paths of files, keys of earlier
-    stages. capture, method: what the stage is about (may be empty). plugged: values that represent
-    code which no import reaches. code: the hash of all code that runs; key: that of everything that
-    the result depends on.
+    name, capture, method: what the step is about (the last two may be empty). inputs: all that the
+    result depends on besides code: values, paths of files, keys of earlier steps. plugged: values
+    that stand for code that no import reaches. code: the hash of all code that runs. key: the hash
+    of all that the result depends on.
     """
 
     name: str
@@ -73,31 +74,32 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """The printed name, with which the folder's name begins."""
+        """The name that is printed, made of name, capture and method; the folder's name begins with
+        it."""
         return "-".join(part for part in (self.name, self.capture, self.method) if part)
 
     def folder(self, root: Path) -> Path:
-        """The path of its files, in the store at `root`."""
+        """Return the path of the folder with this step's result, in the store at `root`."""
         return root / f"{self.label}-{self.key[:16]}"
 
 
 @dataclass
 class Stamp(Cost):
-    """The cost of making a stage, and facts of the machine that made it."""
+    """What it cost to make a stored result, and facts of the machine that made it."""
 
     machine: dict[str, Any] = field(default_factory=dict)
 
 
 def stage_code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
-    """Hash of the code that a function runs: its module with all imports, as first read by this
-    process. plugged: values that represent code which no import reaches."""
+    """Return the hash of all code that a function runs: its module and all that this imports, as
+    this process first read them. plugged: values that stand for code that no import reaches."""
     return content_hash(code_hash.key_of(function.__module__), plugged)
 
 
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Make a stage's folder in the store at `root`, unless it is there and complete. Returns the
-    cost of making it, and whether it was there. A folder whose checksums do not match is reported,
-    deleted and recomputed."""
+    """Run a processing step, unless its complete result is in the store at `root`. Returns what it
+    cost to make the result, and whether it was there. A result whose checksums do not match is
+    reported and made again."""
     require_owned(root)
     folder = stage.folder(root)
     if is_owned_folder(folder):
@@ -116,7 +118,8 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
 
 
 def changed(folder: Path) -> str | None:
-    """The files of a cached folder whose checksums do not match, in words, or None."""
+    """Return in words which files of a stored result differ from their checksums, or that the list
+    of these is missing or broken; None if all is well."""
     try:
         written = json.loads(b"".join(read_owned(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}
@@ -133,8 +136,8 @@ def changed(folder: Path) -> str | None:
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Size and CRC-32 of every file except the manifest. A CRC finds accidental changes, and takes
-    0.4 s/GB."""
+    """Return size in bytes and CRC-32 of every file below a folder except the manifest, by relative
+    path. A CRC finds accidental changes and takes 0.4 s per GB."""
     found = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":
@@ -149,5 +152,5 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the libraries that every result records."""
+    """Return the versions of handbench and of the libraries that every result records, by name."""
     return {name: metadata.version(name) for name in LIBRARIES}

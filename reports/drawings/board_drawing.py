@@ -28,15 +28,16 @@ QUIET = 1 / 6
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """The board's sheets, with its frame's x to the right. title: their heading. Raises
-    HandbenchError for an unknown paper, a marker that the dictionary lacks, and a board that is not
-    flat."""
+    """Return the printable sheets of a board (ArUco markers, ChArUco) at true scale, the board's x
+    axis to the right. title: printed on each sheet; paper: a name in PAPERS_MM, or "fit" for one
+    sheet as large as needed. Raises HandbenchError for an unknown paper, a marker that the
+    dictionary lacks, and a board that is not flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
 def board_drawing(board: "Board", title: str) -> Drawing:
-    """The board as a drawing: its quads (`black_quads_mm`) and a white border. Errors as in
-    `board_sheets`."""
+    """Return the board as one drawing: all that is black, inside a white border. Raises
+    HandbenchError for a marker that the dictionary lacks and for a board that is not flat."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
     quiet_mm = QUIET * MILLIMETRES * max(_sides_m(board) + charuco_m)
@@ -54,9 +55,9 @@ def board_drawing(board: "Board", title: str) -> Drawing:
 
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
-    """Everything black as quads [4, 2] that do not overlap, millimetres, x to the right and y up on
-    the print, with the board frame's origin. A frame whose z points into the print (y downwards) is
-    turned about its x axis."""
+    """Yield everything black on the board as quadrilaterals [4, 2] that do not overlap: corners in
+    mm from the board frame's origin, x to the right and y up on the print. A board whose z axis
+    points into the print (y downwards) is turned about its x axis."""
     upward = _upward(board)
     for marker in board.marker:
         corners_mm = MILLIMETRES * np.array(marker.corners_m)[:, :2] * (1, upward)
@@ -86,8 +87,8 @@ def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
 
 
 def _square(column: int, row: int, side: float) -> np.ndarray:
-    """Corners [4, 2] of a centred square in a square of a chessboard, in OpenCV's order. unit: side
-    of the chessboard's squares."""
+    """Return the corners [4, 2], in OpenCV's order, of a square centred in a field of a chessboard.
+    column, row: the field; side: of the square. All lengths are in sides of a field, y up."""
     return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array(
         [(-1, 1), (1, 1), (1, -1), (-1, -1)]
     )
@@ -96,8 +97,10 @@ def _square(column: int, row: int, side: float) -> np.ndarray:
 def _modules(
     known: Any, dictionary: str, number: int, corners_mm: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """Runs of a marker's black modules as quads [4, 2] between its corners [4, 2] (OpenCV's order).
-    known: OpenCV's dictionary of that name."""
+    """Yield the black parts of an ArUco marker as quadrilaterals [4, 2] in mm, one for each run of
+    black modules (the marker's smallest squares) in a row. known: OpenCV's dictionary; dictionary:
+    its name; number: the marker's; corners_mm [4, 2]: the marker's corners in OpenCV's order.
+    Raises HandbenchError for a number that the dictionary lacks."""
     if number >= len(known.bytesList):
         raise HandbenchError(
             f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to "
@@ -117,8 +120,9 @@ def _modules(
 
 
 def _upward(board: "Board") -> int:
-    """1 if the frame's z points out of the print, −1 if it points into it. Refuses boards that
-    cannot be printed."""
+    """Return 1 if the board frame's z axis points out of the print, −1 if it points into it. Raises
+    HandbenchError for a board that cannot be printed: a marker that is not square, or markers not
+    in one plane and facing one way."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
     for marker in board.marker:
@@ -152,7 +156,8 @@ def _sides_m(board: "Board") -> list[float]:
 
 
 def _sizes(board: "Board") -> str:
-    """Dictionaries and sides in words, to check the print."""
+    """Return dictionaries and lengths of the board's markers in words, with which a print can be
+    checked with a ruler."""
     parts = []
     if board.marker:
         sides = sorted({f"{MILLIMETRES * side:.1f}" for side in _sides_m(board)})

@@ -47,8 +47,9 @@ THIN, GREY = 0.25, "0.55"  # points; colour of what is no edge
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawing at true scale. paint: draws it on axes in millimetres, origin at the lower left, y
-    up; title and note: two lines of text at the foot of each sheet."""
+    """A drawing to print at true scale. width_mm, height_mm: its size; title, note: two lines of
+    text at the foot of each sheet; paint: a function that draws it on axes in mm, origin at the
+    lower left, y up."""
 
     width_mm: float
     height_mm: float
@@ -58,9 +59,9 @@ class Drawing:
 
 
 def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
-    """One figure of the paper's size for each sheet. A drawing that does not fit is cut into
-    overlapping tiles. Raises HandbenchError for an unknown paper and for a drawing larger than
-    LARGEST_MM."""
+    """Return the printable sheets of some drawings, one figure of the paper's size each. A drawing
+    that does not fit on a sheet is cut into overlapping tiles with crop marks. Raises
+    HandbenchError for an unknown paper and for a drawing larger than LARGEST_MM."""
     for drawing in drawings:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
             size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
@@ -80,7 +81,8 @@ def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
 
 
 def usable_mm(paper: str) -> tuple[float, float]:
-    """Width and height of the printable area of a sheet in landscape; unlimited for `fit`."""
+    """Return width and height in mm of the printable area of a sheet in landscape; infinite for the
+    paper "fit". Raises HandbenchError for an unknown paper."""
     if paper == FIT:
         return np.inf, np.inf
     if paper not in PAPERS_MM:
@@ -90,8 +92,9 @@ def usable_mm(paper: str) -> tuple[float, float]:
 
 
 def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
-    """The page's width and height, and the windows [left, bottom, width, height] (mm) that cover
-    the drawing row by row from the top, in portrait or landscape, whichever needs fewer sheets."""
+    """Return how a drawing is cut into sheets: the page's width and height in mm, and for each
+    sheet the window of the drawing that it shows, [left, bottom, width, height] in mm, row by row
+    from the top. The page is in portrait or landscape, whichever needs fewer sheets."""
     usable_mm(paper)  # refuses an unknown one
     if paper == FIT:
         width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
@@ -109,8 +112,8 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
 
 
 def _starts(length_mm: float, window: float) -> np.ndarray:
-    """Start positions of windows that cover a length and overlap by at least OVERLAP_MM; all are
-    full."""
+    """Return the start positions in mm of as few full windows as cover a length and overlap by at
+    least OVERLAP_MM; [0] if one window is enough."""
     if length_mm <= window + 1e-9:
         return np.zeros(1)
     count = int(np.ceil((length_mm - OVERLAP_MM) / (window - OVERLAP_MM) - 1e-9))
@@ -151,8 +154,8 @@ def _sheet(
 def _axes(
     figure: Figure, page_mm: tuple[float, float], place: np.ndarray, window: np.ndarray
 ) -> Axes:
-    """Axes at `place` on the page that show `window` ([left, bottom, width, height], mm) at true
-    scale."""
+    """Return new axes that show a part of a drawing at true scale. place: where on the page;
+    window: which part; both [left, bottom, width, height] in mm."""
     axes = figure.add_axes(tuple(place / (*page_mm, *page_mm)))
     axes.set(xlim=(window[0], window[0] + window[2]), ylim=(window[1], window[1] + window[3]))
     axes.set_axis_off()
@@ -160,8 +163,9 @@ def _axes(
 
 
 def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing) -> None:
-    """Crop marks outside the window's corners, and ticks at the edges of the right and the lower
-    neighbour."""
+    """Draw crop marks outside a tile's corners, and ticks where the edges of its right and its
+    lower neighbour lie. corner: the tile's lower left corner on the page, mm; window: the part of
+    the drawing that it shows, [left, bottom, width, height] in mm."""
     (left, bottom), (right, top) = corner, corner + window[2:]
     for x, outward in ((left, -1), (right, 1)):
         for y, upward in ((bottom, -1), (top, 1)):
@@ -186,13 +190,15 @@ def line(
     color: str = "black",
     dashed: bool = False,
 ) -> Line2D:
-    """A line of `width` points on axes in millimetres."""
+    """Draw a line on axes in mm and return it. x_mm, y_mm [n]: its points; width: in printer's
+    points."""
     style = "--" if dashed else "-"
     return axes.add_line(Line2D(x_mm, y_mm, lw=width, color=color, ls=style, solid_capstyle="butt"))
 
 
 def _plain(text: str) -> str:
-    """A text with only characters that the font has: names of files may contain any."""
+    """Return a text cut to the space at a sheet's foot, with "?" for characters that the font may
+    lack: a file's name may contain any."""
     shown = "".join(
         c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1")
     )
@@ -200,8 +206,9 @@ def _plain(text: str) -> str:
 
 
 def save(path: str | Path, figures: Sequence[Figure]) -> None:
-    """Write the sheets as PDF or, for a single one, as SVG; atomically, with the same bytes every
-    time. Raises HandbenchError for another suffix and for an SVG of several sheets."""
+    """Write sheets to a PDF or, a single one, to an SVG; an existing file is replaced at the very
+    end. The same drawing gives the same bytes. Raises HandbenchError for another suffix and for an
+    SVG of several sheets."""
     path = Path(path)
     check_suffix(path, (".pdf", ".svg"))
     svg = path.suffix.lower() == ".svg"

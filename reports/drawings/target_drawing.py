@@ -41,8 +41,10 @@ NOTES = (
 
 
 def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
-    """The target's sheets: views and parts list on one sheet if they fit side by side, else on two.
-    title: their heading. Raises HandbenchError for an unknown paper."""
+    """Return the printable sheets of the calibration target (metal balls in foam spheres) at true
+    scale: front and side view with the list of parts, together on one sheet if they fit side by
+    side. title: printed on each sheet; paper: as in `sheets`. Raises HandbenchError for an unknown
+    paper."""
     views, table = _Views(target), _parts(target)
     width, depth, height = views.high_mm - views.low_mm
     note = (
@@ -66,8 +68,9 @@ def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
 
 
 class _Views:
-    """Front and side view with their dimensions. Page columns of points: to the right in the front
-    view (−x), to the right in the side view (z), up (y); millimetres."""
+    """Front and side view of the target with their dimensions. Centres are kept as [n, 3] in mm
+    with the columns of the page: to the right in the front view (−x), to the right in the side view
+    (z), up (y)."""
 
     def __init__(self, target: "Target") -> None:
         self.centres_mm = MILLIMETRES * target.centres_m[:, [0, 2, 1]] * (-1, 1, 1)
@@ -84,7 +87,8 @@ class _Views:
         self.side = np.array([self.side_mm, BAND_MM]) - self.low_mm[[1, 2]]
 
     def paint(self, axes: Axes) -> None:
-        """Draw both views, with the extension lines first, so that they are beneath."""
+        """Draw both views on axes in mm: lines to the dimensions first, so that they are beneath,
+        then spheres, balls, numbers and, dashed, the drilled holes."""
         self._ordinates(axes)
         for columns, place in (([0, 2], self.front), ([1, 2], self.side)):
             points_mm = self.centres_mm[:, columns] + place
@@ -110,8 +114,9 @@ class _Views:
             line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
-        """Write each element's number next to its ball, on the target's outer side if there is
-        room."""
+        """Write the number of each ball with its foam sphere (an element of the target) next to the
+        ball, on the target's outer side if there is room. points_mm [n, 2]: the centres in this
+        view."""
         # half sizes
         taken = [
             (point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)
@@ -134,8 +139,8 @@ class _Views:
             axes.text(*place, text, ha="center", va="center", fontsize=9, weight="bold", bbox=CLEAR)
 
     def _ordinates(self, axes: Axes) -> None:
-        """Draw distances from the frame's planes x, y, z = 0: an extension line through each
-        centre, with the number outside."""
+        """Draw the dimensions: the distance in mm of each centre from the planes x = 0, y = 0 and z
+        = 0, with a thin line from the centre to its number at the edge of the view."""
         ends = (
             (0, self.front[0], "← x", self.low_mm[0]),
             (1, self.side[0], "z →", self.high_mm[1]),
@@ -159,14 +164,15 @@ class _Views:
         axes.text(left + 3, self.height_mm - 3, "y ↑", ha="center")
 
     def _members(self, column: int, value: float) -> np.ndarray:
-        """The centres with this value in the column; if there are none, the drawn part of the
-        frame's axis."""
+        """Return the centres [n, 3] in mm that have this value in a column. If there are none,
+        return the point of the drawn area that is nearest to the frame's origin, [1, 3]."""
         members = self.centres_mm[np.abs(self.centres_mm[:, column] - value) < SAME_MM]
         return members if len(members) else np.clip(np.zeros((1, 3)), self.low_mm, self.high_mm)
 
     def _spread(self, column: int) -> Iterator[tuple[float, float]]:
-        """Each different value of a column, and zero if the views show it, with a position of its
-        number such that no two overlap."""
+        """Yield each different value of a column of the centres, and zero if the views show it,
+        together with the position of its number; positions are TEXT_MM or more apart, so that no
+        two numbers overlap."""
         zero = [0.0] if self.low_mm[column] < 0 < self.high_mm[column] else []
         values = np.sort([*self.centres_mm[:, column], *zero])
         values = values[np.diff(values, prepend=-np.inf) > SAME_MM]
@@ -177,7 +183,8 @@ class _Views:
 
 
 def _parts(target: "Target") -> list[Sequence[str]]:
-    """Lines of the parts list: the cells of a row, or one text."""
+    """Return the list of parts line by line, each line as its cells or as one text: coordinates,
+    diameters, lengths of holes and spacers in mm, materials, and notes for building the target."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)
     radii_m = [(one.centre_m[2], one.sphere_radius_m, one.ball_radius_m) for one in e]
@@ -198,7 +205,7 @@ def _parts(target: "Target") -> list[Sequence[str]]:
 
 
 def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
-    """Numbered rows of lengths, millimetres."""
+    """Return rows of text: a running number from 1 on, and the lengths (given in metres) in mm."""
     return [
         (str(i), *(_mm(MILLIMETRES * length_m) for length_m in row))
         for i, row in enumerate(lengths_m, 1)
@@ -206,8 +213,8 @@ def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
 
 
 def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: float) -> None:
-    """Write the list's lines from the top down; cells are right-aligned, the first row of each
-    block bold."""
+    """Write the list of parts on axes in mm from the top down: cells aligned right, headings bold.
+    left_mm, top_mm: its upper left corner."""
     for i, cells in enumerate(table):
         y = top_mm - TEXT_MM * (i + 1)
         if len(cells) == 1:
@@ -220,7 +227,8 @@ def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: f
 
 
 def _coincident(points_mm: np.ndarray) -> list[list[int]]:
-    """Groups of elements that coincide in one view."""
+    """Group the points [n, 2] in mm of one view by position. Returns lists of indices; points that
+    lie on one another, closer than SAME_MM in each direction, are in one list."""
     groups: list[list[int]] = []
     for i, point in enumerate(points_mm):
         same = next((g for g in groups if np.abs(points_mm[g[0]] - point).max() < SAME_MM), None)
@@ -229,6 +237,6 @@ def _coincident(points_mm: np.ndarray) -> list[list[int]]:
 
 
 def _mm(value: float) -> str:
-    """A length with one decimal, or two if it has them."""
+    """Format a length in mm with two decimals, or one if the second is 0."""
     text = f"{round(value, 2) + 0.0:.2f}"
     return (text[:-1] if text.endswith("0") else text).replace("-", "−")

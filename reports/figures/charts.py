@@ -39,8 +39,13 @@ LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 
 def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
-    """The pictures of all captures together for which the result has data. counts: of their errors,
-    if known."""
+    """Yield the pictures that summarise all captures of a result: error against time, distribution
+    of the errors, error over completeness, and scatter over repeats. A picture is left out where
+    the result has no data for it.
+
+    counts: numbers of pixels as from `error_counts` over all scored captures; counted here if they
+    are not given, which reads every error map.
+    """
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
     if result.about.methods and any(capture.references for capture in result.scored()):
@@ -52,8 +57,9 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
 
 
 def accuracy_against_time(result: Result) -> Picture:
-    """Mean error over seconds per frame with both intervals; the paper's figure as an open marker
-    at our time."""
+    """Plot each method's mean absolute error over its seconds per frame, one panel for each
+    reference surface, with the 95 % intervals of both as error bars. An open marker shows the error
+    that the paper reports, drawn at the time measured here."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
     figure, axes = side_by_side(len(references))
@@ -105,7 +111,9 @@ def accuracy_against_time(result: Result) -> Picture:
 
 
 def error_distributions(result: Result, counts: Counts) -> Picture:
-    """Cumulative distribution of the errors: share of the observed pixels with an error below e."""
+    """Plot the cumulative distribution of each method's errors: the share in % of the observed
+    pixels of all captures whose |z − z_ref| is not above the abscissa, one panel for each reference
+    surface. counts: numbers of pixels as from `error_counts`."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
@@ -133,8 +141,9 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
 
 
 def risk_coverage(result: Result) -> Picture:
-    """Error over completeness: the mean error of each method's strongest pixels that make up a
-    share of the surface."""
+    """Plot error over completeness: for each share of the surface in %, the mean absolute error in
+    mm of the strongest pixels that make up this share, a line for each method. One panel shows the
+    depth maps unsmoothed, the other all of them smoothed in the same way."""
     figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
     for axis, (treatment, words) in zip(axes, TREATMENTS.items(), strict=True):
@@ -162,8 +171,9 @@ def risk_coverage(result: Result) -> Picture:
 
 
 def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
-    """Number of the observed pixels of some captures with an absolute error up to each of EDGES_MM,
-    and of all."""
+    """Count pixels by the size of their error, over some captures. Returns an array for each pair
+    (method, reference): at i the number of observed pixels with |z − z_ref| up to EDGES_MM[i], and
+    as last value the number of all observed pixels."""
     counts = {
         (m.name, reference): np.zeros(len(EDGES_MM) + 1, int)
         for m in methods(result)
@@ -181,12 +191,14 @@ def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
 
 
 def total_counts(parts: Iterable[Counts]) -> Counts:
-    """Sum of the counts of several groups of captures."""
+    """Return the sum of counts that `error_counts` gave for several groups of captures; the groups
+    must not overlap, since a capture in two of them counts twice."""
     return reduce(lambda a, b: {key: a[key] + b[key] for key in a}, parts)
 
 
 def repeats(result: Result) -> Picture:
-    """Depth of the strongest scatterer in every repeat, relative to its hand's mean."""
+    """Plot the precision: for each method and hand the depth of the strongest scatterer in every
+    repeat of the hand's capture, in mm from the mean over these repeats."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
@@ -226,7 +238,9 @@ def repeats(result: Result) -> Picture:
 
 
 def cause_charts(result: Result) -> Iterator[Picture]:
-    """The charts of causes and reliability for which the result has data."""
+    """Yield the charts that explain the errors: for each reference surface the errors by cause
+    (`by_cause`), and one chart of whether the methods' predicted σ is right (`reliability`). A
+    chart without data is left out."""
     for reference in DRAWN:
         causes = result.causes[result.causes.reference == reference]
         if len(causes):
@@ -236,14 +250,17 @@ def cause_charts(result: Result) -> Iterator[Picture]:
 
 
 def bin_label(line: Any) -> str:
-    """The label of the bin of a line of CAUSES."""
+    """Return the text under one bin of a cause's axis: the part of the hand, or the range of values
+    as "10–20", or "≥ 20" for the last bin. line: a row of the result's table `causes`."""
     return line.part or (
         f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}"
     )
 
 
 def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
-    """Mean absolute and signed error of each method over the bins of each cause."""
+    """Plot each method's mean absolute error (above) and mean signed error (below) in mm over the
+    bins of each cause in CAUSES, as incidence angle or part of the hand. causes: the rows of the
+    result's table `causes` for this reference surface."""
     shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
     widths = [
         causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1
@@ -292,7 +309,9 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
 
 
 def reliability(result: Result) -> Picture:
-    """Share of all errors inside the interval of each method's σ, over the nominal share."""
+    """Plot how often the error lies inside the interval that a method's predicted σ promises:
+    observed over nominal share in %, a line for each method that predicts σ, one panel for each
+    reference surface."""
     lines = result.reliability[result.reliability.pixels == "all"]
     references = [reference for reference in DRAWN if (lines.reference == reference).any()]
     figure, axes = side_by_side(len(references), 3.2)
@@ -318,7 +337,8 @@ def reliability(result: Result) -> Picture:
 
 
 def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFacts, pd.DataFrame]]:
-    """Each method that has lines, with its lines."""
+    """Yield each method that occurs in a table together with its rows, in the order in which
+    methods are drawn."""
     for method in methods(result):
         mine = lines[lines.method == method.name]
         if len(mine):

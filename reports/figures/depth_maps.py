@@ -55,7 +55,8 @@ Row = Sequence[Layer | np.ndarray | None]
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
-    """The pictures of one capture."""
+    """Yield the pictures of one capture: depth maps of all methods with their errors against the
+    first reference surface, then the errors against each further one."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
         yield depth_maps(result, capture, *references[:1])
@@ -64,8 +65,9 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
-    """As the paper's Fig. 3 and 4: the photograph, ground truth and methods on one colour scale,
-    and the methods' errors below them."""
+    """Draw the depth maps of all methods next to the reference surface, on one colour scale as in
+    the paper's Fig. 3 and 4. Below them stand the photograph, if there is one, and the methods'
+    signed errors. Without a reference: only the photograph and the depth maps."""
     found = [result.surface(capture.name, method.name) for method in methods(result)]
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
@@ -98,8 +100,8 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
 
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
-    """As the paper's Fig. 4: signed errors of every method, on one diverging scale for all
-    captures."""
+    """Draw the signed errors of every method against one reference surface, as in the paper's Fig.
+    4. All captures have the same colour scale."""
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
@@ -110,8 +112,9 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """A figure of a true surface next to the titled depths z_m [ny, nx] of methods, with their
-    errors below. Each error map has the surface."""
+    """Draw a true surface and the depth maps of some methods in a row, with their signed errors
+    below. shown: for each method its title, its depths z_m [ny, nx] in metres (NaN: not seen), and
+    its error map, whose reference depths are the true surface."""
     maps = [errors for *_, errors in shown]
     truth = SurfaceMap(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
@@ -129,8 +132,9 @@ def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
 def _errors(
     result: Result, capture: CaptureFacts, reference: str, timed: bool
 ) -> tuple[list[Layer], str]:
-    """Panels of the methods' errors and their description in words. Titles have the mean error and,
-    if `timed`, name and time."""
+    """Return the panels of all methods' signed errors for one capture, and a description of them
+    for screen readers. A panel's title is the method's mean error, with `timed` also its name and
+    time."""
     shown, words = [], []
     for m in methods(result):
         errors = result.errors(capture.name, m.name, reference)
@@ -142,7 +146,8 @@ def _errors(
 
 
 def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
-    """A method's name, its mean error, if known, and its time."""
+    """Return a panel's title: the method's name, its mean error if given, and its time per
+    frame."""
     time = time_text(result, method)
     if narrow():
         return "\n".join(filter(None, (fill(method.title, 11), mean, time)))
@@ -150,7 +155,8 @@ def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
 
 
 def mean_text(result: Result, error_m: np.ndarray) -> str:
-    """Mean absolute error of one map, in words."""
+    """Return the mean of |error| over the observed pixels in mm, in words with the metric's title.
+    error_m [ny, nx]: signed errors in metres, NaN where unobserved."""
     seen = error_m[np.isfinite(error_m)]
     return (
         f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm"
@@ -164,9 +170,10 @@ def _title_of(panel: Layer | np.ndarray | None) -> str:
 
 
 def sheet(rows: Sequence[Row], box: Box) -> Figure:
-    """A figure of rows of panels, cut to a box. A row with too many panels is broken into several.
-    Each row has a colour bar at its right; only outer axes have numbers and names, and empty places
-    are blank."""
+    """Draw rows of panels, each a map or a photograph, as one figure. box: the visible part of
+    every map (left, right, bottom, top in mm). A row that is too long is broken into several; each
+    row has a colour bar at its right. Only outer axes have numbers and names; a place without a
+    panel (None) stays blank."""
     count = max(map(len, rows))
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
@@ -208,7 +215,7 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
 
 
 def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
-    """A map's colour bar; that of signed errors has its own ticks."""
+    """Draw a map's colour scale on an axis; that of signed errors has ticks with signs."""
     bar = figure.colorbar(
         ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
     )
@@ -220,7 +227,8 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
-    """Draw a map in mm, cut to `box`, or a photograph."""
+    """Draw a panel on an axis: a map in mm, cut to `box` (left, right, bottom, top) and with ticks
+    but no numbers, a photograph, or nothing for None."""
     # given, because finding it takes as long as drawing the axes
     axis.set_title(_title_of(panel), y=1.0)
     if not isinstance(panel, Layer):
@@ -248,8 +256,8 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
 
 
 def ticks_mm(side: str, box: Box) -> np.ndarray:
-    """Positions of ticks along one side of a box. Along x there are none at the edges, where
-    numbers would touch those of the next panel."""
+    """Return the positions in mm of the ticks along one side of a box. Along x, on a page, there
+    are none at the edges, where numbers would touch those of the next panel."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = (
         {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side],
@@ -262,7 +270,7 @@ def ticks_mm(side: str, box: Box) -> np.ndarray:
 
 
 def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
-    """Write numbers at the ticks of an outer axis, except for a photograph."""
+    """Write the numbers at the ticks along one side of an outer axis; a photograph gets none."""
     if axis.axison:
         axis.set(**{f"{side}ticks": ticks_mm(side, box)})
         axis.tick_params(length=2.5, width=0.6)

@@ -1,5 +1,5 @@
-"""Pictures of a trade-off: error against time of every setting, the front, and the parts of the
-time."""
+"""Pictures of a trade-off: error against time of every setting, with the front of those that no
+other beats, and the parts of each setting's time."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -37,7 +37,8 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Each section's front and, if the parts of its time are known, a chart of them."""
+    """Yield the pictures of a trade-off: for each section (as imaging or ground truth) error
+    against time of its settings and, where the parts of the time are known, a bar chart of them."""
     for about in found.facts.sections:
         settings = found.section(about.name)
         if any(is_plottable(setting) for setting in settings):
@@ -47,13 +48,15 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 
 def is_plottable(setting: Setting) -> bool:
-    """True if the setting has a place on logarithmic axes."""
+    """True if a setting's error and time are known and above zero, so that it has a place on
+    logarithmic axes."""
     return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Error over seconds: the front as a line of numbered points, the other settings faint, the
-    reference in a square. Colours and markers are the methods', if settings have one."""
+    """Plot error over seconds of all settings of one section. The front, the settings that no other
+    beats, is shown as numbered points, the other settings faint, and the reference setting in a
+    square. Colours and markers are those of the methods, where settings have one."""
     shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
     # some settings have no method
@@ -147,7 +150,9 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
-    """Number the front's points, away from the other settings, the intervals and the line."""
+    """Write numbers next to the front's points (`best`), where they cover no other setting, no
+    interval and not the line that joins the front. shown: all settings drawn; line: those that the
+    line joins."""
     ends = [
         [(s.seconds_low, s.error), (s.seconds_high, s.error)]
         for s in shown
@@ -160,13 +165,14 @@ def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Se
 
 
 def metric_words(about: Section) -> str:
-    """The section's metric in words."""
+    """Return a section's metric in words, as "MAE" for mae_mm: without its unit."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
 def _ratios(axis: Axes, title: str, seconds: float) -> None:
-    """A second time axis at the top, in multiples of the reference's seconds."""
+    """Add a second time axis at the top, in multiples of the reference setting's seconds. title:
+    the reference's."""
     above = axis.secondary_xaxis(
         "top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds))
     )
@@ -177,7 +183,8 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
 
 
 def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
-    """The legend of the markers."""
+    """Return the legend's entries: one for each method's colour and marker, one for the front and,
+    if `reference`, one for the square around the reference setting."""
     handles = [
         Line2D(
             [],
@@ -201,14 +208,17 @@ def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[
 
 
 def parts(setting: Setting) -> list[float]:
-    """The known parts of a frame's time; [] if none is known."""
+    """Return the seconds of one frame's acquisition, imaging and extraction of depths, 0 for an
+    unknown one; [] if none is known."""
     values = [getattr(setting, part) for part in PARTS]
     return [value or 0.0 for value in values] if any(values) else []
 
 
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Two bars for each setting: the shares of a frame's time, with the total in seconds at the
-    end; and the plan, which many frames share."""
+    """Plot where the time goes, two bars for each setting: at the left the shares in % of
+    acquisition, imaging and extraction in a frame's time, with the total in seconds; at the right
+    the seconds of preparation (the plan) that are spent once for a geometry and shared by many
+    frames. At most BARS settings are drawn, those on the front first."""
     with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
@@ -262,10 +272,10 @@ def _parts_in_words(setting: Setting) -> list[str]:
 
 
 def error_text(s: Setting) -> str:
-    """The setting's error with its interval."""
+    """Format a setting's error with its 95 % interval in brackets, without the unit."""
     return figure_text(s.error, s.low, s.high, s.unit)
 
 
 def seconds_text(s: Setting) -> str:
-    """The setting's time with its range."""
+    """Format a setting's time in seconds with its range over the repeats in brackets."""
     return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")

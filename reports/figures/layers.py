@@ -1,4 +1,5 @@
-"""Panels of maps in millimetres, and figures of several panels, each with its own scale."""
+"""Panels that show a map over x and y in millimetres, their colour scales, and figures of several
+panels."""
 
 import math
 from collections.abc import Sequence
@@ -52,9 +53,13 @@ Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left 
 
 @dataclass(frozen=True)
 class Layer:
-    """One panel: values [ny, nx], or colours [ny, nx, 3], on even pixel centres x, y in mm, with
-    the axes' names. For values: norm and colours, label of the scale (empty: as another panel's)
-    and numbers. outline [ny, nx]: pixels to encircle; box: the visible part (None: all)."""
+    """One panel of a figure: a map on evenly spaced pixel centres x_mm [nx], y_mm [ny], of values
+    [ny, nx] or of RGB colours [ny, nx, 3].
+
+    For values: colours (a colour map's name), norm (the scale), label (of the colour bar; empty: no
+    bar of its own) and ticks (its numbers). axes: names of the two axes; outline [ny, nx]: True for
+    the pixels to encircle; box: the visible part (None: all).
+    """
 
     title: str
     x_mm: np.ndarray
@@ -70,13 +75,14 @@ class Layer:
 
     @property
     def shown_mm(self) -> Box:
-        """The visible part: its box, or the outer edges of its pixels, as left, right, bottom, top;
-        left is larger than right, since x grows to the left."""
+        """The visible part as left, right, bottom, top in mm: the panel's box, or else the outer
+        edges of its pixels. Left is larger than right, since x grows to the left."""
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
     def draw(self, axis: Axes) -> AxesImage:
-        """Draw the panel, pixel by pixel."""
+        """Draw the map on an axis, pixel by pixel, with the outline if there is one. Returns
+        matplotlib's image, from which a colour bar can be made."""
         axis.set_facecolor(EMPTY)
         colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
         shown = np.ma.masked_invalid(self.values) if colours else self.values
@@ -92,8 +98,8 @@ class Layer:
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
-    """A figure of panels in a row, all with the same length of a millimetre; x, and z from the
-    side, grow to the left."""
+    """Draw panels in a row, a millimetre equally long in all of them, under one title. x, and in a
+    view from the side z, grow to the left."""
     spans_mm = np.array(
         [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
     )
@@ -130,13 +136,15 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
 
 
 def edges(centres: np.ndarray) -> tuple[float, float]:
-    """Outer edges of the first and the last pixel, in the centres' unit."""
+    """Return the outer edges of the first and the last of evenly spaced pixels, in the unit of
+    their centres [n]."""
     half = (centres[-1] - centres[0]) / (len(centres) - 1) / 2
     return centres[0] - half, centres[-1] + half
 
 
 def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
-    """The box around all pixels in which any surface has a depth."""
+    """Return the box around all pixels in which any surface has a depth, widened by `margin_mm`:
+    left, right, bottom, top in mm. Around all pixels if none has a depth."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
@@ -150,7 +158,8 @@ def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
 
 
 def depth_scale(surface: SurfaceMap) -> Normalize:
-    """The scale of depths in mm: the surface's range plus 2.5 mm, rounded outwards to 5 mm."""
+    """Return the colour scale of depths in mm for a surface: its range plus 2.5 mm at both ends,
+    rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
         return Normalize(0, 1)
@@ -158,27 +167,31 @@ def depth_scale(surface: SurfaceMap) -> Normalize:
 
 
 def error_scale() -> SymLogNorm:
-    """The scale of signed errors in mm, the same everywhere: linear within ±1 mm, logarithmic to
-    ±50 mm."""
+    """Return the colour scale of signed errors in mm, the same in all pictures: linear within ±1
+    mm, logarithmic from there to ±50 mm."""
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
 def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
-    """A panel of depths on a scale."""
+    """Return a panel of a surface's depths in mm on a given colour scale, cut to the box around the
+    pixels that have a depth."""
     x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
 def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
-    """A panel of depths, and one for each other map [ny, nx] in KNOWN."""
+    """Return a panel of depths, and one for each of amplitude, predicted σ and probability of a
+    gross error that `others` has, by the names in KNOWN: amplitude_db, sigma_m, p_gross, each [ny,
+    nx]."""
     depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
     return [depth] + [replace(depth, values=values, **look) for values, look in known]
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
-    """A panel of signed errors with the reference's outline: red is behind the reference, blue in
-    front. title: None for the mean errors."""
+    """Return a panel of signed errors z − z_ref with the reference's outline: red is behind the
+    reference surface, blue in front of it. Without a title, the mean absolute error is the
+    title."""
     if title is None:
         seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
         title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
@@ -199,8 +212,8 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
 def volume_layers(
     volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray
 ) -> list[Layer]:
-    """Maximum projections of a complex volume [nz, ny, nx] along its three axes, in dB below its
-    maximum."""
+    """Return three panels of a complex image volume [nz, ny, nx]: its maximum along z, y and x, in
+    dB below its largest magnitude."""
     magnitude, (x, y, z), silent = (
         np.abs(volume),
         (1e3 * x_m, 1e3 * y_m, 1e3 * z_m),
@@ -216,8 +229,8 @@ def volume_layers(
 
 
 def shade(surface: SurfaceMap) -> np.ndarray:
-    """Brightness [ny, nx, 1] of a height field, lit from the upper left as seen with x to the
-    left."""
+    """Return the brightness [ny, nx, 1], 0 to 1, of a surface lit from the upper left, as seen from
+    the array with x to the left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
     # in the eye's axes: x and z are turned
     normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)
@@ -226,6 +239,7 @@ def shade(surface: SurfaceMap) -> np.ndarray:
 
 
 def shaded_colours(surface: SurfaceMap, seen: np.ndarray) -> np.ndarray:
-    """Colours [ny, nx, 3] of a height field; greyish where it is not `seen` but interpolated."""
+    """Return RGB colours [ny, nx, 3], 0 to 1, of a shaded surface: skin where `seen` [ny, nx] is
+    True, greyish where the surface was interpolated, white where there is none."""
     colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
     return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)

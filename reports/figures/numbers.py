@@ -23,8 +23,15 @@ OFFSETS_PT = np.vstack(
 def number_points(
     axis: Axes, points: np.ndarray, others: np.ndarray, lines: Sequence[np.ndarray]
 ) -> None:
-    """Write 1, 2, … next to `points` [n, 2], in data coordinates, of an axis with a final layout.
-    others: further points [m, 2]; lines: corners [k, 2] of lines that numbers avoid."""
+    """Write 1, 2, … next to the points of a chart, where a number hides no point and no other
+    number, if there is room, and crosses few lines.
+
+    Args:
+        axis: axes whose layout is final.
+        points: [n, 2] in data coordinates.
+        others: [m, 2], further points to keep free.
+        lines: corners [k, 2] of each line that numbers avoid.
+    """
 
     def places_pt(data: np.ndarray) -> np.ndarray:
         return axis.transData.transform(data) * 72 / axis.figure.dpi
@@ -68,6 +75,7 @@ def number_points(
 
 
 def _along(corners: np.ndarray) -> np.ndarray:
-    """Points at most 3 pt apart on the lines between corners."""
+    """Return points at most 3 printer's points apart along the lines that join the corners [k,
+    2]."""
     steps = [np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 3)) for a, b in pairwise(corners)]
     return np.vstack([corners, *steps])

@@ -1,4 +1,5 @@
-"""Pictures of a recording: echoes over tones and range, antennas, cameras and frames."""
+"""Pictures of what was recorded: levels of the radar's echoes over frequency and range, places of
+antennas, and coordinate frames of cameras and radar."""
 
 from collections.abc import Mapping
 
@@ -19,9 +20,16 @@ def echoes_figure(
     places_m: Mapping[str, np.ndarray],
     profile: tuple[np.ndarray, np.ndarray] | None,
 ) -> Figure:
-    """The level of every tone, levels_db [3, f] at SHARES of the channels; the antennas [n, 3] by
-    name, seen from behind the array. profile: ranges [n] in metres, up to the unambiguous range,
-    and their level in dB, if known."""
+    """Plot a radar recording: level over frequency, the places of the antennas seen from behind the
+    array and, if given, the level over range.
+
+    Args:
+        title: of the figure.
+        frequencies_hz: [f].
+        levels_db: [3, f], the 10th, 50th and 90th percentile over the channels (SHARES).
+        places_m: name of a kind of antenna → places [n, 3].
+        profile: ranges [n] in metres up to the unambiguous range, and levels [n] in dB.
+    """
     order = np.argsort(frequencies_hz)
     ghz, (low, middle, high) = frequencies_hz[order] / 1e9, levels_db[:, order]
     with matplotlib.rc_context(STYLE):
@@ -65,8 +73,9 @@ def echoes_figure(
 
 
 def frames_figure(title: str, frames: Mapping[str, np.ndarray], residuals_mm: np.ndarray) -> Figure:
-    """Coordinate frames in a common frame, by name a matrix [4, 4] each: x, y and z in orange,
-    green and blue; next to them the residual distances, if there are any."""
+    """Draw coordinate frames in one common frame, with x, y and z axes in orange, green and blue,
+    and next to them bars of the residual distances, if there are any. frames: name → matrix [4, 4]
+    that carries the frame's points into the common one, metres; residuals_mm [n]."""
     long_m = max(
         0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03
     )

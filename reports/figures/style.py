@@ -77,8 +77,8 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure with the stem of its file name, its caption, and its description for screen
-    readers."""
+    """A figure to write into a report. stem: its file name without suffix; caption: the text below
+    it; alt: its description for screen readers."""
 
     stem: str
     caption: str
@@ -92,40 +92,44 @@ def narrow() -> bool:
 
 
 def width_in(page_in: float, columns: int = 1) -> float:
-    """A figure's width in inches, on a page, or over a number of a paper's columns."""
+    """Return a figure's width in inches: `page_in` on a page; in a picture for a paper, the width
+    of `columns` columns."""
     return columns * COLUMN_IN if narrow() else page_in
 
 
 def methods(result: Result) -> list[MethodFacts]:
-    """Known methods in the paper's order, then the others."""
+    """Return the result's methods in the order in which pictures show them: known ones as in ORDER,
+    then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
 def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Method → colour and marker, by its place in ORDER; other methods follow in order of
-    appearance."""
+    """Return the colour and the marker of each method by name. Methods in ORDER always have the
+    same; others get the next free ones in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
     return {name: nth_style(i) for i, name in enumerate(places)}
 
 
 def nth_style(i: int) -> tuple[str, MarkerType]:
-    """The i-th colour and marker; no two of the first hundred are the same pair."""
+    """Return the colour and the marker of number i, from 0. Among the first hundred no pair occurs
+    twice."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
 
 def draw(
     result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any
 ) -> None:
-    """Draw a method's line on an axis with a grid, with its title, colour and marker."""
+    """Draw a line of points x, y [n] for a method, in its colour and with its marker and title, and
+    a grid on the axis. style: further arguments of matplotlib's `plot`."""
     colour, marker = method_styles(m.name for m in methods(result))[method.name]
     axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
     axis.grid(alpha=0.25, linewidth=0.4)
 
 
 def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """A figure of axes in a row (one below the other in a paper's column) with room for a legend;
-    and the axes."""
+    """Return a figure and its axes [columns], in a row on a page and one below the other in a
+    paper's column, with room for a legend. wide_in: width of one axis on a page in inches."""
     if narrow():
         figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
         return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -134,8 +138,8 @@ def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray
 
 
 def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
-    """Add a legend of all lines to the right of the axes, or below them in a paper's column; label
-    only outer axes."""
+    """Add one legend for all axes to a figure, at their right or, in a paper's column, below them;
+    only outer axes keep their labels. handles, names: as matplotlib's `legend` takes them."""
     place: dict[str, Any] = {"loc": "outside right center"}
     if narrow():
         place = {
@@ -150,7 +154,7 @@ def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> No
 
 
 def time_text(result: Result, method: MethodFacts) -> str:
-    """The method's time per frame, for a title."""
+    """Return the method's time per frame as text for a title, as "0.52 s", or "time unknown"."""
     time = result.time(method.name)
     if time is None:
         return "time unknown"
@@ -158,7 +162,8 @@ def time_text(result: Result, method: MethodFacts) -> str:
 
 
 def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
-    """An interval as matplotlib's error bars; None if an end is unknown."""
+    """Return an interval [low, high] around a value as matplotlib's error bars, the lengths below
+    and above it; None if an end is unknown."""
     return (
         [[max(value - low, 0)], [max(high - value, 0)]]
         if is_known(low) and is_known(high)
@@ -167,7 +172,8 @@ def whiskers(value: float, low: float | None, high: float | None) -> list[list[f
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
-    """Set a logarithmic axis with ticks 0.1, 0.2, 0.5, 1 instead of powers of ten."""
+    """Make the axis along `side` logarithmic, with ticks at 0.1, 0.2, 0.5, 1, … or, if it spans a
+    factor of 300 or more, at powers of ten, written as plain numbers."""
     axis.set(**{f"{side}scale": "log"})
     ticks = axis.xaxis if side == "x" else axis.yaxis
     low, high = ticks.get_view_interval()
@@ -178,7 +184,8 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
 
 
 def save(figure: Figure, file: str | Path) -> None:
-    """Write a figure, atomically; HandbenchError for a suffix that is not in FORMATS."""
+    """Write a figure to a file, whose suffix gives the format; an existing file is replaced at the
+    very end. Raises HandbenchError for a suffix that is not in FORMATS."""
     if Path(file).suffix.lower() not in FORMATS:
         raise HandbenchError(
             f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"
@@ -188,7 +195,7 @@ def save(figure: Figure, file: str | Path) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as the bytes of a PNG."""
+    """Return the figure as a picture: the bytes of a PNG file."""
     stream = io.BytesIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(stream, format="png")

@@ -31,13 +31,19 @@ FIRST = 3  # captures on the first page where there are more
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
-    """Read the result in `folder`, or the trade-off; write table.md, table.tex, column.tex,
-    table.csv, comparisons.*, figures/*.png, *.pdf, index.html and, for many captures, pages/*.html
-    to `out`.
+    """Write the report of a result, or of a trade-off, and return the path of its index.html.
 
-    sweep: a trade-off folder to show with the result; default: the one that `folder` is or
-    contains. Files of an earlier report are replaced, its further pages removed, and other files
-    left unchanged. Returns the path of index.html.
+    Args:
+        folder: a result folder, or a trade-off folder (`tradeoff_section.build` reports it).
+        out: where a result's report is written: index.html, table.md, table.tex, column.tex,
+            table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures, pages/*.html.
+            Files of an earlier report are replaced, its further pages removed, other files left
+            unchanged.
+        sweep: a trade-off folder to show with the result; by default the one that `folder` is or
+            contains.
+
+    Raises:
+        HandbenchError: `out` is the result folder itself, or drawing would take too long.
     """
     folder, out = Path(folder), Path(out)
     places = (folder, folder / "tradeoff") if sweep is None else ()
@@ -97,8 +103,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
 
 
 def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
-    """Write pages by number, in as many processes as there are cores: matplotlib is not safe in
-    threads."""
+    """Write pages by their number and yield the counts of errors that each returns. The pages are
+    spread over as many processes as there are cores, since matplotlib is not safe in threads."""
     count = min(len(numbers), workers())
     if count < 2:
         yield from map(page, numbers)
@@ -113,8 +119,9 @@ _loaded = cache(load)  # a process draws many pages of one result
 def further_page(
     folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int
 ) -> charts.Counts:
-    """Write a further page of captures, groups[part], of the result in `folder`, with pictures as
-    PNG only; returns the counts of their errors."""
+    """Write one further page of a report, with the captures groups[part] of the result in `folder`
+    and pictures as PNG only. Returns the counts of these captures' errors
+    (`charts.error_counts`)."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
@@ -123,12 +130,14 @@ def further_page(
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
-    """File names of the further pages."""
+    """Return the paths, relative to the report, of the pages after the first; there is a page for
+    each group of captures."""
     return [f"pages/{i:03d}.html" for i in range(1, len(groups))]
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
-    """The captures of the first page and of each further page."""
+    """Divide captures over the pages of a report: all on the first page if there are at most
+    ABREAST, else FIRST there and ABREAST on each further page. Returns one tuple for each page."""
     first = len(captures) if len(captures) <= ABREAST else FIRST
     rest = [tuple(captures[i : i + ABREAST]) for i in range(first, len(captures), ABREAST)]
     return [tuple(captures[:first]), *rest]
@@ -137,7 +146,9 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
 def _summary(
     result: Result, overview: list[Image], swept: Any, causes: Any = None
 ) -> dict[str, Any]:
-    """Content of index.html about all captures together."""
+    """Return what index.html shows about all captures together, by the names that its template
+    uses. overview: the charts of the whole result; swept: the trade-off's section; causes: the
+    section of errors by cause."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {
         "about": result.about,
@@ -153,7 +164,9 @@ def _summary(
 def _captures(
     result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True
 ) -> dict[str, Any]:
-    """Content of a page about its captures: their pictures and 3-D views."""
+    """Draw the pictures of some captures into `folder` and return what their page shows: the
+    pictures, and the content of the 3-D view. paper: whether PDFs for a paper's column are written
+    too."""
     details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}

@@ -20,8 +20,13 @@ HEADINGS = (
 
 
 def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Path) -> Path:
-    """Write leaderboard.md, leaderboard.csv, index.html and the reports report-1, report-2, … to
-    `out`. ranking: the table RANKING; about: a sentence on it. Returns the path of index.html."""
+    """Write a report of several results to `out`: leaderboard.md, leaderboard.csv, index.html with
+    the ranking of all methods, and the report of each result in report-1, report-2, … Returns the
+    path of index.html.
+
+    ranking: the methods, the best first, with the columns of the table RANKING; about: a sentence
+    on how they were ranked.
+    """
     rendering.begin(out)
     reports = {}
     for count, result in enumerate(results, 1):

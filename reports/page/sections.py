@@ -1,5 +1,5 @@
-"""Sections of the page besides tables and pictures: findings in words, effects, uncertainty,
-causes, provenance."""
+"""Content of the HTML report's sections, as tables and texts: findings of the tests, simulated
+effects, uncertainty of the ground truth, errors by cause, and where the result comes from."""
 
 import json
 from dataclasses import dataclass
@@ -30,7 +30,8 @@ LEADING = 4  # sentences of a metric that are read without opening the list
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of the page: the first `texts` columns are texts, the others numbers."""
+    """A table for the HTML page: caption, headings and rows of formatted cells. The first `texts`
+    columns are texts, the others numbers, aligned right."""
 
     caption: str
     headings: tuple[str, ...]
@@ -40,9 +41,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The tests' findings on one metric. best: titles of the methods that none is shown to beat,
-    the best figure first; leading: sentences on its smallest significant leads; shown: number of
-    significant differences; table: every pair."""
+    """The outcome of the statistical tests on one metric against one reference surface. best:
+    titles of the methods that none is shown to beat, the one with the best figure first; leading:
+    sentences on the smallest significant leads of that method; shown: number of significant
+    differences; tested: whether there were enough captures for a test; table: all pairs of
+    methods."""
 
     heading: str
     best: tuple[str, ...]
@@ -53,7 +56,9 @@ class Verdict:
 
 
 def verdicts(result: Result) -> list[Verdict]:
-    """One verdict for each metric and reference that was compared."""
+    """Return the outcome of the tests for each metric, reference surface and treatment that was
+    compared. (Treatment: whether the depth maps are taken as they are, or compared on common
+    pixels, unsmoothed or all smoothed in the same way.)"""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
@@ -81,7 +86,8 @@ def verdicts(result: Result) -> list[Verdict]:
 
 
 def stage_times(result: Result) -> Grid:
-    """The time that each stage took, by method."""
+    """Return a table of what each processing stage of each method took: number of tasks, how many
+    were reused from an earlier run, and medians of seconds, CPU seconds and peak memory."""
     rows = tuple(
         tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None)
     )
@@ -99,8 +105,9 @@ def stage_times(result: Result) -> Grid:
 
 
 def effects(result: Result) -> Grid | None:
-    """The effects of the captures' scenes, with each effect's rows combined over the captures; None
-    if no capture records any."""
+    """Return a table of the simulated physical effects, one row each: why it was on or off, in how
+    many captures it was on, and the largest values over the captures of its estimated size and of
+    its seconds. None if no capture records any effect."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
@@ -138,7 +145,9 @@ def _largest(rows: list[dict[str, Any]], key: str) -> str:
 
 
 def uncertainty(result: Result) -> list[Grid]:
-    """Sources of the ground truth's error, and the floor that it sets to every mean error."""
+    """Return tables of the ground truth's uncertainty, those for which the result has data: σ along
+    z of the photogrammetric mesh and its registration for each capture, the mean error that a
+    perfect radar would show, and the residuals of the registration on the calibration target."""
     grids = []
     budgets = result.about.facts.get("groundtruth_sigma_rms")
     if isinstance(budgets, dict) and budgets:
@@ -184,7 +193,8 @@ def _mm(value: Any) -> str:
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:
-    """Headings and facts of the result's provenance."""
+    """Return the facts on where a result comes from, as pairs (heading, mapping): protocol, noise
+    and ground truth, versions, and machine. Empty ones are left out."""
     about = result.about
     elsewhere = {
         "groundtruth_sigma_rms",
@@ -199,7 +209,8 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
 
 
 def captures(result: Result) -> Grid:
-    """The captures, and what each measures."""
+    """Return a table of the captures: pose, what each measures (accuracy, precision), the reference
+    surfaces that it is scored against, and its distance in metres."""
     rows = tuple(
         (
             c.name,
@@ -218,8 +229,8 @@ def captures(result: Result) -> Grid:
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Each method's resolved settings, once for all captures that share them: title, [(captures,
-    settings)]."""
+    """Return each method's settings with all defaults filled in, as pairs (title, entries). An
+    entry is (names of captures, settings): captures with the same settings share one entry."""
     found = []
     for method in result.about.methods:
         groups: dict[str, tuple[list[str], Any]] = {}
@@ -237,21 +248,23 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
 
 
 def command(result: Result) -> str:
-    """The commands that repeat the run: as the result records them, else in general form."""
+    """Return the two command lines that repeat the run and its report. The first is the one that
+    the result records, else a general form with placeholders."""
     recorded = result.about.facts.get("command")
     run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
 
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Each reference's table in two parts: the lines of the paper's table and the main figures, and
-    the others."""
+    """Return the table of figures for each reference surface in two parts: the metrics of the
+    paper's table with the main ones, and all other metrics."""
     return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Errors by cause: pictures, written into `folder`, and tables of causes.csv and
-    reliability.csv; None if the result has neither."""
+    """Draw the charts of errors by cause into `folder` and return the section's content:
+    "pictures", the images to embed, and "grids", the tables of the same data (causes.csv,
+    reliability.csv). None if the result has neither table."""
     grids = [*by_cause(result), *reliability(result)]
     return (
         {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
@@ -261,7 +274,9 @@ def causes(result: Result, folder: Path) -> dict[str, Any] | None:
 
 
 def by_cause(result: Result) -> list[Grid]:
-    """One table for each reference, with one line per bin and one column per method."""
+    """Return a table of errors by cause for each reference surface, one row per bin of a cause (as
+    an incidence angle of 10–20°) and one column per method. A cell holds mean |z − z_ref| and [mean
+    z − z_ref] in mm, and the numbers of pixels and captures."""
     grids, shown = [], methods(result)
     for reference, lines in result.causes.groupby("reference", sort=False):
         rows: dict[tuple[str, str], dict[str, str]] = {}
@@ -285,8 +300,9 @@ def by_cause(result: Result) -> list[Grid]:
 
 
 def reliability(result: Result) -> list[Grid]:
-    """One table for each reference, with one line per method and one column per nominal
-    coverage."""
+    """Return a table for each reference surface of whether the methods' predicted σ is right: for
+    each method the observed coverage in % under each nominal coverage, the mean negative
+    log-likelihood, and the number of pixels."""
     grids, titles = [], {m.name: m.title for m in result.about.methods}
     for reference, lines in result.reliability.groupby("reference", sort=False):
         nominal = sorted(set(lines.nominal_percent))

@@ -1,4 +1,5 @@
-"""The trade-off of a sweep as tables, pictures and a page."""
+"""A trade-off (accuracy against time of many settings) as tables, as pictures and as a page of its
+own."""
 
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ from handbench.support.files import write_text
 
 
 def build(folder: str | Path, out: str | Path) -> Path:
-    """Read the trade-off in `folder`; write front.md, front.tex, front_*.png, *.pdf and index.html
-    to `out`, which may be the folder itself. Returns the path of index.html."""
+    """Write the report of the trade-off in `folder` to `out`, which may be the folder itself:
+    front.md, front.tex, index.html and pictures in figures/. Returns the path of index.html. Raises
+    HandbenchError if the trade-off holds no setting."""
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(
@@ -34,7 +36,9 @@ def build(folder: str | Path, out: str | Path) -> Path:
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
-    """Write tables and pictures to `out`; returns the content for a page."""
+    """Write a trade-off's tables and pictures to `out` and return what a page shows: "parts", the
+    pictures and the table of settings of each section, and "claims", the paper's claims about
+    time."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
     saved = {
@@ -50,7 +54,8 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
 
 
 def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
-    """Every setting, the front's first, with the numbers of the picture."""
+    """Return a table of all settings of one section, those on the front first, with the number that
+    each has in the picture, or which setting beats it; error, time, operations and memory."""
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
@@ -77,8 +82,8 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
-    """The paper's claims about time, next to the counted and the measured factors; None without a
-    claim."""
+    """Return a table of the paper's claims about time: by which factor one way is faster according
+    to the paper, by counted operations, and measured here. None if there is no claim."""
     rows = tuple(
         (
             claim.text,

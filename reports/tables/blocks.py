@@ -1,4 +1,5 @@
-"""The figures of a result in blocks of formatted lines, from which every table is made."""
+"""Formatted figures of a result, one block for each reference surface with a line for each metric.
+The Markdown, LaTeX, terminal and HTML tables of figures are made from these."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -30,9 +31,10 @@ NONE = "–"
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a block. title: with the unit, empty if the metric continues; source: whose
-    figures these are; cells: one per method; best: whether a cell is highlighted, one per method
-    (empty: none is); unit: the metric's."""
+    """One line of a table: one metric's figures from one source. title: with the unit, empty if the
+    line continues the metric above; source: whose figures these are (as "ours", "paper"); cells:
+    formatted, one per method; best: whether each cell is highlighted (empty: none is); unit: the
+    metric's."""
 
     metric: str
     title: str
@@ -44,7 +46,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Block:
-    """The figures against one reference. methods: titles of the columns."""
+    """A table of the figures against one reference surface. methods: titles of the columns; lines:
+    one or several for each metric."""
 
     reference: str
     heading: str
@@ -53,16 +56,17 @@ class Block:
 
 
 def blocks(result: Result) -> list[Block]:
-    """One block for each reference of the result; the block of equal treatment follows the
-    first."""
+    """Return one table for each reference surface that the result is scored against. After the
+    first follows the table under equal treatment (all depth maps unsmoothed, or all smoothed in the
+    same way), if the result has it."""
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     return [*found[:1], *_equal_block(result), *found[1:]]
 
 
 def paper_block(block: Block, rest: bool = False) -> Block:
-    """The block with the lines of the paper's table and the main figures; rest: with the other
-    lines."""
+    """Return the part of a table with the metrics that the paper reports and the main ones; with
+    `rest`, the part with all other metrics."""
     metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
     return replace(
         block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest)
@@ -70,7 +74,8 @@ def paper_block(block: Block, rest: bool = False) -> Block:
 
 
 def _equal_block(result: Result) -> list[Block]:
-    """The figures under equal treatment, for the methods that have them; [] if there are none."""
+    """Return the table under equal treatment as a list of one: figures of depth maps that are all
+    unsmoothed, or all smoothed in the same way. [] if the result has none."""
     if result.equal.empty:
         return []
     reference, names = (
@@ -115,7 +120,9 @@ def _block(result: Result, reference: str) -> Block:
 
 
 def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:
-    """The lines of one metric. rows: its figures by method, NaN for a method without."""
+    """Return the lines of one metric: our figures and, if the paper reports the metric, its figures
+    and the ratio of both (not for percentages). rows: the metric's figures, indexed by method, NaN
+    where a method has none; stars: the methods to highlight."""
     unit = rows.unit.dropna().iloc[0]
     best = tuple(name in stars for name in rows.index) if stars else ()
     ours = rows[["value", "low", "high", "unit"]].itertuples(index=False, name=None)
@@ -134,15 +141,16 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
 
 
 def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
-    """The methods that no other is shown to beat, if any compared method is beaten. Without a test
-    no figure is highlighted."""
+    """Return the names of the methods to highlight for a metric: those that no other is shown to
+    beat, provided that a test found some method worse. Empty without a test."""
     best, lines = result.best(metric, reference, treatment), result.compared(treatment)
     worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
     return frozenset() if worse.isin(best).all() else frozenset(best)
 
 
 def ratio(rows: pd.DataFrame) -> pd.Series:
-    """Our figure divided by the paper's; NaN without either."""
+    """Return our figure divided by the paper's for each row of the result's table; NaN where one of
+    them is missing or the paper's is 0."""
     return rows.value / rows.paper.where(rows.paper != 0)
 
 
@@ -152,7 +160,8 @@ def is_known(figure: float | None) -> TypeGuard[float]:
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
-    """A figure with its interval in brackets."""
+    """Format a figure with its interval, as "1.23 [1.10, 1.36]"; the interval is left out if an end
+    is unknown. A dash if the figure is missing."""
     if not is_known(value):
         return NONE
     places = decimals(value, low, high, unit)
@@ -160,12 +169,13 @@ def figure(value: float | None, low: float | None, high: float | None, unit: str
 
 
 def paper(value: float | None, unit: str) -> str:
-    """The paper's figure, as printed there."""
+    """Format a figure of the paper with as many decimals as it prints: one for millimetres, else
+    two."""
     return number(value, 1 if unit == "mm" else 2)
 
 
 def interval(low: float | None, high: float | None, places: int) -> str:
-    """[low, high]; empty if an end is unknown."""
+    """Format an interval as "[low, high]" with `places` decimals; empty if an end is unknown."""
     return (
         f"[{number(low, places)}, {number(high, places)}]"
         if is_known(low) and is_known(high)
@@ -174,14 +184,15 @@ def interval(low: float | None, high: float | None, places: int) -> str:
 
 
 def number(value: float | None, places: int) -> str:
-    """A number with `places` decimals and a true minus sign; a dash for a missing one."""
+    """Format a number with `places` decimals and a true minus sign; a dash if it is missing."""
     return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
-    """Number of significant decimals: two digits of half the interval, three of the value at most.
-    At least one for millimetres, as in the paper; always two for percentages, many of which are
-    close to 100."""
+    """Return the number of decimals with which a figure and its interval [low, high] are printed:
+    enough for two significant digits of half the interval, but at most three of the value.
+    Millimetres get at least one, as in the paper; percentages always two, since many are close to
+    100; pixels none."""
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
@@ -191,7 +202,8 @@ def decimals(value: float, low: float | None, high: float | None, unit: str) -> 
 
 
 def three_digits(value: float | None) -> int:
-    """Number of decimals for three significant digits, at most six."""
+    """Return the number of decimals that show three significant digits of a value, at most six; 0
+    for zero or an unknown value."""
     return _digits(value, 3) if value and is_known(value) else 0
 
 
@@ -200,14 +212,16 @@ def _digits(value: float, digits: int) -> int:
 
 
 def p_text(p: float | None) -> str:
-    """A p-value with two digits; below 0.001 it is printed as "< 0.001"."""
+    """Format a p-value with two decimals, or three below 0.1; below 0.001 as "< 0.001", a dash if
+    it is unknown."""
     if not is_known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def caption(result: Result) -> str:
-    """A sentence on the captures and references of the figures."""
+    """Return the text below the tables of figures: which captures were averaged, what the brackets
+    mean, and warnings on disturbed times and refined transforms."""
     scored, repeated, floor = result.scored(), result.repeated(), ""
     precision = (
         f"precision over the repeats of {_named(repeated)}; "
@@ -230,8 +244,8 @@ def caption(result: Result) -> str:
 
 
 def busy_note(result: Result) -> str:
-    """A sentence on times disturbed by other work, with a leading blank; empty if there are
-    none."""
+    """Return a warning on times that other work on the machine disturbed or that varied too much
+    between repeats, beginning with a blank; empty if there are none."""
     busy, unsettled, note = result.busy(), result.unsettled(), ""
     if busy:
         note = (
@@ -261,7 +275,8 @@ def _named(captures: Sequence[CaptureFacts]) -> str:
 
 
 def best_note(found: list[Block]) -> str:
-    """The meaning of bold figures, with a leading blank; empty if none is bold."""
+    """Return the sentence that explains bold figures, beginning with a blank; empty if no figure of
+    the tables is bold."""
     if not any(any(line.best) for block in found for line in block.lines):
         return ""
     return (
@@ -272,8 +287,10 @@ def best_note(found: list[Block]) -> str:
 
 
 def floor_note(result: Result) -> str:
-    """A sentence for captions of pictures of errors, with a leading blank: the known non-zero
-    floors, the largest of the methods'. Empty without one."""
+    """Return a sentence for captions of error maps on the ground-truth floor, the mean error that a
+    perfect radar would show because the reference itself has errors: for each reference surface the
+    largest of the methods' values, in mm. It begins with a blank; empty if no floor is above
+    zero."""
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
     known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
     known = ", ".join(

@@ -32,7 +32,9 @@ TIMES = (
 
 
 def show(compared: Compared) -> None:
-    """Print the comparison on stdout."""
+    """Print the comparison of two results A and B on stdout: tables of the differences in accuracy
+    and of the times, other changes (as of versions or settings), and a sentence for each
+    significant difference."""
     console = wide_console()
     for text in _head(compared):
         console.print(text, markup=False)
@@ -54,13 +56,16 @@ def show(compared: Compared) -> None:
 
 
 def write(compared: Compared, folder: Path) -> None:
-    """Write compare.md and compare.tex."""
+    """Write the comparison into a folder as compare.md and compare.tex, which are replaced if they
+    exist."""
     write_text(folder / "compare.md", markdown(compared))
     write_text(folder / "compare.tex", tex(compared))
 
 
 def markdown(compared: Compared) -> str:
-    """The differences in words and figures; significantly better figures are bold."""
+    """Return the comparison of two results A and B as Markdown: significant differences in words, a
+    table of all differences with the significantly better figure bold, times, and what else
+    differs."""
     shown = [f"- {escaped(text)}" for text in _shown(compared)]
     differences = []
     for line in each(compared.differences):
@@ -91,8 +96,8 @@ def markdown(compared: Compared) -> str:
 
 
 def tex(compared: Compared) -> str:
-    """The differences as LaTeX tables, one for each reference; significantly better figures are
-    bold."""
+    """Return the differences between two results A and B as LaTeX tables, one for each reference
+    surface; a figure that is significantly better is bold."""
     texts = []
     for reference, lines in compared.differences.groupby("reference", sort=False):
         body = []
@@ -121,12 +126,13 @@ def tex(compared: Compared) -> str:
 
 
 def _head(compared: Compared) -> list[str]:
-    """The two sides, and the captures that are compared."""
+    """Return the sentences above the comparison: names and captures of A and B, on which captures
+    they are compared, and how the intervals and p are formed."""
     return [*_sides(compared), *_basis(compared), NOTE]
 
 
 def _shown(compared: Compared) -> list[str]:
-    """A sentence for each significant difference."""
+    """Return a sentence for each difference between A and B that is significant."""
     return compared.differences.sentence[compared.differences.better != ""].tolist()
 
 
@@ -158,7 +164,8 @@ def _cells(line: Any) -> tuple[str, str, str, str]:
 
 
 def _needed(line: Any) -> str:
-    """Number of hands that would show the differences that are not significant."""
+    """Return how many hands a comparison would need to show this difference; empty where no number
+    is given. line: a row of the table of differences."""
     return f"{line.needed:.0f}" if line.needed > 0 else ""
 
 
@@ -171,7 +178,8 @@ def _time(time: Any) -> tuple[str, str, str, str]:
 
 
 def _machines(compared: Compared) -> list[str]:
-    """Names of A and B, each with the rate of its machine."""
+    """Return the headings of A and B in the table of times, each with the machine's rate of matrix
+    products in GFLOP/s, with which the times can be judged."""
     rates = (("A", compared.a.gemm_gflops), ("B", compared.b.gemm_gflops))
     return [
         f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)"
@@ -180,7 +188,8 @@ def _machines(compared: Compared) -> list[str]:
 
 
 def _changes(compared: Compared) -> list[str]:
-    """All differences in provenance, one line each; only the first ones of each kind."""
+    """Return a line for each change in provenance, as of a version or an input, from A to B. Of
+    each kind the first CHANGES are listed and the others counted."""
     texts = []
     for what, changes in compared.changes.groupby("what", sort=False):
         first = each(changes[:CHANGES])

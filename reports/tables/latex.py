@@ -38,7 +38,8 @@ UNITS = {
 
 
 def _pairs(text: str) -> dict[str, str]:
-    """Map every second word to the word before it."""
+    """Return a mapping from a text of words: the first is the key of the second, the third that of
+    the fourth, and so on."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 
@@ -62,7 +63,8 @@ ACCENTS = dict(zip(_MARKS, "`'^~=u.\"rHvdc", strict=True))
 
 
 def escaped(text: str) -> str:
-    """`text` on one line of ASCII without LaTeX commands. A character that fonts may lack becomes
+    """Return `text` as one line of ASCII that LaTeX prints literally: no character of it acts as a
+    command. Letters with accents become LaTeX's accents; a character that fonts may lack becomes
     its code point, as U+624B."""
     return "".join(map(_character, " ".join(unicodedata.normalize("NFC", text).split())))
 
@@ -79,8 +81,9 @@ def _character(character: str) -> str:
 
 
 def latex(result: Result) -> str:
-    """Every block as tables of at most COLUMNS methods, with the interval and the paper's figure
-    below our figure."""
+    """Return all figures of a result as LaTeX tables, one for each reference surface and one for
+    the methods under equal treatment. A table with more than COLUMNS methods is split into several.
+    Below each figure stand its 95 % interval and the paper's figure."""
     found = blocks(result)
     facts = caption(result) + best_note(found)
     return "\n".join(
@@ -91,8 +94,9 @@ def latex(result: Result) -> str:
 
 
 def column(result: Result) -> str:
-    """The figures of the paper's table, ours above the paper's, against the first reference, as
-    tables of at most ABREAST methods that fit one column of IEEEtran; empty without a figure."""
+    """Return the metrics of the paper's table and the main ones as LaTeX tables narrow enough for
+    one column of IEEEtran: our figures above the paper's, against the result's first reference
+    surface. A table has at most ABREAST methods; the text is empty if the result has no figure."""
     found = blocks(result)[:1]
     return "\n".join(
         _narrow(result.about.name, paper_block(block), part)
@@ -120,7 +124,8 @@ def _narrow(name: str, block: Block, part: slice) -> str:
 
 
 def _parts(block: Block, abreast: int = COLUMNS) -> list[slice]:
-    """The methods in as few parts as possible, with sizes that differ by at most one."""
+    """Divide a table's methods into as few parts of at most `abreast` methods as possible, with
+    sizes that differ by at most one. Returns a slice of the methods for each part."""
     count = len(block.methods)
     parts = max(-(-count // abreast), 1)
     edges = [count * i // parts for i in range(parts + 1)]
@@ -135,7 +140,9 @@ def _block_table(name: str, block: Block, part: slice, facts: str) -> str:
 
 
 def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[str]:
-    """The rows of a table, with a gap between metrics."""
+    """Return the LaTeX rows of some lines of a table, with a gap between metrics. part: the methods
+    shown; wide: width of the column of titles, as a LaTeX length; sources: whether a column of its
+    own says whose figures they are (ours, the paper's)."""
     body: list[str] = []
     for _, group in groupby(lines, key=lambda line: line.metric):
         rows = [row for line in group for row in _line_rows(line, part, wide, sources)]
@@ -144,9 +151,10 @@ def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[
 
 
 def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
-    """The row of figures and, if there are any, a row of intervals; nothing without a figure.
-    wide: the titles' column; sources: in a separate column, or else in the titles' if there is no
-    title."""
+    """Return the LaTeX row of one line's figures and, if there are any, a row of their intervals
+    below; no row if all figures are missing. part: the methods shown; wide: width of the column of
+    titles, as a LaTeX length; sources: whether a column of its own says whose figures they are;
+    without it, this stands in place of an empty title."""
     if not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
@@ -179,14 +187,16 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
 
 
 def _s_columns(lines: Iterable[Line], part: slice) -> str:
-    """One siunitx column for each method."""
+    """Return LaTeX's column specification of some lines' figures: one siunitx column for each
+    method in `part`."""
     return "".join(
         _s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True)
     )
 
 
 def _s_column(cells: Iterable[str]) -> str:
-    """A siunitx column with room for the widest number on both sides of the decimal point."""
+    """Return the specification of a siunitx column with room for the widest of these numbers on
+    both sides of the decimal point."""
     numbers = [cell.partition(" ")[0].partition(".") for cell in cells if cell != NONE]
     sign = "-" if any(whole.startswith("−") for whole, _, _ in numbers) else ""
     before = max((len(whole.lstrip("−")) for whole, _, _ in numbers), default=1)
@@ -195,8 +205,9 @@ def _s_column(cells: Iterable[str]) -> str:
 
 
 def comparisons(result: Result) -> str:
-    """Every tested difference, one table for each metric and reference; empty if nothing was
-    compared."""
+    """Return LaTeX tables of all differences between methods that were tested, one for each metric
+    and reference surface: the method ahead and behind, the difference with its interval, p and the
+    effect size. Empty if nothing was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     texts = []
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
@@ -220,7 +231,8 @@ def comparisons(result: Result) -> str:
 
 
 def tradeoff(found: Tradeoff) -> str:
-    """The front of each section: the settings that none beats in accuracy, completeness and time
+    """Return a LaTeX table for each section of a trade-off (as imaging or ground truth) with the
+    settings on its front: those that no other setting beats in accuracy, completeness and time
     together."""
     texts = []
     for section in found.facts.sections:
@@ -265,8 +277,10 @@ def float_table(
     kind: str = "table*",
     gap_pt: float = 3.5,
 ) -> str:
-    """A float over the page's width, or (kind `table`) in a column. text: its caption, plain; head:
-    cells of LaTeX; body: rows made by `row`; gap_pt: half the distance of two columns."""
+    """Return a LaTeX float with a booktabs table, over the page's width or, with kind "table", in a
+    column. text: its caption, plain; columns: LaTeX's column specification; head: cells of the
+    first row, LaTeX; body: rows made by `row`; gap_pt: half the distance between two columns in
+    points."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
 \begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
@@ -285,14 +299,15 @@ def float_table(
 
 
 def title_with_unit(title: str, unit: str) -> str:
-    """A title with its unit, as error / mm; counts have no unit."""
+    """Return a title for LaTeX followed by its unit, as "error / mm". A unit that the title's words
+    already end in is left out, as for a count of pixels."""
     return escaped(title) + (
         "" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}"
     )
 
 
 def row(cells: Iterable[str]) -> str:
-    r"""A line of a table from cells that are LaTeX."""
+    """Return a row of a LaTeX table. cells: already LaTeX."""
     return " & ".join(cells) + r" \\"
 
 
@@ -304,7 +319,9 @@ def num(value: float | None, places: int) -> str:
 def num_figure(
     value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
 ) -> str:
-    """A figure, bold or not, with its interval in brackets; a dash for None."""
+    """Return a figure for LaTeX, followed by its interval [low, high] in brackets if both ends are
+    known; "--" if the value itself is unknown. unit: the metric's, which decides on the
+    decimals."""
     if not is_known(value):
         return "--"
     places = decimals(value, low, high, unit)
@@ -317,5 +334,5 @@ def num_figure(
 
 
 def p_value(p: float | None) -> str:
-    """A p-value; below 0.001 it is printed as "< 0.001"."""
+    """Format a p-value for LaTeX, below 0.001 as "< 0.001"; "--" if it is unknown."""
     return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"

@@ -1,5 +1,5 @@
-"""The tables of a result as Markdown (with untrusted text escaped), as CSV and on the terminal
-(LaTeX: `reports.tables.latex`); and one sentence for each main comparison."""
+"""The tables of a result as Markdown, as CSV and for the terminal (as LaTeX:
+`reports.tables.latex`), and sentences on the main comparisons of methods."""
 
 import html
 import re
@@ -37,7 +37,9 @@ OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:
-    """A sentence for each pair of PAIRS that the result compares under equal treatment."""
+    """Return a sentence for each pair of methods in PAIRS on which of the two is better and by how
+    much, on common pixels and over completeness, when their depth maps are all unsmoothed or all
+    smoothed in the same way. A pair that was not compared has no sentence."""
     return [sentence for pair in PAIRS if (sentence := _claim(result, *pair))]
 
 
@@ -64,7 +66,8 @@ def _claim(result: Result, first: str, second: str) -> str:
 
 
 def _joined(findings: list[tuple[str, str]]) -> str:
-    """Findings (which method, by how much) in words; a method that leads twice is named once."""
+    """Join findings, each (which method is ahead, by how much), to one text. A method that is ahead
+    in two findings is named once."""
     groups = groupby(findings, key=lambda finding: finding[0])
     return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
 
@@ -81,7 +84,8 @@ def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """A table of Markdown cells; the first `texts` columns are aligned left, the others right."""
+    """Return a Markdown table. headings: one per column; lines: rows of cells, already escaped; the
+    first `texts` columns are aligned left, the others right."""
     rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
     return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
 
@@ -91,17 +95,19 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """`text` as one line of a Markdown table cell, its marks of Markdown and HTML escaped."""
+    """Return `text` on one line for a cell of a Markdown table, so that Markdown and HTML show it
+    literally."""
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 def bold(text: str) -> str:
-    """Markdown `text` in bold."""
+    """Return Markdown text in bold."""
     return f"**{text}**"
 
 
 def markdown(result: Result) -> str:
-    """Every block as a Markdown table."""
+    """Return all figures of a result as Markdown: a caption, then one table for each reference
+    surface and one for the methods under equal treatment. The best figures are bold."""
     found = blocks(result)
     parts = [
         f"# {escaped(result.about.name)}\n",
@@ -125,7 +131,8 @@ def markdown(result: Result) -> str:
 
 
 def comparisons_markdown(result: Result) -> str:
-    """Every tested difference in words, with its p and effect size. Empty if nothing was
+    """Return the tested differences between methods as Markdown: the main findings as a list, then
+    a table of every difference in words with its p and effect size. Empty if nothing was
     compared."""
     if result.comparisons.empty:
         return ""
@@ -150,8 +157,8 @@ def comparisons_markdown(result: Result) -> str:
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """Time and error of each setting, one table per section; the front, which no other setting
-    beats, is bold."""
+    """Return a trade-off as Markdown: for each section (as imaging or ground truth) a table of time
+    and error of every setting. Settings on the front, which no other beats, are bold."""
     parts = [
         f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
         "Bold: no other setting is as fast, "
@@ -179,7 +186,9 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
 
 
 def csv_text(result: Result) -> str:
-    """The result's lines with the ratio to the paper and the method's time in every line."""
+    """Return the result's table of figures as CSV, one line for each metric, method and reference
+    surface. Each line also has the ratio of our figure to the paper's, and the method's seconds per
+    frame."""
     times = result.table[result.table.metric == "seconds"].drop_duplicates(["method", "reference"])
     seconds = times.set_index(["method", "reference"]).value
     lines = result.table.assign(ratio=ratio(result.table)).join(
@@ -201,9 +210,9 @@ def csv_text(result: Result) -> str:
 
 
 def stages(result: Result) -> pd.DataFrame:
-    """The tasks of each method and stage, in the order in which they first ran: method, stage,
-    tasks, number of cached ones, and the medians of seconds, cpu_seconds and peak_memory_mb,
-    formatted."""
+    """Return a table with a row for each method and processing stage, in the order in which they
+    first ran: method, stage, number of tasks, how many were reused from an earlier run, and as
+    formatted texts the medians of seconds, cpu_seconds and peak_memory_mb."""
     titles = {method.name: method.title for method in result.about.methods}
     groups = result.tasks.groupby(["method", "stage"], sort=False)
     counts = groups.cached.agg(tasks="size", cached="sum")
@@ -213,7 +222,8 @@ def stages(result: Result) -> pd.DataFrame:
 
 
 def show(result: Result) -> None:
-    """Print the main figures on stdout, as wide as needed."""
+    """Print a result's main figures on stdout, a table for each reference surface, then the main
+    findings and a line for each stage that failed."""
     console = wide_console()
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
@@ -226,7 +236,8 @@ def show(result: Result) -> None:
 
 
 def wide_console() -> Console:
-    """A rich console on stdout without a limit of width for a pipe or a file."""
+    """Return a rich console on stdout. Into a pipe or a file it writes lines of up to 200
+    characters, on a terminal as wide as this is."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 200
@@ -239,7 +250,9 @@ def terminal_table(
     lines: Iterable[Sequence[str]],
     texts: Collection[str] = ("",),
 ) -> Table:
-    """A rich table. texts: the columns that are not numbers; default: those without a heading."""
+    """Return a rich table to print. heading: its title, may be empty; columns: their headings;
+    lines: rows of plain cells; texts: headings of the columns that are aligned left (default: the
+    columns without a heading), the others right."""
     grid = Table(
         title=Text(heading) if heading else None,
         title_justify="left",
