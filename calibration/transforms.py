@@ -23,11 +23,11 @@ class Transform:
     `target_from_source`.
 
     matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with
-    log-scale) of [translation_m, rotation_rad(, log scale)], a left perturbation in the target
-    frame about the target's origin. residuals_m: one distance per matched feature. refined: change
-    by the alignment to the radar's depth map, with the "reason" to distrust it (None: not refined).
-    note: how the file was interpreted. A negative scale marks the source's points as a mirror
-    image; files never have one.
+    log-scale) of [translation_m, rotation_rad(, log scale)], a small motion applied after the
+    transform, in the target frame and about its origin. residuals_m: one distance for each matched
+    point. refined: how the alignment to the radar's depth map changed it, with the "reason" to
+    distrust that (None: not refined). note: how the file was interpreted. A negative scale marks
+    the source's points as a mirror image; files never have one.
     """
 
     source: str
@@ -40,12 +40,12 @@ class Transform:
 
     @property
     def scale(self) -> float:
-        """Cube root of the determinant of the linear part."""
+        """The scale: cube root of the determinant of the matrix's upper left 3×3."""
         return float(np.cbrt(np.linalg.det(self.matrix[:3, :3])))
 
     @property
     def rotation(self) -> np.ndarray:
-        """Rotation [3, 3] without the scale."""
+        """The rotation matrix [3, 3], without the scale."""
         return self.matrix[:3, :3] / self.scale
 
     def points(self, points_m: np.ndarray) -> np.ndarray:
@@ -53,14 +53,15 @@ class Transform:
         return points_m @ self.matrix[:3, :3].T + self.matrix[:3, 3]
 
     def point_covariance(self, points_m: np.ndarray) -> np.ndarray:
-        """Covariance [..., 3, 3] (m²) of points [..., 3] in the target frame by the uncertainty of
-        the registration. Raises HandbenchError without a covariance."""
+        """Compute the covariance [..., 3, 3] (m²) that the registration's uncertainty causes in
+        points [..., 3] of the target frame. Raises HandbenchError if the transform has no
+        covariance."""
         covariance = self.require_covariance()
         jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
         return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 
     def require_covariance(self) -> np.ndarray:
-        """The covariance. Raises HandbenchError without one."""
+        """Return the covariance. Raises HandbenchError if there is none."""
         if self.covariance is None:
             raise HandbenchError(
                 f"transform {self.target}_from_{self.source}: carries no covariance; calibrate "
@@ -79,7 +80,7 @@ class Transform:
         return self
 
     def inverse(self) -> "Transform":
-        """The inverse transform, without a covariance."""
+        """Return the transform from target to source, without a covariance."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.rotation.T / self.scale
         matrix[:3, 3] = -matrix[:3, :3] @ self.matrix[:3, 3]
@@ -103,13 +104,13 @@ class Transform:
 
 
 def identity(frame: str) -> Transform:
-    """The identity transform of a frame."""
+    """Make the identity transform from a frame to itself."""
     return Transform(frame, frame, np.eye(4))
 
 
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
-    """Derivatives [..., 3, 7] of points [..., 3] by [translation_m, rotation_rad, log scale]
-    applied after a transform, in its target frame: dp = t + ω×p + λp."""
+    """Compute the derivatives [..., 3, 7] of points [..., 3] by a small motion [translation_m,
+    rotation_rad, log scale] about the origin of their frame: dp = t + ω×p + λp."""
     x, y, z = np.moveaxis(np.asarray(points_m, np.float64), -1, 0)
     jacobian = np.zeros((*np.shape(x), 3, 7))
     jacobian[..., :3, :3] = np.eye(3)
@@ -121,8 +122,9 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
 
 
 def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
-    """Matrix [6, 6] or [7, 7] that converts a perturbation about one pivot to one about a pivot
-    shifted by step_m [3]: t' = t + ω×step + λ·step; rotation and scale do not change."""
+    """Return the matrix [6, 6] or [7, 7] that converts a small motion (translation, rotation, log
+    scale) about one point to the same motion about a point shifted by step_m [3]: t' = t + ω×step +
+    λ·step; rotation and scale do not change. unknowns: 6 or 7, with scale."""
     matrix = np.eye(7)
     matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
     return matrix[:unknowns, :unknowns]
@@ -134,8 +136,12 @@ def umeyama(
     with_scale: bool = False,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Compute the 4×4 rotation, translation (and scale) from points [n, 3] to points [n, 3] with
-    least squared error, weighted by weights [n] if given; never a reflection (Umeyama 1991)."""
+    """Fit the similarity [4, 4] from points [n, 3] to points [n, 3] with the least squared error,
+    in closed form; never a reflection (Umeyama 1991).
+
+    with_scale: fit a scale too, instead of 1. weights [n]: of the points (None: equal). Raises
+    HandbenchError if a scale is wanted and all source points coincide.
+    """
     source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
     u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
@@ -154,8 +160,9 @@ def umeyama(
 def condition_number(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None
 ) -> float:
-    """How unevenly points [n, 3] determine the rotation to points [n, 3]: its uncertainty about
-    the worst axis divided by that about the best one, √((d₁ + d₂) / (d₂ + d₃)).
+    """Compute how unevenly matched points, source and target [n, 3], determine the rotation between
+    them: its uncertainty about the worst axis divided by that about the best one, √((d₁ + d₂) / (d₂
+    + d₃)). weights [n]: of the points (None: equal).
 
     d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative if the best
     map is a reflection; the squared error has curvatures equal to their pairwise sums about the
@@ -174,8 +181,8 @@ def condition_number(
 def centred(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre both sets of points [n, 3] on their weighted means: (points, mean) of each, and the
-    weights [n] with sum 1."""
+    """Centre two sets of points [n, 3] on their weighted means. Returns the centred source points,
+    their mean, the centred target points, their mean, and the weights [n] scaled to sum 1."""
     weights = np.ones(len(source_m)) if weights is None else weights
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source_m, weights @ target_m
@@ -183,8 +190,9 @@ def centred(
 
 
 def load_transform(path: str | Path) -> Transform:
-    """Read a transform file. Raises HandbenchError unless it holds a finite 4×4 similarity without
-    reflection and, if any, a symmetric positive covariance."""
+    """Read a transform from a JSON file. Raises HandbenchError unless it holds a finite 4×4
+    similarity without reflection and, if it has a covariance, one that is symmetric and
+    positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     if not isinstance(content, dict) or not {"from", "to", "matrix"} <= content.keys():
         raise HandbenchError(
@@ -239,8 +247,9 @@ def checked_numbers(
     shapes: list[tuple[int, ...]] | None,
     largest: float = LARGEST_M,
 ) -> np.ndarray:
-    """Check that `value` is a float array of one of the shapes (None: any list) below `largest`.
-    Raises HandbenchError otherwise."""
+    """Return `value`, read from a file, as a float array. Raises HandbenchError unless it has one
+    of the shapes (None: a list of any length) and finite numbers below `largest`. path, key: where
+    it was read, for the message."""
     expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
     try:
         array = np.array(value)
@@ -261,7 +270,8 @@ def checked_numbers(
 
 
 def triples(count: int) -> np.ndarray:
-    """Indices [m, 3] of all triples, or of TRIPLES random ones."""
+    """List triples of indices below `count`: [m, 3], all of them, or TRIPLES random ones, the same
+    in every run, if there are more."""
     if comb(count, 3) <= TRIPLES:
         return np.array(list(combinations(range(count), 3)))
     rng = np.random.default_rng(0)  # the same pairs give the same transform

@@ -24,8 +24,10 @@ COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
-    """Run the dense stage: compute and fuse the depth maps of the photographs registered by the
-    sparse stage (folder `sparse`)."""
+    """Run the dense stage: compute the depth maps of the photographs that the sparse stage
+    registered, fuse them, and write the cloud (CLOUD) and the reconstructed box (VOLUME) into
+    `folder`. photos: folder of the photographs; options: those of DenseOptions; sparse: folder that
+    the sparse stage wrote."""
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
@@ -49,7 +51,8 @@ def dense_cloud(
     options: DenseOptions,
     box_m: np.ndarray | None = None,
 ) -> Cloud:
-    """Compute the fused and cleaned cloud of registered photographs in a box [2, 3]."""
+    """Compute the fused cloud of registered photographs, without outliers, at the quality in the
+    options. box_m [2, 3]: region of interest in the mesh's frame (None: everything)."""
     return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
@@ -60,7 +63,8 @@ def _fused(
     box_m: np.ndarray | None,
     effort: Effort,
 ) -> Cloud:
-    """Compute depth maps and fuse them to the points on which they agree."""
+    """Compute the depth maps of registered photographs with the given effort (resolution and
+    iterations), and fuse them to the points on which they agree."""
     masks = Masks(
         {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
     )

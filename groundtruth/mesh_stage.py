@@ -31,9 +31,9 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """Run the mesh stage: write the cloud's surface in the photo frame (MESH), the selected parts
-    (TARGET), and the first photograph cut to the box (VIEW). sparse, dense: folders of these
-    stages."""
+    """Run the mesh stage: write the surface of the dense stage's cloud (MESH), the list of its
+    parts that were kept (TARGET), and the first photograph cut to the reconstructed box (VIEW) into
+    `folder`. photos: folder of the photographs; sparse, dense: folders that these stages wrote."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
     plane = (
@@ -54,8 +54,12 @@ def measured_surface(
     plane: Plane | None,
     box_m: np.ndarray | None,
 ) -> tuple[Surface, TargetParts]:
-    """Reconstruct the surface of a cloud's wanted parts with the standard deviation of each vertex:
-    (surface, parts)."""
+    """Reconstruct the surface of a cloud, keep the wanted parts, and compute the standard deviation
+    of each vertex. Returns the surface and a description of the parts.
+
+    components: which parts to keep; plane: the board's, whose points are removed (None: no board);
+    box_m [2, 3]: the surface is cut to it.
+    """
     count = len(cloud.points_m)
     cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
@@ -72,7 +76,8 @@ def measured_surface(
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
-    """Write the camera's photograph, cut to the box [2, 3] in the photo frame."""
+    """Write the photograph of a camera as JPEG, cut to where it shows the box [2, 3] in the photo
+    frame (None: all of it). photos: folder of the photographs; file: to write."""
     from PIL import Image
 
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)

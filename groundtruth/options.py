@@ -13,8 +13,11 @@ Quality = Literal["draft", "normal", "high", "thorough"]
 
 
 class Effort(NamedTuple):
-    """Effort of depth maps. shrink: divisor of the photographs' resolution; iterations: of
-    PatchMatch; thorough: sweeps in several directions and repeated matching of each view."""
+    """How much work goes into depth maps.
+
+    shrink: divisor of the photographs' resolution; iterations: of PatchMatch; thorough: sweep
+    planes in several directions, and match each view repeatedly.
+    """
 
     shrink: int
     iterations: int
@@ -39,8 +42,8 @@ BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixe
 
 
 def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
-    """Predict CPU seconds and peak bytes of a reconstruction from `count` photographs with so many
-    megapixels in total."""
+    """Predict CPU seconds and peak memory in bytes of a reconstruction from `count` photographs
+    with `megapixels` in total."""
     seconds = (
         PHOTO_S * count
         + PAIR_S * count * (count - 1) / 2
@@ -58,18 +61,19 @@ class Distance(Config):
 
 
 class SparseOptions(Config):
-    """Options that determine the cameras' poses.
+    """Options for finding the cameras' poses and the metric scale.
 
-    cameras: known cameras, a cameras.json, a COLMAP model's folder or Metashape's XML (default: the
-    cameras.json in the photographs' folder, if any); where all have poses these are used as they
-    are. intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
-    distortion. refine_poses, refine_distortion: let the bundle adjustment change known poses, or
-    find the distortion beside given intrinsics. shared_intrinsics: unknown lenses are one (True) or
-    one a photograph (False; default: one a camera, by EXIF data or size). model: a COLMAP model of
-    these photographs, used instead of structure from motion; without points it is completed.
-    metric: the poses of a COLMAP model, in `model` or `cameras`, are in metres. board: a board.toml
-    (default as cameras). distances: measured ones between cameras, for the scale. unscaled: go on
-    without a metric scale.
+    cameras: file or folder of known cameras: a cameras.json, a COLMAP model's folder or Metashape's
+    XML (default: the cameras.json in the photographs' folder, if any); if all have poses, these are
+    used unchanged. intrinsics: fx, fy, cx, cy in pixels of the one camera that took all
+    photographs, without distortion. refine_poses: let the bundle adjustment change known poses.
+    refine_distortion: estimate the distortion that belongs to given intrinsics. shared_intrinsics:
+    unknown lenses are the same for all photographs of a size (True) or one for each photograph
+    (False; default: one for each camera, by EXIF data or size). model: a COLMAP model of these
+    photographs, used instead of structure from motion; if it has no points, they are triangulated.
+    metric: the poses of a COLMAP model, in `model` or `cameras`, are in metres. board: a board's
+    file (default: the board.toml in the photographs' folder, if any). distances: measured distances
+    between cameras, for the scale. unscaled: go on without a metric scale. seed: of random numbers.
     """
 
     cameras: Path | None = None
@@ -86,15 +90,19 @@ class SparseOptions(Config):
 
 
 class Region(Config):
-    """Options that determine the reconstructed region. box_m: xmin, ymin, zmin, xmax, ymax, zmax of
-    the region of interest in the mesh's frame (default: automatic, see `groundtruth.dense.volume`);
-    a small box saves most of the time. board: as in SparseOptions."""
+    """Options for the region that is reconstructed.
+
+    box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame
+    (default: found automatically from board, cameras and sparse points); a small box saves most of
+    the time. board: the board's file (default: board.toml in the photographs' folder, if any).
+    """
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
 
     def box(self) -> np.ndarray | None:
-        """The box's lowest and highest corner [2, 3]."""
+        """Return the box's lowest and highest corner [2, 3]; None if no box is given. Raises
+        HandbenchError if a lower bound is not below its upper one."""
         if self.box_m is None:
             return None
         box = np.array(self.box_m).reshape(2, 3)
@@ -107,11 +115,12 @@ class Region(Config):
 
 
 class DenseOptions(Region):
-    """Options of the depth maps, and of the pixels that they cover.
+    """Options of the depth maps.
 
-    masks: folder with a mask for each photograph. mask: cut the target out by its colours where
-    there are no masks.
-    dense: where depth maps are made; auto: on a CUDA device, if pycolmap can use one.
+    quality: resolution and effort. masks: folder with a mask of the target for each photograph.
+    mask: "colour" cuts the target out by its colours where there are no masks. dense: where depth
+    maps are computed; auto: on a CUDA device, if pycolmap can use one. seed: of PatchMatch on the
+    CPU.
     """
 
     quality: Quality = "normal"
@@ -127,8 +136,8 @@ class DenseOptions(Region):
 
 
 class MeshOptions(Region):
-    """Options of the surface. components: the parts to keep; target: with a board, the parts that
-    rise above its plane on the cameras' side, without one all."""
+    """Options of the surface. components: the connected parts to keep; "target": with a board,
+    those that rise above its plane on the cameras' side, without one all but tiny parts."""
 
     components: Literal["target", "largest", "all"] = "target"
 
@@ -137,8 +146,8 @@ class Options(SparseOptions, DenseOptions, MeshOptions):
     """Options of a reconstruction: those of its three stages. Each stage receives only its own."""
 
     def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
-        """Plain values of one stage's options, with or without paths (keys use the content of files
-        instead)."""
+        """Return one stage's options as plain values, those of the class `kind`. paths=False:
+        without files and folders, whose content is hashed instead."""
         wanted = {
             name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
         }

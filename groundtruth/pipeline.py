@@ -34,8 +34,12 @@ SUMMARY_VERSION = 1
 
 @dataclass(frozen=True)
 class ReconstructedMesh:
-    """A reconstruction: surface in the photo frame (metres, unless the scale's source is "none"),
-    fused cloud, cameras, and the quality of their fit."""
+    """Result of a reconstruction: surface in the photo frame (metres, unless the scale's source is
+    "none"), fused cloud, cameras, and figures of quality.
+
+    photographs: number used; scale: where the metric scale comes from; volume: the reconstructed
+    box; target: the kept parts; seconds: time of each stage, by its name.
+    """
 
     surface: Surface
     cloud: Cloud
@@ -48,7 +52,7 @@ class ReconstructedMesh:
     seconds: dict[str, float]
 
     def summary(self) -> dict[str, object]:
-        """Plain values for `summary.json`."""
+        """Return the figures of the reconstruction as plain values, for `summary.json`."""
         return {
             "registered": len(self.cameras),
             "photographs": self.photographs,
@@ -74,9 +78,13 @@ def stages(
     masks: str | None = None,
     capture: str = "",
 ) -> tuple[Stage, Stage, Stage]:
-    """The stages sparse, dense and mesh, cached in the store at `root`. Each receives only its own
-    options, so its key contains everything it depends on. content, masks: hashes of the photographs
-    with their accompanying files, and of the masks; capture: name of the photographed capture."""
+    """Define the stages sparse, dense and mesh of a reconstruction, cached in the store at `root`;
+    nothing is computed yet.
+
+    Each receives only its own options, so its key contains everything it depends on. content,
+    masks: hashes of the photographs with their accompanying files, and of the masks; capture: name
+    of the photographed capture.
+    """
 
     def staged(
         name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage
@@ -93,12 +101,12 @@ def stages(
 def reconstruct(
     photos: str | Path, options: Options, workdir: str | Path | None = None
 ) -> ReconstructedMesh:
-    """Reconstruct a mesh from the photographs in a folder.
+    """Reconstruct a metric mesh from the photographs in a folder.
 
-    workdir receives `sparse/` (COLMAP model in the mesh's frame), `dense.ply` (the fused cloud),
-    `summary.json` (resolved options, figures, seconds) and `stages/`, from which a repeated or
-    killed run goes on. Raises HandbenchError when photographs are missing or broken, do not
-    register, carry no scale, or show too little surface.
+    workdir (None: nothing is kept) receives `sparse/` (COLMAP model in the mesh's frame),
+    `dense.ply` (the fused cloud), `summary.json` (completed options, figures, seconds) and
+    `stages/`, from which a repeated or killed run goes on. Raises HandbenchError when photographs
+    are missing or broken, do not register, carry no scale, or show too little surface.
     """
     with _made(Path(photos), options, workdir) as (options, (solved, fused, made), seconds):
         sparse, cloud, surface = (
@@ -129,7 +137,9 @@ def reconstruct(
 def reconstruct_cloud(
     photos: str | Path, options: Options, workdir: str | Path | None = None
 ) -> Cloud:
-    """Reconstruct only the fused cloud, as `reconstruct` does; workdir receives only `stages/`."""
+    """Reconstruct only the fused cloud from the photographs in a folder, without a surface. workdir
+    receives `stages/`, from which a repeated or killed run goes on. Raises HandbenchError as
+    `reconstruct` does."""
     with _made(Path(photos), options, workdir, count=2) as (_, (_, fused), _):
         return Cloud.load(fused / CLOUD)
 
@@ -138,8 +148,9 @@ def reconstruct_cloud(
 def _made(
     photos: Path, options: Options, workdir: str | Path | None, count: int = 3
 ) -> Iterator[tuple[Options, list[Path], dict[str, float]]]:
-    """Run the first `count` stages: yield the resolved options, the stages' folders (valid within
-    the block) and the seconds that each took."""
+    """Run the first `count` stages of a reconstruction, or take them from the cache. Yields the
+    completed options, the stages' folders (valid within the `with` statement) and the seconds that
+    each took, by its name."""
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
         inputs, options = resolve(photos, options)

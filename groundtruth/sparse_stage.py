@@ -13,7 +13,10 @@ PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 
 
 def make(folder: Path, photos: str, options: dict[str, Any]) -> None:
-    """Register the photographs in a folder; what cannot be reconstructed is refused first."""
+    """Run the sparse stage: find the cameras of the photographs in a folder, and write model, scale
+    and covariance, and the list of the photographs used, into `folder`. options: those of
+    SparseOptions. Raises HandbenchError for inputs that cannot be reconstructed, before the work
+    starts."""
     inputs, chosen = gather(Path(photos), parse(SparseOptions, options, "groundtruth"))
     register(inputs, chosen).save(folder)
     write_json(folder / PHOTOGRAPHS, [photo.name for photo in inputs.photos])

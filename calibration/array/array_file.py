@@ -22,11 +22,14 @@ Sigma = Annotated[float, Field(ge=0, le=100)]
 
 
 class Side(Config):
-    """Calibration of all transmitters or all receivers. nominal_m: positions in captures; gain:
-    [re, im] at the reference frequency, 0 for a dead antenna; delay_m: of the cable, as a path;
-    offset_m: from the nominal to the true position. level_sigma: relative standard deviation of
-    |gain|; phase_sigma_rad: of the phase at the target's middle, by gain and position together;
-    delay_sigma_m, offset_sigma_m: of delay and offset."""
+    """Calibration of all transmitters or all receivers; every list has one entry for each antenna.
+
+    nominal_m: positions in captures; offset_m: from the nominal to the true position; gain: [re,
+    im] at the reference frequency, 0 for a dead antenna; delay_m: of the cable, as a path.
+    level_sigma: relative standard deviation of |gain|; phase_sigma_rad: of the phase at the
+    target's middle, by gain and position together; delay_sigma_m, offset_sigma_m: of delay and
+    offset.
+    """
 
     nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
     gain: tuple[tuple[Gain, Gain], ...]
@@ -61,14 +64,19 @@ class Side(Config):
         return np.array(self.nominal_m) + self.offset_m
 
     def response(self, frequencies_hz: np.ndarray, reference_hz: float) -> np.ndarray:
-        """Gain with its delay at each frequency: complex [f, n]."""
+        """Compute the complex gains [f, n] of the antennas at each frequency [f], Hz, with their
+        delays, which do not change the phase at the reference frequency."""
         turns_per_m = (np.asarray(frequencies_hz) - reference_hz) / SPEED_OF_LIGHT_M_S
         return self.gains * np.exp(-2j * np.pi * np.multiply.outer(turns_per_m, self.delay_m))
 
 
 class ArrayCalibration(Config):
-    """The content of `array.json`. residual_*_db: unexplained share of the target's echoes with the
-    nominal and with the calibrated array, noise deducted."""
+    """The content of `array.json`: the calibration of an array's transmitters and receivers.
+
+    source: name of the capture it was estimated from. residual_before_db, residual_after_db: share
+    of the energy of the target's echoes that the model does not explain with the nominal and with
+    the calibrated array, without the noise.
+    """
 
     format: Literal["handbench-array"] = "handbench-array"
     version: Literal[1] = 1
@@ -81,17 +89,18 @@ class ArrayCalibration(Config):
 
     @property
     def array(self) -> AntennaArray:
-        """The array with the true positions."""
+        """The array with the true positions of its antennas."""
         return AntennaArray(self.tx.positions_m, self.rx.positions_m)
 
     def applied_to(
         self, capture: RadarCapture, where: object = "array calibration"
     ) -> RadarCapture:
-        """Apply the calibration: samples / (a_t · b_r), 0 for dead antennas, and the true
-        positions. where: the calibration's file, named in errors.
+        """Return a capture with the calibration applied: samples divided by the gains of their
+        transmitter and receiver, 0 for dead antennas, and the antennas' true positions. where: the
+        calibration's file, named in errors.
 
-        Raises HandbenchError if the capture's antennas are not the nominal ones: another array, or
-        the calibration is already applied.
+        Raises HandbenchError if the capture's antennas are not at the nominal positions: it is of
+        another array, or the calibration is already applied.
         """
         if not isinstance(capture.aperture, AntennaArray):
             raise HandbenchError(
@@ -117,7 +126,8 @@ class ArrayCalibration(Config):
         return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:
-        """Summary in one line."""
+        """Summarise the calibration in one line: number of antennas, dead ones, source, and
+        unexplained share of the echoes before and after."""
         dead = sum(int((side.gains == 0).sum()) for side in (self.tx, self.rx))
         return (
             f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {dead} dead, from "
@@ -132,14 +142,15 @@ def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
 
 
 def load_array(path: str | Path) -> ArrayCalibration:
-    """Read `array.json`. Raises HandbenchError for unknown keys, wrong shapes, NaN and implausible
-    values."""
+    """Read an array calibration, `array.json`. Raises HandbenchError for unknown keys, wrong
+    shapes, NaN and implausible values."""
     return _array(read_json(path, "an array calibration (array.json)"), str(path))
 
 
 def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
-    """Apply the calibration in `file` (an `array.json`), or else the one in the capture: (capture,
-    message). Without either: (the capture unchanged, "")."""
+    """Apply to a capture the calibration in `file` (an `array.json`), or else the one stored in the
+    capture. Returns the new capture and a message that says what was applied; without either, the
+    capture unchanged and "". Raises HandbenchError if the calibration does not fit."""
     if file.exists():
         calibration, where = load_array(file), str(file)
     elif capture.calibration is not None:

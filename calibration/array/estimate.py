@@ -37,10 +37,12 @@ GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 def estimate_array(
     capture: RadarCapture, target: Target, source: str = "target capture"
 ) -> ArrayCalibration:
-    """Estimate the array's calibration from the echoes of a target at rest (frames are averaged).
-    source: name of the capture in the file and in errors.
+    """Estimate the array's calibration from the echoes of a target at rest (frames are averaged):
+    gain, phase, delay and position of each antenna, with standard deviations. source: name of the
+    capture in the file and in errors.
 
-    Raises HandbenchError if a ball is not found, or if target and echoes contradict each other.
+    Raises HandbenchError for a planar scan, if a ball is not found, or if target and echoes
+    contradict each other.
     """
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(
@@ -74,8 +76,12 @@ def estimate_array(
 
 
 def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, np.ndarray]:
-    """Find the most probable state for samples [t, r, f] and its covariance [u, u]; the noise level
-    is that of the residual."""
+    """Find the most probable values of all unknowns for samples [t, r, f], by Gauss–Newton from a
+    first guess, and their covariance [u, u]. The noise level is that of the residual.
+
+    state: unknowns of antennas and balls to begin with; echoes: model of the target's echoes.
+    Raises HandbenchError if the steps do not settle.
+    """
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
     information = prior.prior_information(state, echoes.target)
     for _ in range(MAX_STEPS):
@@ -95,8 +101,8 @@ def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[
 
 
 def unexplained_share(samples: np.ndarray, state: State, echoes: TargetEchoes) -> float:
-    """Share of the target's energy in samples [t, r, f] that the state does not explain, noise
-    deducted; at least the uncertainty by noise.
+    """Compute the share of the target's energy in samples [t, r, f] that the model with these
+    unknowns does not explain, noise deducted; at least the uncertainty by noise.
 
     In range profiles relative to the target's middle, the balls are within a few range cells; the
     noise is the median of the other cells.
@@ -128,8 +134,13 @@ def _side(
     centres_m: np.ndarray,
     echoes: TargetEchoes,
 ) -> Side:
-    """Convert one side to its entry in the file; a dead antenna gets the prior's standard
-    deviations."""
+    """Make the calibration of the transmitters or of the receivers, as stored in the file, from
+    their estimated unknowns.
+
+    nominal_m [n, 3] and live [n]: of all antennas; found and covariance [live, 6, 6]: of the live
+    ones; centres_m [i, 3]: the balls. A dead antenna gets gain 0 and fixed large or prior standard
+    deviations.
+    """
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     none = np.zeros(len(toward))
     # by the unknowns of `Antennas`

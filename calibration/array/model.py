@@ -25,8 +25,11 @@ BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then p
 
 @dataclass(frozen=True)
 class Antennas:
-    """All transmitters or receivers: nominal_m [n, 3], log_gain complex [n], delay_m [n], offset_m
-    [n, 3]."""
+    """The unknowns of all transmitters or of all receivers.
+
+    nominal_m [n, 3]: positions in captures; offset_m [n, 3]: from these to the true ones; log_gain
+    complex [n]: logarithm of the gain, log level + j · phase; delay_m [n]: of the cable, as a path.
+    """
 
     nominal_m: np.ndarray
     log_gain: np.ndarray
@@ -40,13 +43,13 @@ class Antennas:
 
     @property
     def unknowns(self) -> np.ndarray:
-        """The unknowns [n, 6]: log level, phase, delay, offset."""
+        """All unknowns of each antenna [n, 6]: log level, phase, delay, offset (3)."""
         return np.column_stack(
             [self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m]
         )
 
     def moved(self, step: np.ndarray) -> "Antennas":
-        """Add a step of the unknowns [n, 6]."""
+        """Return the antennas after adding a step [n, 6] to their unknowns."""
         log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
         return Antennas(
             self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE]
@@ -55,8 +58,9 @@ class Antennas:
 
 @dataclass(frozen=True)
 class State:
-    """All unknowns, in this order: tx, rx, the balls' centres_m [i, 3], their log_ball complex
-    [i]."""
+    """All unknowns of the calibration: those of transmitters and receivers, the balls' centres_m
+    [i, 3], and log_ball [i], the complex logarithm of their echoes' strengths. In vectors [u] of
+    unknowns they come in this order."""
 
     tx: Antennas
     rx: Antennas
@@ -65,7 +69,7 @@ class State:
 
     @property
     def array(self) -> AntennaArray:
-        """The array with the state's positions."""
+        """The array with the antennas at their estimated positions."""
         return AntennaArray(self.tx.position_m, self.rx.position_m)
 
     @property
@@ -74,7 +78,7 @@ class State:
         return len(self.tx.delay_m), len(self.rx.delay_m), len(self.log_ball)
 
     def moved(self, step: np.ndarray) -> "State":
-        """Add a step of all unknowns [u]."""
+        """Return the state after adding a step [u] to all unknowns."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
         return State(
             self.tx.moved(tx),
@@ -85,8 +89,8 @@ class State:
 
 
 def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.ndarray, ...]:
-    """Split all unknowns [u] into views of tx [t, 6], rx [r, 6], centres [i, 3] and strengths [2,
-    i]."""
+    """Split a vector of all unknowns [u] into its parts, which are views of it: transmitters [t,
+    6], receivers [r, 6], balls' centres [i, 3], and balls' strengths [2, i] (log level, phase)."""
     ends = np.cumsum([EACH * n_tx, EACH * n_rx, 3 * n_balls])
     shapes = (n_tx, EACH), (n_rx, EACH), (n_balls, 3), (2, n_balls)
     return tuple(
@@ -96,7 +100,7 @@ def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.nd
 
 @dataclass(frozen=True)
 class TargetEchoes:
-    """The echo model of a target's balls for a sweep of frequencies_hz [f]."""
+    """Model of the echoes of a target's balls, at the sweep's frequencies_hz [f]."""
 
     target: Target
     frequencies_hz: np.ndarray
@@ -113,7 +117,8 @@ class TargetEchoes:
         return float(self.frequencies_hz.mean())
 
     def balls(self, centres_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-        """Echoes e of the balls with unit strength and gain: complex64 [t, r, i, f]."""
+        """Simulate the echoes of the balls at these centres [i, 3], with strength 1 and antennas of
+        gain 1: complex64 [t, r, i, f]."""
         n_tx, n_rx = array.channels
         echoes = np.empty((n_tx, n_rx, len(centres_m), len(self.frequencies_hz)), np.complex64)
         for i, (element, delay_m) in enumerate(
@@ -126,15 +131,16 @@ class TargetEchoes:
         return echoes
 
     def gain(self, side: Antennas) -> np.ndarray:
-        """Gains with their delays: complex64 [n, f]."""
+        """Compute the gains of the transmitters or receivers at each frequency, delays included:
+        complex64 [n, f]."""
         about = self.wavenumber - self.wavenumber.mean()
         return np.exp(side.log_gain[:, None] - 1j * np.multiply.outer(side.delay_m, about)).astype(
             np.complex64
         )
 
     def terms(self, state: State) -> Iterator[np.ndarray]:
-        """Yield each ball's contribution to the samples, complex64 [r, i, f], one transmitter after
-        another."""
+        """Yield the modelled samples, one transmitter after another, as each ball's contribution:
+        complex64 [r, i, f]."""
         balls = self.balls(state.centres_m, state.array)
         strength = np.exp(state.log_ball).astype(np.complex64)[:, None]
         to, back = self.gain(state.tx), self.gain(state.rx)[:, None]
@@ -145,11 +151,11 @@ class TargetEchoes:
 def normal_equations(
     samples: np.ndarray, state: State, echoes: TargetEchoes
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Normal equations for samples [t, r, f]: JᵀJ [u, u], Jᵀρ [u] and the mean power of the
-    residual ρ = samples − model.
+    """Compute the normal equations of the fit to samples [t, r, f]: JᵀJ [u, u], Jᵀρ [u] and the
+    mean power of the residual ρ = samples − model.
 
-    A sample depends only on the unknowns of its two antennas and of the balls: c = 12 + 5i columns
-    per channel.
+    J holds the derivatives by all unknowns [u]. A sample depends only on the unknowns of its two
+    antennas and of the balls: c = 12 + 5i columns per channel.
     """
     n_tx, n_rx, n_balls = state.counts
     size = EACH * (n_tx + n_rx) + BALL * n_balls
@@ -184,8 +190,8 @@ def normal_equations(
 
 
 def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
-    """Unit vectors [n, i, 3] from points [i, 3] to antennas: the derivatives of paths by the
-    antennas' offsets."""
+    """Compute the unit vectors [n, i, 3] from points [i, 3] to antennas [n]: the derivatives of the
+    path lengths by the antennas' offsets."""
     away = side.position_m[:, None] - points_m
     return away / np.linalg.norm(away, axis=2, keepdims=True)
 
@@ -193,8 +199,12 @@ def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
 def _columns(
     terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray
 ) -> np.ndarray:
-    """Derivatives of the model for one transmitter: float32 [r, c, 2f] (real and imaginary parts in
-    turn), in the order of the state."""
+    """Compute the derivatives of one transmitter's modelled samples by the unknowns that they
+    depend on: float32 [r, c, 2f], real and imaginary parts in turn.
+
+    terms [r, i, f]: each ball's contribution; slopes: unit vectors [r, i, 3] from the balls to
+    transmitter and receivers. Order: transmitter, receiver, balls' centres, log levels, phases.
+    """
     model = terms.sum(axis=1, keepdims=True)
     about = (wavenumber - wavenumber.mean()).astype(np.float32)
     gains = [model, 1j * model, -1j * about * model]

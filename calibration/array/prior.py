@@ -34,8 +34,9 @@ SEARCH = EchoSearch(threshold_db=-10.0)
 
 
 def prior_information(state: State, target: Target) -> np.ndarray:
-    """Information matrix [u, u] (1/σ²) of the priors. It does not constrain rigid motions of all
-    balls."""
+    """Compute the information matrix [u, u] (1/σ²) of what is known before the echoes: the
+    tolerances of the antennas' positions and cables, and of the balls' places in the target. It
+    does not constrain rigid motions of all balls."""
     n_tx, n_rx, n_balls = state.counts
     information = np.zeros(EACH * (n_tx + n_rx) + BALL * n_balls)
     for side in split(information, *state.counts)[:2]:
@@ -51,8 +52,9 @@ def prior_information(state: State, target: Target) -> np.ndarray:
 
 
 def prior_residuals(state: State, target: Target) -> np.ndarray:
-    """Residuals [u] of the priors: the antennas' unknowns and the balls' deviations from the
-    described target."""
+    """Compute the deviations [u] of all unknowns from their prior values: from 0 for antennas, from
+    the described target in its best pose for balls' centres; 0 for strengths, which have no
+    prior."""
     strengths = np.zeros(2 * len(state.log_ball))
     parts = (
         state.tx.unknowns,
@@ -64,13 +66,18 @@ def prior_residuals(state: State, target: Target) -> np.ndarray:
 
 
 def shape_sigma_m(target: Target) -> float:
-    """Standard deviation of a ball's position, per axis; at least a micrometre."""
+    """Return the standard deviation of a ball's position in its foam sphere, per axis, from the
+    target's description; at least a micrometre."""
     return max(target.ball_offset_sigma_m, 1e-6)
 
 
 def check(state: State, left: float, target: Target, source: str) -> None:
-    """Raise HandbenchError if the target explains too little of its echoes (left: see
-    `unexplained_share`), or if errors exceed the priors."""
+    """Raise HandbenchError if the target explains too little of its echoes, or if the estimated
+    errors of balls or antennas are much larger than their tolerances.
+
+    left: share of the echoes' energy that is not explained; source: name of the capture in the
+    message.
+    """
     if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
             f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, "
@@ -99,8 +106,9 @@ def check(state: State, left: float, target: Target, source: str) -> None:
 
 
 def gauges(state: State) -> np.ndarray:
-    """Gauge freedoms [12, u] that no echo determines: mean level, phase and delay of each side, and
-    the rigid motion of the whole array. Steps do not change them."""
+    """Return the combinations of unknowns [12, u] that no echo determines, and that steps therefore
+    leave unchanged: mean level, phase and delay of transmitters and of receivers, and the six rigid
+    motions of the whole array."""
     n_tx, n_rx, n_balls = state.counts
     rows = np.zeros((12, EACH * (n_tx + n_rx) + BALL * n_balls))
     position_m = np.concatenate([state.tx.nominal_m, state.rx.nominal_m])
@@ -115,8 +123,9 @@ def gauges(state: State) -> np.ndarray:
 
 
 def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Inverse of the normal matrix within the steps that keep every gauge row at 0 (bordered
-    matrix), scaled to unit diagonal because metres and radians differ."""
+    """Invert a normal matrix [u, u] within the steps that do not change the undetermined
+    combinations `rows` [12, u] of the unknowns (bordered matrix). It is scaled to a unit diagonal
+    because metres and radians differ."""
     scale = 1 / np.sqrt(np.diag(normal))
     rows = rows * scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -127,10 +136,10 @@ def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def nominal_state(capture: RadarCapture, target: Target) -> State:
-    """State of a perfect array, with the target at its position in the image and the balls'
-    strengths undetermined.
+    """Make a first guess of all unknowns: an array without errors, and the target's balls at the
+    pose that the radar image shows, with strength 1.
 
-    Raises HandbenchError if a ball is not found.
+    Raises HandbenchError if a ball is not found in the image.
     """
     found = match(find_balls(capture, target, SEARCH), target, "echoes")
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
@@ -150,16 +159,17 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
 
 
 def place_target(target: Target, seen_m: np.ndarray) -> np.ndarray:
-    """The balls' described centres [i, 3] after the rigid motion that fits the measured centres [i,
-    3] best."""
+    """Return the balls' centres [i, 3] as described, moved by the rigid motion that fits the
+    measured centres [i, 3] best."""
     described_m = target.centres_m + target.ball_offsets_m
     pose = umeyama(described_m, seen_m)
     return described_m @ pose[:3, :3].T + pose[:3, 3]
 
 
 def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, State]:
-    """Two states for samples [t, r, f]: with the best strengths of the balls for the given gains,
-    and with the best strengths and gains.
+    """Fit strengths and gains to samples [t, r, f], with antennas and balls at fixed places.
+    Returns two states: with the best strengths of the balls for the given gains, and with the best
+    strengths and gains.
 
     For given balls, transmitters' gains follow by least squares from the receivers', and vice
     versa.
@@ -186,8 +196,12 @@ def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[
 def initial_states(
     samples: np.ndarray, nominal: State, echoes: TargetEchoes
 ) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
-    """Masks [t] and [r] of the live antennas (at most WEAKEST_DB below their median), and the
-    states of these antennas: the nominal one, and the one that fits samples [t, r, f] best."""
+    """Find the live antennas (less than 20 dB weaker than the median), and fit first guesses of all
+    unknowns to samples [t, r, f].
+
+    Returns the masks [t] and [r] of the live antennas, and two states of these antennas: the
+    nominal array with the balls' best strengths, and that with the best gains as well.
+    """
     raw, state = fit_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
     live_tx, live_rx = (
@@ -197,8 +211,9 @@ def initial_states(
 
 
 def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
-    """The state of the live antennas in the gauge: mean level, phase and delay of either side are
-    moved to the balls' strengths."""
+    """Return the state without dead antennas (live_tx [t], live_rx [r]: masks), scaled such that
+    the mean log level and mean phase of transmitters and of receivers are 0. What is taken from
+    them goes into the balls' strengths, so that the echoes do not change."""
     sides, taken = [], 0.0
     for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
         log_gain = side.log_gain[live]
@@ -215,12 +230,14 @@ def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
 
 
 def _strengths(matched: np.ndarray, gram: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The balls' complex strengths [i] for gains a [t] and b [r]."""
+    """Fit the balls' complex strengths [i] by least squares for given gains a [t] and b [r].
+    matched [t, r, i] and gram [t, r, i, i]: products of the balls' echoes with the samples and with
+    each other, summed over frequencies."""
     gain = np.multiply.outer(a, b)
     together = np.einsum("tr,trij->ij", np.abs(gain) ** 2, gram, optimize=True)
     return np.linalg.solve(together, np.einsum("tr,tri->i", gain.conj(), matched, optimize=True))
 
 
 def _log(values: np.ndarray) -> np.ndarray:
-    """Complex logarithm; for 0, that of a very small number."""
+    """Compute the complex logarithm, log level + j · phase; for 0, that of a very small number."""
     return np.log(np.abs(values) + 1e-12) + 1j * np.angle(values)

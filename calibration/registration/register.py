@@ -40,10 +40,13 @@ def measure(
     target: Target,
     pixel_m: float = 0.0,
 ) -> tuple[Pairs, np.ndarray]:
-    """Measure one capture of the target: the balls' centres from both sensors, and the covariance
-    [3, 3] (m²) of their common error. pixel_m: pixel size of the cloud's depth maps, see
-    `find_spheres`. Raises HandbenchError if a sensor's candidates do not match the target in
-    exactly one way, or if the sensors share fewer than three elements."""
+    """Measure the balls' centres with both sensors in one capture of the target.
+
+    points_m, normals [n, 3]: point cloud from photographs; pixel_m: size on the surface of a pixel
+    of its depth maps. Returns the pairs of centres (photographs, radar), and the covariance [3, 3]
+    (m²) of the error common to all of them. Raises HandbenchError if a sensor's candidates do not
+    match the target in exactly one way, or if the sensors share fewer than three elements.
+    """
     optical = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
     radar = fit_balls(capture, target, match(balls, target, "echoes"), balls)
@@ -51,9 +54,13 @@ def measure(
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
-    """Covariance [3, 3] (m²) of the error along z that all centres share, which residuals do not
-    show: the uncertainty of the foam's delay (√ε − 1)·(R − a), and the bias of photogrammetry
-    towards the cameras, which are around the radar."""
+    """Compute the covariance [3, 3] (m²) of the error along z that all centres share, which
+    residuals do not show.
+
+    It comes from the uncertainty of the foam's delay (√ε − 1)·(R − a), and from the bias of
+    photogrammetry towards the cameras, which are around the radar. pixel_m: size on the surface of
+    a pixel of the depth maps.
+    """
     deepest_m = max(e.sphere_radius_m - e.ball_radius_m for e in target.element)
     delay_m = target.foam_permittivity_sigma * deepest_m / (2 * np.sqrt(target.foam_permittivity))
     return np.diag([0.0, 0.0, delay_m**2 + (TOWARDS_CAMERAS_PX * pixel_m) ** 2])
@@ -62,9 +69,12 @@ def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
 def common_pairs(
     optical: Mapping[int, Candidate], radar: Mapping[int, Candidate], target: Target
 ) -> Pairs:
-    """Pairs of the balls' centres for the elements (by index) that both sensors have found. In the
-    photographs, a ball is at its sphere's centre plus the offset in the target's description, with
-    its tolerance. Raises HandbenchError for fewer than three."""
+    """Pair the balls' centres from photographs and radar for the elements (by index) that both have
+    found.
+
+    In the photographs, a ball is at its sphere's centre plus the offset in the target's
+    description, with its tolerance. Raises HandbenchError for fewer than three.
+    """
     common = sorted(optical.keys() & radar.keys())
     elements = [f"element {i + 1}" for i in common]
     pairs = Pairs.of([optical[i] for i in common], [radar[i] for i in common], elements)
@@ -77,10 +87,11 @@ def common_pairs(
 
 
 def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:
-    """Compute `radar_from_photo` from the pairs that agree, by maximum likelihood, with its
-    covariance and a residual for every pair. Outliers are reported and left out; common_m2 [3, 3]
-    is added to the translation's covariance.
+    """Compute the transform from the photo frame to the radar frame from pairs of centres, by
+    maximum likelihood, with its covariance and the residual of every pair.
 
+    Pairs that contradict the majority are reported and left out. with_scale: estimate a scale too;
+    common_m2 [3, 3]: covariance (m²) of an error common to all pairs, added to the translation's.
     Raises HandbenchError if the pairs do not determine the rotation, or contradict one another
     without a majority.
     """
@@ -99,9 +110,11 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
 
 @dataclass(frozen=True)
 class RigMotion:
-    """Motion of the rig between two captures: the change of the transform about the hand's centre,
-    step = [shift_m, rotation_rad(, log scale)] with covariance ([6, 6] or [7, 7]); first, second:
-    names of the captures."""
+    """Motion of the rig (radar and cameras relative to each other) between two captures.
+
+    step: change of the transform about the hand's centre, [shift_m, rotation_rad(, log scale)];
+    covariance: of the step, [6, 6] or [7, 7]; first, second: names of the captures.
+    """
 
     step: np.ndarray
     covariance: np.ndarray
@@ -115,24 +128,25 @@ class RigMotion:
 
     @property
     def probability(self) -> float:
-        """Probability of a step this large or larger for a rig at rest."""
+        """Probability (p-value) that a rig at rest shows a step this large or larger."""
         return float(chi2.sf(self.chi2, len(self.step)))
 
     @property
     def moved(self) -> bool:
-        """True if a rig at rest shows such a step in fewer than 1 % of all repeats."""
+        """True if the rig moved: at rest, fewer than 1 % of all repeats would show so large a
+        step."""
         return self.probability < FALSE_ALARM
 
     @property
     def shift_m(self) -> float:
-        """Displacement of a point at the hand's centre, metres."""
+        """Distance by which a point at the hand's centre is displaced, metres."""
         return float(np.linalg.norm(self.step[:3]))
 
     @property
     def interval_m(self) -> tuple[float, float]:
-        """95 % interval of `shift_m`, from the confidence ellipsoid of the shift (Scheffé 1953):
-        its lower end along the shift found, and the largest distance in it. Coverage is 95 % or
-        more."""
+        """Interval of `shift_m`, metres, that holds the true distance with a probability of 95 % or
+        more: from the confidence ellipsoid of the shift (Scheffé 1953), along the shift found for
+        its lower end, and along its longest axis for the upper end."""
         reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
         along = self.step[:3] / max(self.shift_m, 1e-300)
         low = self.shift_m - reach * np.sqrt(along @ spread @ along)
@@ -142,7 +156,7 @@ class RigMotion:
 
     @property
     def sentence(self) -> str:
-        """Result of the test in one sentence."""
+        """The result of the test in one sentence, with distance, interval and p-value."""
         low_mm, high_mm = (1e3 * limit for limit in self.interval_m)
         verb = "moved" if self.moved else "did not measurably move"
         return (
@@ -160,11 +174,12 @@ def motion(
     common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
 ) -> RigMotion:
-    """Estimate the rig's motion between two captures of the target from their transforms.
+    """Estimate the rig's motion between two captures of the target from their transforms (photo to
+    radar frame).
 
-    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations. Raises
-    HandbenchError if frames or unknowns differ, or if a covariance is missing or smaller than
-    common_m2.
+    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations, and
+    cancels. names: of the captures, for messages. Raises HandbenchError if frames or unknowns
+    differ, or if a covariance is missing or smaller than common_m2.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
@@ -198,13 +213,14 @@ def combine(
     names: Sequence[str] = (),
     ball_offset_sigma_m: float = 0.0,
 ) -> Transform:
-    """Compute `radar_from_photo` from several captures of one target, by joint weighted least
-    squares.
+    """Compute the transform from the photo frame to the radar frame from several captures of one
+    target, by joint weighted least squares.
 
-    common_m2 [3, 3]: as for `solve`; the error is the same in all captures, so it is not averaged.
-    The same holds for the balls' offsets in their spheres (ball_offset_sigma_m, part of the pairs'
-    covariances), if the target is not turned between captures. Residuals are in the order of the
-    captures. Raises HandbenchError if the rig moved between two captures.
+    with_scale: estimate a scale too. common_m2 [3, 3]: covariance (m²) of an error common to all
+    pairs; it is the same in all captures, so it is not averaged. The same holds for the balls'
+    offsets in their spheres (ball_offset_sigma_m, part of the pairs' covariances), if the target is
+    not turned between captures. Residuals are in the order of the captures. Raises HandbenchError
+    if the rig moved between two captures.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
     both = zip(names, captures, strict=True)

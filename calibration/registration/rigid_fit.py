@@ -43,8 +43,11 @@ DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 @dataclass(frozen=True)
 class Pairs:
-    """The same centres measured by two sensors: source_m and target_m [n, 3], metres, each in its
-    sensor's frame; covariances source_m2 and target_m2 [n, 3, 3]; names [n] for messages."""
+    """The same points (balls' centres) measured by two sensors, source and target.
+
+    source_m, target_m [n, 3]: positions, metres, each in its sensor's frame; source_m2, target_m2
+    [n, 3, 3]: their covariances; names [n] for messages.
+    """
 
     source_m: np.ndarray
     target_m: np.ndarray
@@ -56,8 +59,9 @@ class Pairs:
     def of(
         cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()
     ) -> "Pairs":
-        """Make pairs of candidates. Raises HandbenchError for fewer than three, for numbers that
-        are not finite and for covariances that are not positive definite."""
+        """Make pairs from the candidates of two sensors, in the same order. Raises HandbenchError
+        for fewer than three, for numbers that are not finite and for covariances that are not
+        positive definite."""
         if len(source) != len(target) or len(source) < 3:
             raise HandbenchError(
                 f"target: photographs and echoes share {min(len(source), len(target))} elements; "
@@ -86,7 +90,7 @@ class Pairs:
         return len(self.names)
 
     def __getitem__(self, chosen: np.ndarray | Sequence[int]) -> "Pairs":
-        """The pairs of these indices, or where a mask [n] is true."""
+        """Return the pairs with these indices, or where a mask [n] is True."""
         chosen = np.arange(len(self))[np.asarray(chosen)]
         sides = {side: getattr(self, side)[chosen] for side in SIDES}
         return Pairs(**sides, names=tuple(self.names[i] for i in chosen))
@@ -96,16 +100,16 @@ class Pairs:
         return Pairs(**both, names=self.names + other.names)
 
     def mirrored(self) -> "Pairs":
-        """The pairs with the source mirrored."""
+        """Return the pairs with the source points mirrored at z = 0."""
         flip = np.array([1.0, 1.0, -1.0])
         return replace(
             self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip)
         )
 
     def weights(self, with_scale: bool) -> np.ndarray:
-        """One weight for each pair [n], 1/m², for the closed-form fit: the inverse of its position
-        variance in the target's frame, averaged over the axes. with_scale: the source's variances
-        are scaled to the target's size first."""
+        """Compute the weight of each pair [n], 1/m², for the closed-form fit: the inverse of the
+        variance of its residual, averaged over the axes. with_scale: the source's variances are
+        scaled to the target's size first."""
         extents = [
             np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
         ]
@@ -113,27 +117,34 @@ class Pairs:
         return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
 
     def covariances(self, linear: np.ndarray) -> np.ndarray:
-        """Covariances L·C_p·Lᵀ + C_q [n, 3, 3] of the residuals for `linear` L [3, 3] = s·R, m²."""
+        """Compute the covariances [n, 3, 3] of the residuals, m², under the linear part L = s·R [3,
+        3] of a similarity: L·C_p·Lᵀ + C_q, with source C_p and target C_q."""
         return linear @ self.source_m2 @ linear.T + self.target_m2
 
     def offsets(self, matrix: np.ndarray) -> np.ndarray:
-        """Residuals q − s·R·p − t [n, 3] under a 4×4 similarity, metres."""
+        """Compute the residuals [n, 3] under a similarity [4, 4], metres: target minus transformed
+        source, q − s·R·p − t."""
         return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
 
     def distances(self, matrix: np.ndarray) -> np.ndarray:
-        """Residuals [n] under a 4×4 similarity, in standard deviations."""
+        """Compute the lengths [n] of the residuals under a similarity [4, 4], in standard
+        deviations (Mahalanobis)."""
         return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
 
     def condition(self, with_scale: bool) -> float:
-        """Condition number of the rotation, see `condition_number`."""
+        """Compute how unevenly the pairs determine the rotation: its uncertainty about the worst
+        axis divided by that about the best one. with_scale: as in `weights`."""
         return condition_number(self.source_m, self.target_m, self.weights(with_scale))
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A fitted 4×4 similarity; covariance: [6, 6] or [7, 7] of its perturbation about pivot_m [3]
-    in the target's frame; distances [n]: residuals in standard deviations; freedom: degrees of
-    freedom."""
+    """A fitted similarity, matrix [4, 4], and its quality.
+
+    covariance [6, 6] or [7, 7]: of [translation_m, rotation_rad(, log scale)] about the point
+    pivot_m [3] in the target's frame; distances [n]: residuals in standard deviations; freedom:
+    number of residuals minus that of unknowns.
+    """
 
     matrix: np.ndarray
     pivot_m: np.ndarray
@@ -142,13 +153,13 @@ class RigidFit:
     freedom: int
 
     def covariance_about_origin(self) -> np.ndarray:
-        """The covariance about the origin, as in `Transform`."""
+        """Convert the covariance to one about the target frame's origin, as `Transform` has it."""
         carry = adjoint(-self.pivot_m, len(self.covariance))
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:
-        """Residuals [n] of pairs outside the fit, in standard deviations of pair and fit
-        together."""
+        """Compute the residuals [n] of pairs that were not fitted, in standard deviations of their
+        own and the fit's uncertainty together."""
         offsets = pairs.offsets(self.matrix)
         jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[
             ..., : len(self.covariance)
@@ -158,12 +169,13 @@ class RigidFit:
 
 
 def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
-    """Fit the similarity from source to target centres by maximum likelihood. The pairs must
-    determine a rotation.
+    """Fit the similarity from source to target points by maximum likelihood, without rejecting any
+    pair. with_scale: estimate a scale too. The pairs must determine a rotation.
 
     Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q −
     s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights on the residuals. The covariance is the
-    inverse normal matrix, enlarged by χ²/dof when the residuals contradict it (99 %).
+    inverse normal matrix, enlarged by χ² over the degrees of freedom when the residuals contradict
+    it (99 %). Raises HandbenchError if the pairs contradict one another too far.
     """
     unknowns = 7 if with_scale else 6
     p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
@@ -197,13 +209,14 @@ def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
 
 
 def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """√(dᵀ·I·d) [n] of offsets [n, 3] under information matrices [n, 3, 3]."""
+    """Compute the lengths √(dᵀ·I·d) [n] of offsets d [n, 3] in standard deviations, under
+    information matrices I [n, 3, 3] (inverse covariances)."""
     return np.sqrt(np.einsum("ni,nij,nj->n", offsets, information, offsets))
 
 
 def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve normal · x = right, with the unknowns, which have different units, scaled to a unit
-    diagonal."""
+    """Solve normal · x = right for x. The unknowns, which have different units, are scaled to a
+    unit diagonal first. Raises HandbenchError for a singular matrix."""
     root = np.sqrt(np.diag(normal))
     right = (right.T / root).T
     try:
@@ -217,7 +230,8 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidFit]:
-    """Find the majority of pairs that agree: their mask [n], and their fit.
+    """Find the majority of pairs that agree on one similarity: their mask [n], and the fit to them.
+    with_scale: estimate a scale too.
 
     Raises HandbenchError if they do not determine the rotation (with its condition number), if
     fewer than four, or fewer than 60 %, agree (three of four do not outvote the fourth: in a plane
@@ -257,8 +271,8 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
 
 
 def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
-    """Raise HandbenchError, with the condition number, if the pairs do not determine the
-    rotation."""
+    """Raise HandbenchError, with the condition number, if the pairs do not determine the rotation,
+    since they lie almost on a line."""
     condition = pairs.condition(with_scale)
     if condition > CONDITION:
         raise HandbenchError(
@@ -270,7 +284,8 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
 
 
 def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, RigidFit]:
-    """Mask [n] of the pairs that agree, all False without a majority, and the fit."""
+    """Find the pairs that agree on one similarity. Returns their mask [n], all False if there is no
+    majority, and the fit to them (or to the best attempt at a majority)."""
     if pairs.condition(with_scale) <= CONDITION:
         matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))
         if pairs.distances(matrix).max() <= GROSS:
@@ -294,8 +309,9 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Rigi
 
 
 def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
-    """Mask [n] of the majority with the least trimmed squares among the transforms of three
-    pairs."""
+    """Choose the 60 % of the pairs (four or more) that agree best: a mask [n]. Every triple of
+    pairs proposes a transform; chosen are the pairs nearest under the one with the least sum of
+    their squared residuals."""
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     best, least = np.arange(needed), np.inf
     for triple in triples(len(pairs)):

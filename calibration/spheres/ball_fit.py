@@ -39,13 +39,14 @@ def fit_balls(
     balls: Mapping[int, DetectedBall],
     others: Sequence[DetectedBall] = (),
 ) -> dict[int, DetectedBall]:
-    """Fit the centres of the identified balls (element → ball), with covariances from the residual:
-    white noise, or the residual's image around a ball if that is stronger (echoes of other objects
-    there).
+    """Fit the centres of the target's balls to the echoes. Returns each ball, by its element's
+    index, with a new centre and covariance.
 
-    others: further echoes; those outside all elements' foam are fitted too, at fixed positions.
-    Raises HandbenchError for balls that would overlap, for balls without echoes, and if the fit
-    moves a ball too far from its peak.
+    balls: detected balls, by element. others: further echoes; those outside all elements' foam are
+    fitted too, at fixed positions. The covariance is from the residual: white noise, or the
+    residual's image around a ball if that is stronger (echoes of other objects there). Raises
+    HandbenchError for balls that would overlap, for balls without echoes, and if the fit moves a
+    ball too far from its peak.
     """
     # two balls at one place have one echo, and a fit of two to it fails
     for i, j in combinations(sorted(balls), 2):
@@ -97,8 +98,9 @@ def _settle(
     centres_m: Mapping[int, np.ndarray],
     others: Sequence[DetectedBall],
 ) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
-    """Run Gauss–Newton from centres near the balls until convergence: the centres by element, the
-    inverse normal matrix of all unknowns, and the residual samples [f, t, r]."""
+    """Fit the centres and strengths of all balls by Gauss–Newton, from centres near them. Returns
+    the centres by element, the inverse normal matrix of all real unknowns (seven of each ball
+    first), and the residual samples [f, t, r]."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
@@ -134,9 +136,13 @@ def _settle(
 def _polarisation_shift(
     capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray
 ) -> np.ndarray:
-    """Apparent shift [3] of a ball if the antennas' field is along x, while the model assumes the
-    mean over its directions; along y the shift is opposite. (Creeping waves differ along and across
-    the field: a few µm for radii of 2.5 mm and more, since channels of all angles contribute.)"""
+    """Compute the apparent shift [3], metres, of the ball of element `number` if the antennas'
+    field is along x, while the model assumes the mean over its directions; along y the shift is
+    opposite.
+
+    Creeping waves differ along and across the field: a few µm for radii of 2.5 mm and more, since
+    channels of all angles contribute.
+    """
     element, delay_m = target.element[number], target.foam_delay_m[number]
     few = replace(
         capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES]
@@ -156,8 +162,8 @@ def _polarisation_shift(
 def _columns(
     target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture
 ) -> np.ndarray:
-    """Model columns [5, f·t·r] of an element: its ball, the derivatives by the centre's
-    coordinates, and the foam's front."""
+    """Compute the five model columns [5, f·t·r] of element `number`: the echo of its ball at
+    centre_m, its derivatives by the three coordinates, and the echo of the foam's front."""
     element, delay_m = target.element[number], target.foam_delay_m[number]
     frequencies_hz, array = capture.frequencies_hz, mimo_array(capture)
     ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, frequencies_hz, array)
@@ -170,7 +176,8 @@ def _columns(
 def _with_slopes(
     echo: np.ndarray, point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """An echo scaled to unit norm and its derivatives −jk·∂path/∂(x, y, z): [4, f, t, r]."""
+    """Return an echo scaled to unit norm, followed by its derivatives −jk·∂path/∂(x, y, z) by the
+    place of its source: [4, f, t, r]."""
     echo = echo / np.linalg.norm(echo)
     k = (2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S).astype(np.float32)
     gradient = path_gradients(point_m, array).astype(np.float32)
@@ -182,8 +189,8 @@ def _with_slopes(
 def _front(
     element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Echo [f, t, r] of the foam sphere's front, scaled to unit norm: specular, with amplitude ∝
-    1/f."""
+    """Simulate the echo [f, t, r] of the front of an element's foam sphere, scaled to unit norm: a
+    specular reflection with amplitude ∝ 1/f."""
     echo = specular_echo(centre_m, element.sphere_radius_m, frequencies_hz, array)
     echo /= (frequencies_hz / frequencies_hz[0])[:, None, None].astype(np.float32)
     return echo / np.linalg.norm(echo)
@@ -195,9 +202,9 @@ def _strangers(
     centres_m: Mapping[int, np.ndarray],
     others: Sequence[DetectedBall],
 ) -> np.ndarray:
-    """Model columns [4·n, f·t·r] of foreign echoes: points outside all elements' foam, one per
-    peak, and their derivatives by position, with free complex strengths, to fit objects larger than
-    a point."""
+    """Compute the model columns [4·n, f·t·r] of other objects' echoes: for each peak outside all
+    elements' foam, a point's echo and its derivatives by position. Each column has a free complex
+    strength, to fit objects larger than a point."""
     array, frequencies_hz = mimo_array(capture), capture.frequencies_hz
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
@@ -216,7 +223,12 @@ def _strangers(
 
 
 def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
-    """Complex strength of each ball at fixed positions, with free fronts and foreign echoes."""
+    """Fit the complex strength of each ball at fixed positions, together with those of foam fronts
+    and other objects.
+
+    gram [c, c] and onto [c]: products of the model columns with each other and with the samples;
+    elements: number of balls.
+    """
     fixed = np.concatenate(
         [
             *([COLUMNS * n, COLUMNS * n + 4] for n in range(elements)),
@@ -227,7 +239,8 @@ def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
 
 
 def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
-    """Matrix [c, u] from real unknowns [u] to complex columns [c]; a ball's derivatives scale with
-    its strength."""
+    """Make the matrix [c, u] from real unknowns [u] to complex coefficients of the model columns
+    [c]. strengths: of the balls, with which their derivatives scale; strangers: number of columns
+    of other objects."""
     of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
     return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))

@@ -32,8 +32,8 @@ HEADER = """\
 
 
 class Element(Config):
-    """One foam sphere with a steel ball in it (target frame, metres); ball_offset_m: from the
-    sphere's centre to the ball's, where it was measured."""
+    """One foam sphere with a steel ball in it: centre and radii in the target's frame, metres.
+    ball_offset_m: from the sphere's centre to the ball's, where it was measured."""
 
     centre_m: tuple[float, float, float]
     sphere_radius_m: float = Field(gt=0)
@@ -42,9 +42,12 @@ class Element(Config):
 
 
 class Target(Config):
-    """A rigid arrangement of at least three elements, with the standard deviations of its
-    manufacture: the foam's permittivity (common to all spheres), each ball's position in its sphere
-    (per axis), and each sphere's radius."""
+    """The calibration target: a rigid arrangement of at least three elements (foam spheres with a
+    steel ball inside).
+
+    Standard deviations of its manufacture: foam_permittivity_sigma (common to all spheres),
+    ball_offset_sigma_m (each ball's position in its sphere, per axis), and sphere_radius_sigma_m.
+    """
 
     element: tuple[Element, ...] = Field(min_length=3)
     foam_permittivity: float = Field(default=1.03, ge=1)
@@ -59,22 +62,22 @@ class Target(Config):
 
     @property
     def ball_offsets_m(self) -> np.ndarray:
-        """The balls' centres against their spheres' [n, 3], metres."""
+        """The offsets [n, 3] from the foam spheres' centres to their balls', metres."""
         return np.array([e.ball_offset_m for e in self.element])
 
     @property
     def foam_delay_m(self) -> np.ndarray:
-        """Extra one-way optical path [n] of an echo from each ball's surface, (√ε_r − 1)·(R_sphere
-        − r_ball); the sphere is centred on the ball, so that every antenna sees the same delay to
-        first order."""
+        """One-way optical path [n], metres, that the foam adds to an echo from each ball's surface:
+        (√ε_r − 1)·(R_sphere − r_ball). The ball is in the sphere's middle, so that every antenna
+        sees the same delay to first order."""
         depth = np.array([e.sphere_radius_m - e.ball_radius_m for e in self.element])
         return (np.sqrt(self.foam_permittivity) - 1) * depth
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A sensor's estimate of an element's centre: centre_m [3]; covariance_m2 [3, 3]; elements:
-    indices of the elements with this size."""
+    """What may be an element of the target, as measured by one sensor: centre_m [3], covariance_m2
+    [3, 3], and the indices of the elements that have its size."""
 
     centre_m: np.ndarray
     covariance_m2: np.ndarray
@@ -86,9 +89,9 @@ CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
 def default_target() -> Target:
-    """Four 50 mm spheres at the corners of a 120 mm square and a fifth, 30 mm, off its symmetry
-    axes; the target's frame has its origin at the square's centre, the square in x and y, and z
-    away from the radar."""
+    """Make the default target: four 50 mm spheres at the corners of a 120 mm square and a fifth, 30
+    mm, off its symmetry axes. The target's frame has its origin at the square's centre, the square
+    in x and y, and z away from the radar."""
     half = SQUARE_M / 2
     square = [(-half, -half), (half, -half), (half, half), (-half, half)]
     corners = [
@@ -99,7 +102,7 @@ def default_target() -> Target:
 
 
 def load_target(path: str | Path) -> Target:
-    """Read a target description (TOML)."""
+    """Read a target's description from a TOML file. Raises HandbenchError for a malformed one."""
     return load(Target, path, "a calibration target description")
 
 
@@ -109,9 +112,9 @@ def save_target(path: str | Path, target: Target) -> None:
 
 
 def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
-    """Match candidates to elements: element → candidate, for the largest set of candidates that a
-    rigid motion (without reflection) maps to the target's elements. sensor: name of the candidates
-    in errors.
+    """Find out which candidate is which element of the target. Returns the matched candidates by
+    element, for the largest set that a rigid motion (without reflection) maps to the target's
+    elements. sensor: name of the candidates in errors.
 
     Raises HandbenchError if fewer than min(4, all) elements match, if they are on a line, or if the
     match is ambiguous: a symmetric target, or its asymmetric element not found.
@@ -138,8 +141,9 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
 
 
 def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignment]:
-    """All assignments of the largest size in which the distances between candidates equal those of
-    their elements (within TOLERANCE_M) and a rotation maps all elements to their candidates."""
+    """List all ways to assign candidates to elements, element → candidate, of the largest size:
+    distances between candidates equal those of their elements within TOLERANCE_M, and a rotation
+    maps all elements to their candidates."""
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
     count = len(target.element)
@@ -167,8 +171,8 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
 
 
 def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarray) -> bool:
-    """True if a rotation, and not only a reflection, maps the elements to their candidates:
-    distances do not distinguish the two."""
+    """Tell whether a rigid motion without reflection maps the chosen elements to their candidates,
+    within TOLERANCE_M: distances alone do not exclude a reflection."""
     source, target = elements_m[list(chosen)], centres_m[list(chosen.values())]
     matrix = umeyama(source, target)
     offset = target - source @ matrix[:3, :3].T - matrix[:3, 3]

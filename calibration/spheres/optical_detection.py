@@ -40,8 +40,9 @@ PATCH = 0.5
 
 @dataclass(frozen=True)
 class Sphere(Candidate):
-    """A detected foam sphere. radius_m: freely fitted radius (a check); inliers: points of the
-    thinned cloud on it; coverage: share of its surface that they cover."""
+    """A foam sphere detected in a point cloud. radius_m: its radius when fitted without the
+    tolerance (a check); inliers: number of points of the thinned cloud on it; coverage: share of
+    its surface that they cover."""
 
     radius_m: float
     inliers: int
@@ -50,7 +51,8 @@ class Sphere(Candidate):
 
 @dataclass(frozen=True)
 class OrientedPoints:
-    """Points [n, 3] with unit normals [n, 3], outward if `oriented`."""
+    """Points [n, 3] with unit normals [n, 3]; oriented: whether the normals point outward, or have
+    an arbitrary sign."""
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -63,11 +65,12 @@ class OrientedPoints:
 def find_spheres(
     points_m: np.ndarray, normals: np.ndarray | None, target: Target, pixel_m: float = 0.0
 ) -> list[Sphere]:
-    """Find all spheres of the target's radii in a cloud, those with most points first.
+    """Find all spheres with radii of the target's elements in a point cloud, those with most points
+    first.
 
     points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate
-    them; pixel_m: size on the surface of a pixel of the cloud's depth maps. Raises HandbenchError
-    for a malformed cloud.
+    them; pixel_m: size on the surface of a pixel of the cloud's depth maps, which enlarges the
+    covariances by the errors of dense matching. Raises HandbenchError for a malformed cloud.
     """
     _check(points_m, normals)
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
@@ -96,8 +99,9 @@ def find_spheres(
 
 
 def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> OrientedPoints:
-    """Thin a cloud to one mean point (and normal) per occupied voxel, which gives all parts of a
-    surface the same weight. Missing normals are estimated from local planes, without a sign."""
+    """Replace the points in each occupied voxel of side voxel_m by their mean, and their normals by
+    the mean normal, which gives all parts of a surface the same weight. Voxels whose normals cancel
+    are dropped. Missing normals are estimated from local planes, without a sign."""
     owner = _cells(points_m, voxel_m)
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
@@ -118,7 +122,11 @@ def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float)
 
 
 def meeting_points(cloud: OrientedPoints, radius_m: float) -> Iterator[np.ndarray]:
-    """Yield maxima [3] of the points' votes for a centre, the highest first."""
+    """Yield likely centres [3] of spheres of this radius, the likeliest first.
+
+    Each point votes for the place one radius behind it along its normal (on both sides where the
+    normal's sign is unknown); centres are the maxima of the votes' density.
+    """
     votes = cloud.points_m - radius_m * cloud.normals
     if not cloud.oriented:
         votes = np.concatenate([votes, cloud.points_m + radius_m * cloud.normals])
@@ -139,11 +147,13 @@ def fit_sphere(
     elements: tuple[int, ...],
     radius_sigma_m: float = 0.0,
 ) -> Sphere | None:
-    """Refine a sphere from a centre near it; None if the points do not support it.
+    """Fit a sphere to the points near a first guess of its centre; None if the points do not
+    support it.
 
     M-estimate (Tukey's biweight, iteratively reweighted Gauss–Newton) of the centre and of the
-    radius' deviation from radius_m, with prior radius_sigma_m. The covariance is the sandwich
-    A⁻¹BA⁻¹, with B enlarged for correlated errors of neighbouring points.
+    radius' deviation from radius_m, with prior standard deviation radius_sigma_m. elements: indices
+    of the target's elements with this radius, passed on. The covariance is the sandwich A⁻¹BA⁻¹,
+    with B enlarged for correlated errors of neighbouring points.
     """
     extra_m, shared = 0.0, 1.0
     for _ in range(30):
@@ -183,16 +193,22 @@ def fit_sphere(
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:
-    """True if points of this total weight determine the centre in every direction for any radius.
-    Points on a circle do not determine it across their plane, to first order."""
+    """Tell whether the points determine the sphere's centre in every direction, for any radius.
+    Points on a circle do not determine it across their plane, to first order.
+
+    normal [4, 4]: normal matrix of centre and radius; weight: sum of the points' weights.
+    """
     centre = normal[:3, :3] - np.outer(normal[:3, 3], normal[3, :3]) / normal[3, 3]
     return bool(np.linalg.eigvalsh(centre)[0] > LEAST_HELD * weight)
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
-    """Variance of sums over patches relative to that of independent scores: 1 for independent
-    errors of neighbours, else the number of points with a common error. Mean over shifted patches,
-    corrected for 3 fitted unknowns."""
+    """Estimate how strongly neighbouring points' errors are correlated: the variance of sums of
+    their scores (weighted residuals) over patches, relative to that of independent errors. It is 1
+    for independent errors, else about the number of points with a common error.
+
+    Mean over shifted patches of side patch_m, corrected for 3 fitted unknowns.
+    """
     ratios = []
     if not score.any():
         return 1.0
@@ -210,12 +226,12 @@ def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
 
 
 def distances(points_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Distances |p − c| of points [n, 3] from a centre [3]."""
+    """Compute the distances [n] of points [n, 3] from a centre [3]."""
     return np.linalg.norm(points_m - centre_m, axis=1)
 
 
 def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """Mask of the points near the sphere's surface with matching normals."""
+    """Mark the points [n] that are near the sphere's surface and whose normals fit it."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)
     cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(
@@ -228,8 +244,9 @@ def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) ->
 def _free_radius(
     points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray, radius_m: float
 ) -> float:
-    """Radius of the weighted least-squares sphere by |p|² − 2 p·c = R² − |c|² (linear in c and R² −
-    |c|²)."""
+    """Compute the radius of the sphere that fits weighted points best, without regard to the known
+    radius: least squares of |p|² − 2 p·c = R² − |c|², linear in c and R² − |c|². centre_m,
+    radius_m: only centre and scale the numbers."""
     p = (points_m - centre_m) / radius_m
     root = np.sqrt(weight)[:, None]
     design = np.concatenate([2 * p, np.ones((len(p), 1))], axis=1)
@@ -238,8 +255,8 @@ def _free_radius(
 
 
 def _coverage(outward: np.ndarray) -> float:
-    """Share of the sphere covered by unit directions [n, 3], counted on a Fibonacci lattice of
-    directions."""
+    """Compute the share of a sphere's surface that points in the directions [n, 3] from its centre
+    (unit vectors) cover: the share of 200 evenly spread directions that are nearest to a point."""
     n = 200
     i = np.arange(n) + 0.5
     z, azimuth = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
@@ -250,7 +267,8 @@ def _coverage(outward: np.ndarray) -> float:
 
 
 def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Number [n] of each point's cubic cell among the occupied ones, from 0; shift in cells."""
+    """Number the occupied cubic voxels of side size_m from 0, and return the number of each point's
+    voxel [n]. shift: of the voxels' lattice, as a share of their side."""
     index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
     key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[
         :, 2

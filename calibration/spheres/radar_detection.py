@@ -37,7 +37,9 @@ QUADRATIC = np.linalg.pinv(
 
 
 class EchoSearch(GridConfig):
-    """Search volume for the balls, the weakest echo that counts, and the number of peaks."""
+    """Settings of the search for balls: the volume (x, y, z) in the radar frame; threshold_db: the
+    weakest echo that counts, relative to the strongest; max_peaks: largest number of echoes;
+    relaxations: how often each echo is refined in what the others leave."""
 
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     y: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
@@ -50,14 +52,14 @@ class EchoSearch(GridConfig):
 
     @property
     def threshold(self) -> float:
-        """The threshold as an amplitude ratio."""
+        """The threshold as a ratio of amplitudes, below 1."""
         return 10 ** (self.threshold_db / 20)
 
 
 @dataclass(frozen=True)
 class Peak:
-    """A point-like echo: position_m [3] of the image's maximum, strength (norm of its samples),
-    covariance_m2 [3, 3]."""
+    """A point-like echo found in the radar image: position_m [3] of the image's maximum, strength
+    (norm of its samples), and covariance_m2 [3, 3] of the position."""
 
     position_m: np.ndarray
     strength: float
@@ -66,8 +68,8 @@ class Peak:
 
 @dataclass(frozen=True)
 class DetectedBall(Candidate):
-    """A detected steel ball. peak_m: the image's maximum; level_db: relative to the strongest
-    echo."""
+    """A detected steel ball. peak_m [3]: the image's maximum, in front of the centre; level_db:
+    strength of the echo relative to the strongest."""
 
     peak_m: np.ndarray
     level_db: float
@@ -76,9 +78,13 @@ class DetectedBall(Candidate):
 def find_balls(
     capture: RadarCapture, target: Target, search: EchoSearch | None = None
 ) -> list[DetectedBall]:
-    """Find all echoes that may be the target's balls, the strongest first; an echo appears once per
-    size of element, since its centre depends on the size. Raises HandbenchError for a capture
-    without a MIMO array."""
+    """Find all echoes in a capture's first frame that may be the target's balls, the strongest
+    first.
+
+    An echo appears once for each size of element, since the ball's centre behind it depends on the
+    size. search: volume and threshold. Raises HandbenchError for a capture without a MIMO array, or
+    with tones too sparse for the volume's depth.
+    """
     search = search or EchoSearch()
     samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
     depth_m = search.z.stop_m - search.z.start_m
@@ -105,8 +111,8 @@ def find_balls(
 
 
 def mimo_array(capture: RadarCapture) -> AntennaArray:
-    """The capture's MIMO array. Raises HandbenchError for a scan, for missing pairs, and in a
-    medium."""
+    """Return the capture's MIMO array. Raises HandbenchError for a planar scan, for missing pairs
+    of transmitter and receiver, and for a capture in another medium than air."""
     array = capture.aperture
     if not isinstance(array, AntennaArray):
         raise HandbenchError(
@@ -129,7 +135,9 @@ def mimo_array(capture: RadarCapture) -> AntennaArray:
 def coarse_peaks(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, search: EchoSearch
 ) -> np.ndarray:
-    """Local maxima [n, 3] of the image's magnitude above the threshold, metres."""
+    """Find the local maxima [n, 3] of the radar image's magnitude above the threshold, metres, on
+    the search's grid. Every second antenna is used: enough for first guesses of the echoes'
+    positions."""
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
     # enough for seeds; `separate_echoes` rejects false ones
     half = AntennaArray(array.tx_m[::2], array.rx_m[::2])
@@ -148,10 +156,13 @@ def separate_echoes(
     search: EchoSearch,
     radius_m: float,
 ) -> list[Peak]:
-    """Decompose samples [f, t, r] into the echoes of balls of radius_m, strongest first: each is
-    fitted to what the others leave, starting at the nearest of the rough positions seeds_m [n, 3].
-    Returns position, strength and covariance of each ball that is stronger than the search's
-    threshold."""
+    """Decompose samples [f, t, r] into the echoes of balls of radius_m: each is fitted to what the
+    others leave.
+
+    seeds_m [n, 3]: rough positions of the echoes; the loudest in the remaining samples is fitted
+    next. Returns position, strength and covariance of each echo that is stronger than the search's
+    threshold, the strongest first.
+    """
     rest = samples
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
     least = least_seen = 0.0
@@ -192,11 +203,11 @@ def fit_echo(
     seed_m: np.ndarray,
     radius_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the image's maximum near seed_m and the echo of a ball with this peak: position [3],
-    samples [f, t, r].
+    """Find the image's maximum near seed_m [3], and the echo of a ball with this peak and the
+    strength that fits best. Returns the position [3] and the echo's samples [f, t, r].
 
-    Newton's method on log|O|, whose gradient and curvature come from a quadratic through a 3×3×3
-    stencil.
+    Newton's method on the logarithm of the image's magnitude, whose gradient and curvature come
+    from a quadratic through a 3×3×3 stencil.
     """
     tones = ToneSkeleton(frequencies_hz, array, seed_m - REACH_M, seed_m + REACH_M, tolerance=1e-6)
     few = tones.compress(samples)
@@ -224,11 +235,12 @@ def ball_centre(
     radius_m: float,
     delay_m: float,
 ) -> np.ndarray:
-    """Compute the centre [3] of the ball whose image peaks at peak_m, metres.
+    """Compute the centre [3], metres, of the ball whose image has its maximum at peak_m. radius_m:
+    of the ball; delay_m: of the foam, one way.
 
     The peak is the point with paths most similar to the ball's: it minimises the variance of
-    k·(path difference) over tones and channels (the common phase is free). Gauss–Newton on the
-    centre; radius_m: ball; delay_m: foam, one way.
+    k·(path difference) over tones and channels (the common phase is free). The centre is found by
+    Gauss–Newton.
     """
     centre_m = np.array(peak_m, np.float64)
     for _ in range(4):
@@ -252,8 +264,9 @@ def specular_echo(
 def ball_path(
     centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float
 ) -> np.ndarray:
-    """Optical path [t, r] over the specular point of a ball in foam, |t − c| + |c − r| − 2a·cos β +
-    2δ; the neglected term is a²·sin²β/|c − t|, about 1 µm here."""
+    """Compute the optical path [t, r], metres, from transmitter to receiver over the specular point
+    of a ball in foam: |t − c| + |c − r| − 2a·cos β + 2δ, with its radius a and the foam's one-way
+    delay δ. The neglected term is a²·sin²β/|c − t|, about 1 µm here."""
     return (
         path_lengths(array, centre_m)
         - 2 * radius_m * half_angle_cosine(centre_m, array)
@@ -262,7 +275,7 @@ def ball_path(
 
 
 def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """An echo's amplitudes [t, r], 1/(|p − t||p − r|), scaled to sum 1."""
+    """Compute the amplitudes [t, r] of a point's echo, 1/(|p − t||p − r|), scaled to sum 1."""
     to, back = (leg.lengths_m(point_m) for leg in array.legs)
     amplitude = 1 / np.outer(to, back)
     return amplitude / amplitude.sum()
@@ -271,9 +284,12 @@ def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
 def _phase_spread(
     point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> tuple[np.ndarray, float, float, np.ndarray, np.ndarray]:
-    """Covariance [3, 3] of the phase gradient k·g over tones and channels (rad²/m²), with its
-    parts: the means of k² and k, the paths' gradient g [t, r, 3] and the channels' weights [t,
-    r]."""
+    """Compute how sharply the echo's phases determine a point's position: the covariance [3, 3] of
+    the phase gradient k·g over tones and channels, rad²/m².
+
+    Returned with its parts: the means of k² and of k, the gradient g [t, r, 3] of the path lengths,
+    and the channels' weights [t, r].
+    """
     k = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     g = path_gradients(point_m, array)
     weight = channel_amplitudes(point_m, array)
@@ -284,8 +300,8 @@ def _phase_spread(
 
 
 def _summit(values: np.ndarray) -> np.ndarray:
-    """Step [3], in spacings, from the stencil's middle to the top of the quadratic through its 27
-    values; at most 2."""
+    """Compute the step [3] from the middle of a 3×3×3 stencil towards the maximum of the quadratic
+    through its 27 values, in units of the stencil's spacing; at most 2 along each axis."""
     _, x, y, z, xx, yy, zz, xy, xz, yz = QUADRATIC @ values
     hessian = np.array([[2 * xx, xy, xz], [xy, 2 * yy, yz], [xz, yz, 2 * zz]])
     value, vector = np.linalg.eigh(hessian)
@@ -295,7 +311,8 @@ def _summit(values: np.ndarray) -> np.ndarray:
 
 
 def _sizes(target: Target) -> dict[tuple[float, float], tuple[int, ...]]:
-    """Elements by (ball radius, foam delay), metres."""
+    """Group the target's elements by size: (ball radius, foam delay), metres, with the indices of
+    the elements that have it."""
     sizes: dict[tuple[float, float], tuple[int, ...]] = {}
     for i, (element, delay_m) in enumerate(zip(target.element, target.foam_delay_m, strict=True)):
         key = (element.ball_radius_m, float(delay_m))

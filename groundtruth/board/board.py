@@ -15,18 +15,20 @@ CHESSBOARD = -1  # key of the ChArUco board, among the markers' ids
 
 
 class Marker(Config):
-    """One marker: its id and its four corners [4][x, y, z] in metres, OpenCV's order (clockwise
-    from top left)."""
+    """One ArUco marker: its id, and its four corners (x, y, z) in the board's frame, metres, in
+    OpenCV's order (clockwise from top left)."""
 
     id: int = Field(ge=0)
     corners_m: tuple[tuple[float, float, float], ...] = Field(min_length=4, max_length=4)
 
 
 class Charuco(Config):
-    """A chessboard with a marker in each white square, as OpenCV draws it: `columns` × `rows`
-    squares of side `square_m`, markers of side `marker_m`; legacy: the pattern of OpenCV before
-    4.6. Its frame: origin at the top left corner, x along the upper edge, y upwards, z out of the
-    print."""
+    """A chessboard with a marker in each white square, as OpenCV draws it.
+
+    columns × rows squares of side square_m, markers of side marker_m; legacy: the pattern of OpenCV
+    before 4.6. Its frame has the origin at the top left corner, x along the upper edge, y upwards
+    and z out of the print.
+    """
 
     columns: int = Field(ge=3, le=100)
     rows: int = Field(ge=3, le=100)
@@ -51,7 +53,8 @@ class Charuco(Config):
         return self.square_m * corners.reshape(-1, 3).astype(np.float64)
 
     def cv_board(self) -> Any:
-        """OpenCV's board object. Raises HandbenchError for a dictionary with too few markers."""
+        """Make OpenCV's board object. Raises HandbenchError for a dictionary with too few
+        markers."""
         import cv2
 
         dictionary = cv_dictionary(self.dictionary)
@@ -99,17 +102,18 @@ class Board(Config):
         return self
 
     def corners_m(self) -> dict[int, np.ndarray]:
-        """Marker id → corners [4, 3], and CHESSBOARD → the ChArUco board's corners [n, 3],
-        metres."""
+        """Return the places of all corners in the board's frame, metres: for each marker's id its
+        corners [4, 3], and for the key CHESSBOARD the inner corners [n, 3] of the ChArUco board."""
         corners = {m.id: np.array(m.corners_m, dtype=np.float64) for m in self.marker}
         return corners if self.charuco is None else corners | {CHESSBOARD: self.charuco.corners_m()}
 
     def cv_dictionary(self) -> Any:
-        """OpenCV's dictionary object of the single markers."""
+        """Return OpenCV's dictionary object of the single markers (those outside the ChArUco
+        board)."""
         return cv_dictionary(self.dictionary)
 
     def describe(self) -> str:
-        """Description of the board's markers and squares, for messages."""
+        """Describe the board's markers and squares in words, for messages."""
         ids = sorted(marker.id for marker in self.marker)
         markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
         c = self.charuco
@@ -119,7 +123,8 @@ class Board(Config):
 
 
 def cv_dictionary(name: str) -> Any:
-    """OpenCV's dictionary object with this name. Raises HandbenchError for an unknown name."""
+    """Return OpenCV's dictionary object with this name. Raises HandbenchError for an unknown
+    name."""
     import cv2
 
     number = getattr(cv2.aruco, name, None)
@@ -131,7 +136,7 @@ def cv_dictionary(name: str) -> Any:
 
 
 def load_board(path: str | Path) -> Board:
-    """Read `board.toml`."""
+    """Read a board's description, `board.toml`. Raises HandbenchError for a malformed one."""
     return load(Board, path, "an ArUco board description")
 
 

@@ -29,7 +29,8 @@ Corners = dict[tuple[int, int], np.ndarray]
 
 
 def detect_corners(photo: Photo, board: Board) -> Corners:
-    """Find the board's corners in a photograph, with sub-pixel accuracy."""
+    """Find the board's corners in a photograph, with sub-pixel accuracy: for each (marker's id or
+    CHESSBOARD, number of the corner) its pixel [2] in COLMAP's convention."""
     tones = photo.gray()
     picture = (tones * 255).round().astype(np.uint8)
     found = _chessboard_corners(picture, board)
@@ -40,8 +41,9 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
-    """Corners of the markers, as intersections of their edges. Markers that appear twice are left
-    out."""
+    """Find the corners of the board's markers, as intersections of their edges, in array indices
+    (column, row). picture: uint8; light: the same in linear light. Markers that appear twice, and
+    corners at unclear edges, are left out."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(
@@ -59,7 +61,8 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
 
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
-    """Inner corners of the chessboard, which blur and tone curve do not shift."""
+    """Find the inner corners of the ChArUco board, in array indices (column, row). Blur and tone
+    curve do not shift them."""
     if board.charuco is None:
         return {}
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
@@ -72,8 +75,9 @@ def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
 def require_board(
     seen: dict[str, Corners], board: Board, photos: Sequence[Photo] = ()
 ) -> dict[str, Corners]:
-    """`seen` (photograph → corners), or a HandbenchError when no corner is in two photographs; it
-    names the pattern that the board in the photographs has, where that is another."""
+    """Return the corners seen in each photograph unchanged, or raise HandbenchError if no corner is
+    in two photographs. The message says what to change in the board's description, where another
+    pattern is found in `photos`."""
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
@@ -87,9 +91,9 @@ def require_board(
 
 
 def pattern_in(photos: Sequence[Photo], board: Board) -> str:
-    """How the ChArUco board in the photographs differs from its description: the keys that mend it,
-    empty where none is found. Tried are the pattern of OpenCV before 4.6 (or after), and columns
-    and rows exchanged."""
+    """Find out how the ChArUco board in the photographs differs from its description: the keys that
+    correct it, as "legacy = true", empty if no change helps. Tried are the pattern of OpenCV before
+    4.6 (or after), and columns and rows exchanged."""
     if board.charuco is None:
         return ""
     columns, rows, legacy = board.charuco.columns, board.charuco.rows, board.charuco.legacy
@@ -106,8 +110,9 @@ def pattern_in(photos: Sequence[Photo], board: Board) -> str:
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
-    """Estimate the focal length from one view of the board, to a few per cent; None if it shows too
-    little of the board.
+    """Estimate the focal length in pixels from one view of the board, to a few per cent; None if it
+    shows too little of the board, if the corners are not in one plane, or if the result is
+    implausible.
 
     A tilted plane determines one focal length if the principal point is the middle of the picture
     (Zhang, TPAMI 2000).
@@ -143,9 +148,12 @@ def to_light(tones: np.ndarray) -> np.ndarray:
 
 
 def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
-    """Refine the corners [4, 2] of a dark square on white (indices column, row; clockwise) from a
-    guess `quad` within about two pixels; NaN next to an edge that is covered, faint or not
-    straight. light [height, width]: float32."""
+    """Refine the four corners [4, 2] of a dark square on white, with sub-pixel accuracy.
+
+    light [height, width]: linear light, float32. quad [4, 2]: a guess within about two pixels, as
+    indices (column, row), clockwise. Corners next to an edge that is covered, faint or not straight
+    become NaN.
+    """
     for reach_px in REACHES_PX:
         reach_px = min(
             reach_px, REACH * np.linalg.norm(quad - np.roll(quad, -1, axis=0), axis=1).min()
@@ -163,8 +171,9 @@ def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
 def _edge(
     light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Fit the edge between a and b (approximate): a point [2] on it, and its direction [2], with
-    the bright side on its left; None if it is not clear or not straight."""
+    """Fit a straight line to the edge between the approximate corners a and b, which has the bright
+    side on its left in the picture: a point [2] on it and its direction [2]; None if the edge is
+    not clear or not straight. reach_px: how far to look on either side."""
     length_px = np.linalg.norm(b - a)
     along = (b - a) / length_px
     across = np.array([along[1], -along[0]])

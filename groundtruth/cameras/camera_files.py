@@ -35,11 +35,12 @@ KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 
 def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
-    """Read each photograph's camera, for its stored pixels, from a cameras.json, a COLMAP model's
-    folder or Metashape's XML.
+    """Read the camera of each photograph, for its pixels as stored, from a cameras.json, a COLMAP
+    model's folder or Metashape's XML.
 
     metric: the poses of the COLMAP model are in metres; otherwise they are ignored, since COLMAP's
-    poses have no unit.
+    poses have no unit. Raises HandbenchError for a photograph without a camera, or with one of
+    another size.
     """
     if path.is_dir():
         known = cameras_in(read_model(path))
@@ -111,7 +112,8 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
 
 
 def read_model(folder: Path) -> "pycolmap.Reconstruction":
-    """Read a COLMAP model. Raises HandbenchError for a broken one."""
+    """Read a COLMAP model (text or binary) from a folder. Raises HandbenchError if it is broken or
+    holds implausible numbers."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     check_model(folder)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
@@ -142,8 +144,8 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
 
 
 def _restore_names(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Give a model's images their names in full (pycolmap cuts those of a text model at the first
-    space), in one form."""
+    """Give a model's images their full names, since pycolmap cuts those of a text model at the
+    first space, with accents encoded in one way."""
     names = {number: image.name for number, image in model.images.items()}
     if not (folder / "images.bin").is_file():
         text = read_text(folder / "images.txt", "the images of a COLMAP model", MODEL_BYTES)
@@ -163,7 +165,7 @@ def _is_rigid(image: "pycolmap.Image") -> bool:
 
 
 def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
-    """The cameras and poses of a model's registered images, by name."""
+    """Return the cameras, with their poses, of a model's registered images, sorted by name."""
     cameras = []
     for image in registered_images(model):
         camera, pose = camera_in(image), image.cam_from_world()
@@ -181,9 +183,12 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
 
 
 def stored_camera(photo: Photo, camera: Camera) -> Camera:
-    """Convert the camera of the upright picture to that of the stored pixels. Each rotation by 90°
-    clockwise has moved (x, y) to (height − y, x). Raises HandbenchError for a lens model that
-    cannot be rotated."""
+    """Convert a camera that was calibrated on the upright picture to the photograph's pixels as
+    stored.
+
+    Each rotation by 90° clockwise has moved (x, y) to (height − y, x). Raises HandbenchError for a
+    lens model that cannot be rotated.
+    """
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
         raise HandbenchError(
@@ -219,8 +224,9 @@ def stored_camera(photo: Photo, camera: Camera) -> Camera:
 def _pairs(
     photos: tuple[Photo, ...], named: "Sequence[Camera] | Sequence[pycolmap.Image]", where: Path
 ) -> list[tuple[Photo, Any]]:
-    """Pair each photograph with the item of the same name: the whole name, else without folders,
-    else also without suffix (None: no item). Raises HandbenchError if two items match."""
+    """Pair each photograph with the camera or image of the same name: (photograph, item or None).
+    Compared is the whole name, else that without folders, else also without suffix. where: the
+    file, for messages. Raises HandbenchError if two items match one photograph."""
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
     known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
@@ -252,8 +258,8 @@ def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
 
 
 def check_model(folder: Path) -> None:
-    """Raise HandbenchError if the length of a model's binary file does not fit its counts, or a
-    file is too large."""
+    """Check the binary files of a COLMAP model before COLMAP reads them. Raises HandbenchError if a
+    file's length does not fit the counts in it, or if a file is too large."""
     for name in KINDS:
         file = folder / f"{name}.bin"
         if not file.is_file():
@@ -274,7 +280,8 @@ def check_model(folder: Path) -> None:
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Write a binary model. Raises OSError if it was cut short, which COLMAP does not report."""
+    """Write a COLMAP model into a folder, in binary. Raises OSError if a file was cut short (a full
+    disk), which COLMAP does not report."""
     model.write_binary(folder)
     try:
         check_model(folder)
@@ -283,8 +290,9 @@ def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _length(content: bytes, kind: str) -> int:
-    """End offset of the records of a file, by the count at its start. Raises struct.error,
-    ValueError or KeyError if they exceed the file or have an unknown lens model."""
+    """Compute the length in bytes that a model's binary file should have, from the counts in it.
+    kind: the file's name without suffix. Raises struct.error, ValueError or KeyError if that
+    exceeds the file, or for an unknown lens model."""
 
     def number(form: str, at: int) -> int:
         return int(struct.unpack_from(form, content, at)[0])
@@ -313,7 +321,7 @@ def _length(content: bytes, kind: str) -> int:
 
 @cache
 def _parameters() -> dict[int, int]:
-    """Number of parameters of each of COLMAP's lens models, by the model's number."""
+    """Return the number of parameters of each of COLMAP's lens models, by the model's number."""
     models = [
         model for name, model in pycolmap.CameraModelId.__members__.items() if name != "INVALID"
     ]

@@ -47,8 +47,11 @@ Row = tuple[float, float, float]
 
 
 class Camera(Config):
-    """One photograph's camera. `R` [3, 3] and `t` [3] (metres) carry world points into the camera
-    frame (x right, y down, z forward); both may be unknown."""
+    """The camera of one photograph: lens and pose.
+
+    model, params: COLMAP's lens model and its parameters. `R` [3, 3] and `t` [3] (metres) map world
+    points to the camera frame (x right, y down, z forward); None where they are unknown.
+    """
 
     name: FileName
     width: int = Field(gt=0)
@@ -112,13 +115,14 @@ class Camera(Config):
         )
 
     def ray_directions(self, rows: slice = slice(None)) -> np.ndarray:
-        """World-frame unit directions [rows, width, 3] through every pixel's centre (distortion
-        undone)."""
+        """Compute the unit directions [rows, width, 3] in the world frame of the rays through all
+        pixels' centres, with distortion undone. rows: only these rows of the picture."""
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height)[rows] + 0.5)
         return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(*u.shape, 3)
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:
-        """World-frame unit directions [n, 3] through pixels [n, 2] (distortion undone)."""
+        """Compute the unit directions [n, 3] in the world frame of the rays through pixels [n, 2],
+        with distortion undone."""
         xy = np.asarray(self.colmap().cam_from_img(pixels))
         # of (x, y, 1), in place: there are millions
         rays = xy @ self.rotation[:2] + self.rotation[2]
@@ -140,7 +144,7 @@ class CameraFile(Config):
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read `cameras.json`."""
+    """Read the cameras in a `cameras.json`. Raises HandbenchError for a malformed file."""
     return parse(
         CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)
     ).cameras
@@ -152,21 +156,23 @@ def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
 
 
 def registered_images(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
-    """The registered photographs, by name."""
+    """Return the images of a model that have a pose, sorted by name."""
     return sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
     )
 
 
 def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
-    """The camera that took a photograph of a model."""
+    """Return the camera that took a photograph of a model. Raises ValueError if the photograph is
+    in no model."""
     if image.camera is None:
         raise ValueError(f"{image.name} is in no model")
     return image.camera
 
 
 def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
-    """Put a photograph of a model at a pose, camera from world."""
+    """Set the pose of a photograph in a model; pose: from world to camera. Raises ValueError if the
+    photograph is in no model."""
     if image.frame is None:
         raise ValueError(f"{image.name} is in no model")
     image.frame.set_cam_from_world(image.camera_id, pose)

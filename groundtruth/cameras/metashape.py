@@ -35,11 +35,13 @@ Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], tra
 
 
 def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> tuple[Camera, ...]:
-    """The file's cameras, named by their labels (which may lack the photographs' suffix). Cameras
-    that were not aligned have no pose, and none has one in a project without a scale. A
-    HandbenchError for lenses that COLMAP does not have.
+    """Read cameras from Metashape's XML, named by their labels (which may lack the photographs'
+    suffix).
 
-    photos: names of the photographs; cameras of others are left out unread. None: all are read.
+    photos: names of the photographs; cameras of others are left out unread (None: all are read).
+    Cameras that were not aligned have no pose, and none has one in a project without a scale.
+    Raises HandbenchError for lenses that COLMAP does not have, and for a file that is not
+    Metashape's.
     """
     root = _parse(path)
     chunks = root.findall("chunk")
@@ -71,14 +73,15 @@ def _label(element: ElementTree.Element) -> str:
 
 
 def _is_of(label: str, photos: Collection[str]) -> bool:
-    """Whether a camera's label is the name of one of the photographs, with or without its
+    """Tell whether a camera's label is the name of one of the photographs, with or without its
     suffix."""
     short = {one_form(label), one_form(PureWindowsPath(label).stem)}
     return any(name in short or PurePosixPath(name).stem in short for name in photos)
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
-    """Parse the file. Document types are refused, since XML attacks use entities."""
+    """Parse an XML file and return its root. Raises HandbenchError for a file that is not XML or
+    too large, and for one with a document type, since XML attacks use entities."""
     try:
         text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
         if "<!DOCTYPE" in text.upper():
@@ -111,7 +114,9 @@ def _camera(
 
 
 def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tuple[float, ...]]:
-    """Width, height and FULL_OPENCV's parameters of a sensor."""
+    """Read a sensor's width, height and the parameters of COLMAP's lens model FULL_OPENCV. label:
+    the camera's name, for messages. Raises HandbenchError for a lens that this model does not
+    cover."""
     calibrations = {c.get("class", "adjusted"): c for c in sensor.iterfind("calibration")}
     calibration = calibrations.get("adjusted", calibrations.get("initial"))
     if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {
@@ -147,7 +152,8 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
 
 
 def _similarity(element: ElementTree.Element) -> Similarity | None:
-    """The similarity from the chunk's frame to the world; None without a scale."""
+    """Read the scale, rotation and translation that map an element's frame (chunk or component) to
+    the world; None if it has no scale."""
     if element.find("transform/scale") is None:
         return None
     scale = float(_numbers(element, "transform/scale", 1)[0])
@@ -156,7 +162,8 @@ def _similarity(element: ElementTree.Element) -> Similarity | None:
 
 
 def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
-    """The `count` numbers below LARGEST in the text of an element's descendant."""
+    """Read `count` numbers from the text of an element's descendant at `path`. Raises ValueError if
+    there are more or fewer, or if one is not below LARGEST."""
     values = np.array([float(word) for word in (element.findtext(path) or "").split()])
     if len(values) != count or not (np.abs(values) < LARGEST).all():
         raise ValueError(f"{path} has {len(values)} numbers, expected {count} below {LARGEST:g}")
@@ -164,7 +171,8 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
 
 
 def _id(element: ElementTree.Element | None, name: str) -> str:
-    """A required attribute. Raises ValueError if it is missing."""
+    """Return a required attribute of an element, by its name. Raises ValueError if it is
+    missing."""
     value = None if element is None else element.get(name)
     if value is None:
         raise ValueError(f"the attribute {name} is missing")

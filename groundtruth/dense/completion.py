@@ -19,8 +19,9 @@ STEEPEST = 8.0  # disparities per pixel
 
 
 def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) -> list[ViewDepth]:
-    """Match all depth maps again, starting from their own depths and, for missing pixels, from the
-    other views'. sources: of each view."""
+    """Match all depth maps again, each starting from its own depths and, where these are missing,
+    from those of the other views; repeated LOOKS times. sources: for each view, the indices of the
+    views that it is matched with. Returns the new maps."""
     for _ in range(LOOKS):
         cloud, again = fuse(maps, None, CONFIRMATIONS), []
         for m, used in zip(track(maps, "another look"), sources, strict=True):
@@ -40,8 +41,8 @@ def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) ->
 
 
 def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Render depth [h, w] (NaN: none) and normal [h, w, 3] of the cloud's nearest point that faces
-    the view."""
+    """Render a cloud into a view: depth [h, w] (NaN: no point) and unit normal [h, w, 3] of the
+    nearest point at each pixel that faces the view."""
     h, w = view.gray.shape
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
     local = cloud.points_m @ view.R.T + view.t
@@ -57,7 +58,8 @@ def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _filled(planes: np.ndarray) -> np.ndarray:
-    """Fill missing planes (NaN) of [h, w, 3] from the nearest pixel that has one."""
+    """Return planes [h, w, 3] in which missing ones (NaN) are replaced by that of the nearest pixel
+    that has one."""
     missing = np.isnan(planes[..., 0])
     if missing.all():
         return planes

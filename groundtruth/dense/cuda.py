@@ -47,8 +47,12 @@ TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failur
 
 
 def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
-    """Compute the depth of every view, as `dense.depth_maps` does. Raises HandbenchError if COLMAP
-    fails."""
+    """Compute the depth map of every view with COLMAP's PatchMatch on a CUDA device, refined as on
+    the CPU.
+
+    sources: for each view, the indices of the views it is matched with. quality: a key of SEARCH,
+    which sets COLMAP's effort. Raises HandbenchError if COLMAP fails.
+    """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
         write_workspace(folder, views, sources)
@@ -71,8 +75,8 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
 
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
-    """Write pictures, cameras and each view's sources to an empty folder, in the layout of COLMAP's
-    stereo."""
+    """Write pictures, cameras and the list of each view's sources to an empty folder, in the layout
+    that COLMAP's stereo reads."""
     for part in (
         "images",
         "sparse",
@@ -106,8 +110,9 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
 
 
 def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """Read a depth or normal map [h, w, channels] of COLMAP: width&height&channels& in ASCII, then
-    float32 by channel, row, column. Raises HandbenchError for another shape."""
+    """Read a depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in
+    ASCII, then float32 by channel, row, column. shape: the expected (h, w, channels). Raises
+    HandbenchError if the file is missing or has another shape."""
     content = file.read_bytes() if file.is_file() else b""
     h, w, channels = shape
     head = f"{w}&{h}&{channels}&".encode()
@@ -123,8 +128,9 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
 
 
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
-    """Run COLMAP's PatchMatch with these options in a child process, because a failure ends the
-    process."""
+    """Run COLMAP's PatchMatch on a workspace folder, with these options of it. It runs in a child
+    process, because a failure ends the process. Raises HandbenchError, with COLMAP's reason, if it
+    fails."""
     done = subprocess.run(
         [sys.executable, "-P", "-c", CHILD, str(workspace), json.dumps(options)],
         stdin=subprocess.DEVNULL,
@@ -160,7 +166,7 @@ def _depth_map(
 
 
 def _size(views: list[View]) -> tuple[int, int]:
-    """Height and width that hold every view."""
+    """Return the height and width of the smallest picture into which every view fits."""
     height, width = np.max([view.gray.shape for view in views], axis=0)
     return int(height), int(width)
 

@@ -21,7 +21,8 @@ from handbench.support.progress import say, track
 
 
 class Limits(NamedTuple):
-    """Limits of kept pixels: highest cost, 1 − NCC, and lowest cosine of incidence."""
+    """Limits for the pixels that a depth map keeps: highest matching cost (1 − NCC), and lowest
+    cosine of the angle between surface normal and line of sight."""
 
     cost: float
     cosine: float
@@ -40,8 +41,8 @@ JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surf
 
 @dataclass(frozen=True)
 class ViewDepth:
-    """A view with its depth [h, w] along z (NaN where unknown) and the surface's normals [h, w, 3],
-    world frame."""
+    """The depth map of one view: depth_m [h, w] along the camera's z axis (NaN where unknown), and
+    the surface's normals [h, w, 3] in the world frame."""
 
     view: View
     depth_m: np.ndarray
@@ -56,9 +57,14 @@ def open_views(
     masks: Masks,
     target_m: np.ndarray | None,
 ) -> tuple[list[View], list[list[int]]]:
-    """Open the registered photographs as views of the region of interest, box_m [2, 3], and choose
-    each view's sources (see `choose_sources`). target_m [2, 3]: a tight box around the target for
-    the segmentation by colour, if known."""
+    """Open the registered photographs for dense matching, and choose each one's sources (the other
+    views that it is matched with, see `choose_sources`).
+
+    shrink: divisor of the resolution. box_m [2, 3]: region of interest; photographs that do not
+    show it are left out. target_m [2, 3]: a tight box around the target for the segmentation by
+    colour, if known. Returns the views and, for each, the indices of its sources among them. Raises
+    HandbenchError if fewer than three photographs show the box.
+    """
     by_name = {photo.name: photo for photo in photos}
     images = registered_images(model)
     points = list(model.points3D.values())
@@ -92,8 +98,12 @@ def open_views(
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
 ) -> list[ViewDepth]:
-    """Compute the depth of every view from its sources; thorough: sweep in several directions, and
-    keep surfaces at low angles."""
+    """Compute the depth map of every view by matching it with its sources (indices into `views`),
+    on the CPU, and print a prediction of the cost first.
+
+    iterations: of PatchMatch; seed: of its random numbers; thorough: sweep planes in several
+    directions, and keep surfaces that are seen at low angles.
+    """
     coarse = [view.halved() for view in views]
     counts = [
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
@@ -121,8 +131,11 @@ def depth_maps(
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """Choose each view's sources: the views that share most sparse points at a useful angle (Yao et
-    al., ECCV 2018). tracks [n, views]: which views see each of the sparse points_m [n, 3]."""
+    """Choose up to four sources for each view: the views that share most sparse points with it at a
+    useful angle (Yao et al., ECCV 2018). Returns a list of indices for each view, best first.
+
+    tracks [n, views]: which views see each of the sparse points_m [n, 3].
+    """
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     chosen = []
@@ -146,9 +159,13 @@ def refine_planes(
     seed: int = 0,
     limits: Limits = USUAL,
 ) -> ViewDepth:
-    """Refine a guess of the planes [h, w, 3] (changed in place; NaN: none) to a depth map:
-    PatchMatch, a refinement with curved windows, and filters. Without iterations, only the last
-    two."""
+    """Refine a first guess of each pixel's plane to a depth map: PatchMatch, a refinement with
+    curved windows, and removal of poor matches, grazing surfaces and edges. With 0 iterations, only
+    the last two.
+
+    planes [h, w, 3]: disparity and its slopes per column and row, NaN where there is no guess;
+    changed in place. limits: which pixels are kept.
+    """
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
@@ -160,10 +177,10 @@ def refine_planes(
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine of incidence
-    [h, w].
+    """Compute the surface's unit normals [h, w, 3] in the camera frame, towards the camera, and the
+    cosine [h, w] of the angle between normal and line of sight, from planes [h, w, 3].
 
-    ω(x) = m·x over pixels x = K X / z is the plane (Kᵀ m)·X = 1.
+    Inverse depth ω(x) = m·x over pixels x = K X / z is the plane (Kᵀ m)·X = 1.
     """
     h, w = view.gray.shape
     v, u = np.mgrid[:h, :w]
@@ -176,8 +193,8 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beside_jump(planes: np.ndarray) -> np.ndarray:
-    """Mask [h, w] of the pixels whose neighbour does not continue their plane: a window there
-    covers two surfaces, and depth is biased."""
+    """Mark the pixels [h, w] next to a jump in depth, whose neighbour does not continue their
+    plane: a window there covers two surfaces, and depth is biased."""
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):

@@ -28,7 +28,8 @@ MERIT_PX = 5  # side of the window of the mean cost by which sweeps are compared
 
 
 def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
-    """First and last disparity of a sweep, and the number of planes."""
+    """Return the first and last disparity of a sweep that covers the depths of a view, and the
+    number of planes. unit: inverse depth (1/m) of one step of disparity."""
     first, last = (1 / (z * unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
@@ -36,8 +37,13 @@ def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
 def first_guess(
     view: View, half: View, sources: list[View], unit: float, slanted: bool
 ) -> np.ndarray:
-    """Planes [h, w, 3] float32 in units of the full view, from a sweep with planes that face the
-    camera; slanted: and from others whose planes it sees at low angles from each side."""
+    """Guess the plane of each pixel of a view by plane sweeps at half the resolution.
+
+    half, sources: the view and its sources at half the resolution; unit: inverse depth (1/m) of one
+    disparity of the full view. slanted: also sweep planes that are tilted to each of four sides,
+    and keep the best-matching plane at each pixel. Returns [h, w, 3] float32 for the full view:
+    disparity, slope per column and slope per row.
+    """
     stereo = Stereo.of(half, sources)
     scale, (h, w) = stereo.unit / unit, view.gray.shape
     facing = _sweep(half, stereo, (0.0, 0.0), unit)
@@ -58,7 +64,8 @@ def first_guess(
 
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:
-    """Choose the best-matching of several planes [h, w, 3] at each pixel."""
+    """Choose, at each pixel, the plane that matches best among several maps of planes [h, w, 3];
+    costs are averaged over a small window first."""
     low, high = 1 / (half.far_m * stereo.unit), 1 / (half.near_m * stereo.unit)
     merits = []
     for planes in candidates:
@@ -77,14 +84,15 @@ def _planes(
 
 
 def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes per column and row, read off disparities [h, w]."""
+    """Compute the slopes of a disparity map [h, w] per column and per row, each [h, w], after
+    smoothing with a standard deviation of smooth_px; steep ones are clipped."""
     slope_y, slope_x = np.gradient(cv2.GaussianBlur(disparity, (0, 0), smooth_px))
     return np.clip(slope_x, -STEEPEST, STEEPEST), np.clip(slope_y, -STEEPEST, STEEPEST)
 
 
 def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) -> np.ndarray:
-    """Disparity [h, w] float32, in steps of `unit` (1/m), from planes of one slope (disparities per
-    column and row)."""
+    """Sweep planes that all have the same slope (disparities of `stereo` per column and row).
+    Returns the disparity [h, w] float32 in steps of `unit` (1/m)."""
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
@@ -101,11 +109,11 @@ def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) 
 def planes_through(
     view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float, steepest: float = STEEPEST
 ) -> np.ndarray:
-    """Planes [h, w, 3] (disparity, slope per column, slope per row) of points at depths [h, w] with
-    unit normals [h, w, 3] in the camera frame; NaN for depths outside the region of interest and
-    normals that face away.
+    """Compute each pixel's plane [h, w, 3] (disparity, slope per column, slope per row) from depths
+    [h, w] and unit normals [h, w, 3] in the camera frame.
 
-    n·X = d is 1/z = (n·K⁻¹x)/d.
+    unit: inverse depth (1/m) of one disparity; steepest: limit of the slopes. NaN for depths
+    outside the view's range and for normals that face away. The plane n·X = d is 1/z = (n·K⁻¹x)/d.
     """
     depth_m = depth_m.astype(np.float64)
     towards = (normals * view.rays()).sum(axis=-1)

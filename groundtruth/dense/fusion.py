@@ -26,10 +26,10 @@ AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixel
 class Cloud:
     """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
 
-    views [n, views]: which views, by `names`, agree on a point. spread_m [n]: standard deviation,
-    along the normal, of one view's depth from the others', each the mean over as many pixels as a
-    surface averages: what varies from pixel to pixel it does not keep. pixel_m: what one pixel of
-    the depth maps measures on the surface (median).
+    views [n, views]: True for the views, in the order of `names`, that agree on a point. spread_m
+    [n]: standard deviation, along the normal, between the depths of these views, each first
+    averaged over a few neighbouring pixels as a surface does, so that noise of single pixels is not
+    part of it. pixel_m: size of one pixel of the depth maps on the surface (median).
     """
 
     points_m: np.ndarray
@@ -40,17 +40,17 @@ class Cloud:
     pixel_m: float
 
     def at(self, index: np.ndarray) -> "Cloud":
-        """A cloud of some of the points."""
+        """Return the cloud of the points chosen by `index`, a mask [n] or indices."""
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
     def save(self, file: Path) -> None:
-        """Write the cloud as .npz."""
+        """Write the cloud to an .npz file."""
         write_npz(file, **asdict(self))
 
     @classmethod
     def load(cls, file: Path) -> "Cloud":
-        """Read what `save` wrote."""
+        """Read a cloud from the .npz file that `save` wrote."""
         found: dict[str, Any] = read_npz(
             file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES
         )
@@ -62,8 +62,13 @@ class Cloud:
 def fuse(
     maps: list[ViewDepth], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
 ) -> Cloud:
-    """Fuse depth maps: each pixel in the box [2, 3] that enough other views confirm becomes the
-    mean point of all views that agree."""
+    """Fuse depth maps to a cloud: each pixel whose point other views confirm becomes the mean point
+    of all views that agree with it.
+
+    box_m [2, 3]: points outside are dropped (None: all are kept). confirmations: number of other
+    views that must agree; one suffices for up to FEW_VIEWS maps. Raises HandbenchError if memory
+    does not suffice.
+    """
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
@@ -97,9 +102,12 @@ def fuse(
 
 
 def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
-    """How far agreeing views differ in depth at each pixel [h, w]: each view's offsets [h, w,
-    views] are averaged over a window of pixels, then the standard deviation is taken over the views
-    that `agreeing` [h, w, views] marks."""
+    """Compute, at each pixel [h, w], the standard deviation in metres between the depths of the
+    views that agree on it.
+
+    offset [h, w, views]: each view's point relative to the pixel's own, along its normal; agreeing
+    [h, w, views]: which views agree. Each view's offsets are averaged over a small window first.
+    """
     size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
     for s in range(offset.shape[-1]):
         total, count = (
@@ -121,9 +129,14 @@ def _agree(
     R: np.ndarray,
     t: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Per pixel of the reference: mean point and normal [h, w, 3] over the views that agree with
-    it, the mask [h, w, views] of these views (itself included), and the offsets [h, w, views] of
-    their points along its normal."""
+    """Find, for each pixel of view number `reference`, the other views whose depth and normal agree
+    with its own.
+
+    Returns the mean point and normal [h, w, 3] over these views and itself, the mask [h, w, views]
+    of the views that agree (itself included), and how far each one's point is from its own along
+    its normal [h, w, views]. depths [views, h, w] and normals [views, h, w, 3] of all views; K, R,
+    t of each.
+    """
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
     agreeing = np.zeros((h, w, count), dtype=np.bool_)
@@ -168,7 +181,7 @@ def _agree(
 def _world(
     x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray
 ) -> None:
-    """The world point that pixel (x, y) sees at a depth."""
+    """Write into `point` [3] the world point that pixel (x, y) sees at a depth."""
     a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
     b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
     c = depth - t[2]
@@ -180,7 +193,7 @@ def _world(
 def _project(
     point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
 ) -> None:
-    """Column, row and depth at which a view sees a world point."""
+    """Write into `seen` [3] the column, row and depth at which a view sees a world point [3]."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
     b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
     c = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]

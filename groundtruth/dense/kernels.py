@@ -10,7 +10,8 @@ from handbench.support.compiled import compile_once
 
 
 def compile_kernels() -> None:
-    """Compile the kernels that are not cached yet."""
+    """Compile the functions for matching and fusion, unless they are in the cache of compiled
+    code."""
     kernels = (
         planesweep._correlate,
         planesweep._smooth,
@@ -22,7 +23,8 @@ def compile_kernels() -> None:
 
 
 def run_every_kernel() -> None:
-    """Run all kernels on three small pictures."""
+    """Compute and fuse depth maps of three small random pictures, so that every compiled function
+    is compiled and stored in the cache."""
     K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
     gray = np.random.default_rng(0).random((3, 40, 40), dtype=np.float32)
     steps_m = np.array([[0.0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]])

@@ -54,10 +54,12 @@ def refine(
     iterations: int,
     seed: int,
 ) -> np.ndarray:
-    """Improve `planes` [h, w, 3] float32 (disparity, slope per column, slope per row) in place;
-    returns the cost [h, w] float32, 1 − NCC averaged over the better half of the sources.
+    """Improve `planes` in place by PatchMatch and return their matching cost [h, w] float32.
 
-    low, high [h, w]: allowed disparities, NaN where there is nothing to do. After a first
+    planes [h, w, 3] float32: disparity, slope per column and slope per row of each pixel. The cost
+    is 1 − NCC, averaged over the better half of the sources. low, high [h, w]: allowed disparities,
+    NaN for pixels to leave out. iterations: of PatchMatch; with 0, the planes are only evaluated
+    and moved to the nearest cost minimum. seed: of the random variations. After the first
     evaluation only pixels with matching neighbours are processed: others are mostly background,
     which matches nowhere in the box.
     """
@@ -79,8 +81,9 @@ def refine(
 
 
 def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Second derivatives [h, w, 3] of the disparity (per column², column and row, row²), from the
-    slopes of planes [h, w, 3] around each pixel.
+    """Compute the second derivatives [h, w, 3] of the disparity (per column², per column and row,
+    per row²) from the slopes in `planes` [h, w, 3]. wanted [h, w]: True at pixels that have a
+    plane.
 
     A plane fitted over a window on a convex surface is too deep at its middle, by half the
     curvature times the window's mean square: some hundredths of a millimetre on a finger. A
@@ -99,7 +102,8 @@ def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _random(pixel: int, step: int, draw: int, seed: int) -> float:
-    """Uniform in −1 … 1 from counters (the finaliser of MurmurHash3)."""
+    """Return a pseudo-random number, uniform in −1 … 1, that depends only on the four arguments: a
+    hash (the finaliser of MurmurHash3)."""
     k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(
         0xBF58476D1CE4E5B9
     )
@@ -121,8 +125,13 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
 def _window(
     reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int
 ) -> Window:
-    """The window about a pixel of the padded reference; its first so many values and weights
-    [SAMPLES] are written."""
+    """Extract the matching window about pixel (x, y) of the reference, which is padded at its
+    border: column, row, values about their weighted mean, bilateral weights with sum 1, and
+    weighted variance.
+
+    The first `samples` entries of the scratch arrays values and weights [SAMPLES] are overwritten,
+    and returned.
+    """
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
     for k in range(samples):
@@ -153,11 +162,12 @@ def _window(
     fastmath={"contract", "reassoc", "nsz", "arcp"},
 )
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
-    """1 − NCC between the window and source s under the plane, WORST where the source does not see
-    all of it.
+    """Compute 1 − NCC between the window and source number s under the plane; WORST where the
+    source does not see all of the window.
 
     The plane's homography is taken as affine across the window. bend: second derivatives of the
-    disparity (per column², column and row, row²), which make a paraboloid of the plane.
+    disparity (per column², per column and row, per row²), which make a paraboloid of the plane;
+    None: a plane.
     """
     x, y, values, weights, variance = window
     sources, A, b = stereo.sources, stereo.A, stereo.b
@@ -235,9 +245,13 @@ def _cost(
     ranked: bool,
     most: float = np.inf,
 ) -> float:
-    """Mean mismatch of the better half of the sources under the plane; something above `most` where
-    it is above that. ranked: `chosen` has them, best first; else all are compared and `chosen` is
-    written."""
+    """Compute the mean of 1 − NCC over the better half of the sources under the plane; above
+    `most`, the sum may stop early, and the result is only some number above `most`.
+
+    ranked: `chosen` lists the sources, best first, and only its better half is compared; otherwise
+    all are compared, and their order is written to `chosen`. mismatch: scratch, one value per
+    source.
+    """
     used = max(1, len(chosen) // 2)
     total = 0.0
     for n in range(used if ranked else len(chosen)):
@@ -260,8 +274,8 @@ def _cost(
 
 @njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
-    """The pixel of least cost among those at odd distances in a direction; (-1, -1) at the
-    border."""
+    """Find the pixel (row, column) with the least cost among those at distances 1, 3 and 5 in one
+    of four directions; (-1, -1) if none of them has a cost below WORST."""
     h, w = cost.shape
     best_i, best_j, least = -1, -1, WORST
     for distance in range(1, REACH + 1, 2):
@@ -282,11 +296,12 @@ def _pass(
     seed: int,
     samples: int,
 ) -> None:
-    """One colour of one iteration: try the planes of neighbours, then random variations of the
-    best.
+    """Process the pixels of one colour of the chessboard in one iteration, in place: try the planes
+    of neighbours, then random variations of the best.
 
-    The sources are ranked under the plane that a pixel has; what is tried is compared on the better
-    half of them.
+    step: 2 · iteration + colour; iteration 0 only evaluates. samples: number of the window's pixels
+    that are compared. The sources are ranked under the plane that a pixel has; other planes are
+    compared on the better half of them.
     """
     h, w = cost.shape
     iteration = step // 2
@@ -337,8 +352,9 @@ def _pass(
 def _polish(
     stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray
 ) -> None:
-    """Move every disparity to the vertex of the parabola through the costs a quarter of a pixel to
-    either side."""
+    """Refine disparities in place, where `wanted` [h, w]: move each to the vertex of the parabola
+    through the costs here and a quarter of a pixel to either side. bends [h, w, 3]: the disparity's
+    second derivatives, so that windows are curved. `cost` [h, w] becomes that before the move."""
     h, w = cost.shape
     for row in prange(h):
         y = int(np.int64(row))

@@ -37,8 +37,12 @@ PATHS: tuple[tuple[int, int], ...] = (
 
 
 def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
-    """Compute the disparity [h, w] float32 of the smoothed cost's minimum, with sub-plane accuracy;
-    planes are at first, first + 1, …"""
+    """Compute a disparity map [h, w] float32 by plane sweep and semi-global smoothing.
+
+    The planes are at disparities first, first + 1, …, `planes` of them; the result is the minimum
+    of the smoothed cost, interpolated between planes. Raises HandbenchError if the cost volume does
+    not fit into memory.
+    """
     h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
@@ -59,7 +63,8 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
 
 
 def _moments(picture: np.ndarray) -> np.ndarray:
-    """Number of pixels n, sum Σa, and n Σa² − (Σa)² [3, h, w] of the windows of a picture."""
+    """Compute, for the square window about each pixel of a picture a, the number of pixels n, the
+    sum Σa, and n Σa² − (Σa)²: [3, h, w] float32."""
     sides = (2 * WINDOW_RADIUS + 1, 2 * WINDOW_RADIUS + 1)
     parts = (np.ones_like(picture), picture, picture**2)
     n, a, aa = (
@@ -70,7 +75,8 @@ def _moments(picture: np.ndarray) -> np.ndarray:
 
 
 def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
-    """Pixels [n, 2] (row, column) at which the lines of one direction enter the picture."""
+    """List the pixels [n, 2] (row, column) at which lines with the step (step_y, step_x) enter a
+    picture of h × w pixels."""
     y, x = np.mgrid[:h, :w]
     before_y, before_x = y - step_y, x - step_x
     enters = (before_y < 0) | (before_y >= h) | (before_x < 0) | (before_x >= w)
@@ -81,7 +87,8 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 def _warp(
     stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
 ) -> None:
-    """Warp a row of source s to the reference at one disparity; OUTSIDE beyond the picture.
+    """Write into `warped` [w] what source s shows at row y of the reference if the surface lies at
+    this disparity; OUTSIDE where that is beyond the source's picture.
 
     places [2, w]: scratch for columns and rows, whose separate loop becomes vector code.
     """
@@ -110,8 +117,8 @@ def _warp(
 
 @njit(cache=True)
 def _across(columns: np.ndarray, sums: np.ndarray) -> None:
-    """Sums [w] over windows of a row, of columns' sums [w + 2 WINDOW_RADIUS] that are 0 beyond the
-    picture."""
+    """Write into `sums` [w] the sums over each window of a row, from the sums of its columns [w + 2
+    WINDOW_RADIUS], which are 0 beyond the picture."""
     for x in range(len(sums)):
         total = columns[x]
         for k in range(1, 2 * WINDOW_RADIUS + 1):
@@ -123,8 +130,9 @@ def _across(columns: np.ndarray, sums: np.ndarray) -> None:
 def _mismatch(
     first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray
 ) -> None:
-    """1 − NCC [h, w] of two pictures over square windows, the first one's moments [3, h, w] known;
-    1 where one of them has no texture, WORST where the second is OUTSIDE."""
+    """Write 1 − NCC [h, w] of two pictures over square windows into `mismatch`: 1 where one of them
+    has no texture, WORST where the second is OUTSIDE. moments [3, h, w]: of the first picture, as
+    returned by `_moments`."""
     h, w = first.shape
     columns = np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)  # of b, b² and a b
     inner = columns[:, WINDOW_RADIUS : w + WINDOW_RADIUS]
@@ -151,7 +159,8 @@ def _mismatch(
 
 @njit(cache=True)
 def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.float32) -> None:
-    """Add (or take away) one row of both pictures to the columns' sums of b, b², a b."""
+    """Add one row of two pictures a and b to running column sums [3, w] of b, b² and a b, in place;
+    sign −1 takes it away."""
     for x in range(len(first)):
         a, b = first[x], second[x]
         sums[0, x] += sign * b
@@ -161,7 +170,9 @@ def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.f
 
 @njit(nogil=True, cache=True)
 def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.ndarray) -> None:
-    """cost [h, w] of a plane: 1 − NCC, averaged over the better half of the sources, quantised."""
+    """Write the matching cost of one plane into `cost` [h, w] uint8: 1 − NCC, averaged over the
+    better half of the sources, scaled by LARGEST_COST and limited to it. moments: of the reference,
+    as returned by `_moments`."""
     h, w = stereo.reference.shape
     count = len(stereo.sources)
     used = max(1, count // 2)
@@ -185,7 +196,8 @@ def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.n
 
 @njit(cache=True)
 def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
-    """Move the smaller values [h, w] to `least` and the larger ones to `other`."""
+    """Exchange values of two pictures [h, w], in place, so that `least` has the smaller one at
+    every pixel and `other` the larger one."""
     h, w = least.shape
     for y in range(h):
         for x in range(w):
@@ -197,7 +209,8 @@ def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
 def _smooth(
     cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray
 ) -> None:
-    """Add the smoothed cost along lines of one direction to `total`."""
+    """Add to `total` [h, w, planes] the costs of semi-global matching along the lines in one
+    direction (step_y, step_x) that begin at the pixels `starts` [n, 2]."""
     h, w, planes = cost.shape
     previous, current = np.empty(planes + 2, dtype=np.int32), np.empty(planes + 2, dtype=np.int32)
     for y, x in starts:
@@ -220,8 +233,8 @@ def _smooth(
 
 
 def _lowest(total: np.ndarray) -> np.ndarray:
-    """Plane [h, w] of the smallest cost, moved to the vertex of the parabola through its
-    neighbours."""
+    """Find the plane [h, w] with the smallest total cost [h, w, planes] at each pixel, as a
+    fractional number: the vertex of the parabola through it and its two neighbours."""
     place = total.argmin(axis=-1)
     inner = np.clip(place, 1, total.shape[-1] - 2)
     left, here, right = (

@@ -24,8 +24,12 @@ LIBRARY_BYTES = 3e8  # kernels and imported libraries
 
 
 class Prediction(NamedTuple):
-    """Predicted cost of depth maps. seconds: processor time, summed over threads (independent of
-    other load); bytes_: additional memory at the peak, with fusion."""
+    """Predicted cost of computing depth maps.
+
+    pixels: number to match, in all views; most_planes: largest number of planes in a sweep.
+    seconds: processor time, summed over threads (independent of other load); bytes_: additional
+    memory at the peak, fusion included.
+    """
 
     pixels: int
     views: int
@@ -34,7 +38,7 @@ class Prediction(NamedTuple):
     bytes_: float
 
     def describe(self) -> str:
-        """Description in one line."""
+        """Describe the predicted cost in one line."""
         return (
             f"dense: {self.views} views, {self.pixels / 1e6:.2f} MP to match, up to "
             f"{self.most_planes} planes: about "
@@ -50,9 +54,13 @@ def predict_cost(
     iterations: list[int],
     sweeps: int = 1,
 ) -> Prediction:
-    """Predict the cost of the views' depth maps, with `sources` sources each and `planes` planes
-    swept at half the resolution in each of `sweeps` directions; iterations: of each run of
-    PatchMatch; stereo: of the first view."""
+    """Predict processor time and memory of the views' depth maps, from rates measured on a small
+    part of the first view.
+
+    stereo: the first view with its sources; sources: number of sources of each view; planes: number
+    of planes swept for each view at half the resolution; iterations: those of each run of
+    PatchMatch; sweeps: number of directions that are swept.
+    """
     sizes = np.array([view.gray.size for view in views])
     wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
     sweep_s, match_s = _rates(views[0], stereo)
@@ -68,8 +76,8 @@ def predict_cost(
 
 
 def _matches(sources: int, iterations: int) -> int:
-    """Number of windows that PatchMatch compares at a pixel in all iterations: all sources for the
-    current plane, the better half for each hypothesis."""
+    """Count the windows that PatchMatch compares at one pixel: all sources for the current plane,
+    the better half of them for each plane that is tried."""
     half = max(1, sources // 2)
     return (
         sources
@@ -79,8 +87,9 @@ def _matches(sources: int, iterations: int) -> int:
 
 
 def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
-    """Processor time, seconds, for a pixel, plane and source of the sweep, and for a window that
-    PatchMatch compares, each measured after a first go that loads or compiles the kernels."""
+    """Measure two rates on a small part of a view, processor time in seconds: of the sweep, for
+    each pixel, plane and source; and of PatchMatch, for each window that it compares. A first run
+    that loads or compiles the functions is not counted."""
     y, x = np.median(np.argwhere(np.isfinite(view.near_m)), axis=0).astype(int)
     top, left = (max(0, middle - TRIAL_PX // 2) for middle in (y, x))
     shift = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])

@@ -21,11 +21,13 @@ BORDER_PX = 8
 
 @dataclass(frozen=True)
 class View:
-    """A pinhole picture of a part of the scene.
+    """A photograph prepared for matching: gray values of the region of interest, undistorted, with
+    its pinhole camera.
 
-    gray [h, w] float32. K [3, 3] carries camera coordinates to *indices* (column, row): the first
-    pixel's centre is at 0. R, t (metres): camera from world. near_m, far_m [h, w] float32: range of
-    depth of the surface at a pixel, NaN for pixels that are not of interest.
+    gray [h, w] float32. K [3, 3] maps camera coordinates to array indices (column, row): the first
+    pixel's centre is at 0. R [3, 3], t [3] (metres) map world points to the camera frame. near_m,
+    far_m [h, w] float32: least and largest depth that the surface may have at a pixel, NaN for
+    pixels that are not of interest.
     """
 
     name: str
@@ -42,7 +44,8 @@ class View:
         return -self.R.T @ self.t
 
     def halved(self) -> "View":
-        """The same view at half the resolution."""
+        """Return the same view at half the resolution; its depth ranges include those of the joined
+        pixels."""
         with np.errstate(invalid="ignore"):
             near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
         K = self.K / 2
@@ -56,16 +59,20 @@ class View:
         return _rays(self.K, *self.gray.shape)
 
     def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:
-        """A [3, 3] and b [3] such that pixel x = [column, row, 1] at inverse depth ω is seen at A x
-        + b ω."""
+        """Return A [3, 3] and b [3] of the map to another view: pixel x = [column, row, 1] at
+        inverse depth ω is seen there at A x + b ω, in homogeneous coordinates."""
         R = source.R @ self.R.T
         return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
 
 
 class Stereo(NamedTuple):
-    """A reference [h, w] and its sources [s, H, W], float32, padded, as the kernels want them;
-    sizes [s, 2]: rows and columns of their content. A pixel x at disparity δ, of `unit` inverse
-    depth (1/m), is seen by source s at A[s] x + b[s] δ."""
+    """A reference picture [h, w] and the source pictures [s, H, W] that it is matched with,
+    float32, in the form that the compiled functions take.
+
+    Sources are padded with 0 to a common size; sizes [s, 2]: rows and columns of each. unit:
+    inverse depth (1/m) of one step of disparity. A pixel x = [column, row, 1] at disparity δ is
+    seen by source s at A[s] x + b[s] δ, in homogeneous coordinates.
+    """
 
     reference: np.ndarray
     sources: np.ndarray
@@ -76,8 +83,8 @@ class Stereo(NamedTuple):
 
     @classmethod
     def of(cls, view: View, others: list[View]) -> "Stereo":
-        """A view and its sources; a disparity moves a pixel by one pixel in the source that sees it
-        move most."""
+        """Combine a view and its sources for matching. The unit of disparity is chosen so that one
+        step moves a pixel by about one pixel in the source where it moves most."""
         sizes = np.array([other.gray.shape for other in others])
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
         for padded, other in zip(sources, others, strict=True):
@@ -105,10 +112,11 @@ def open_view(
 ) -> View | None:
     """Read a photograph, shrink it by a whole number and undo its distortion.
 
-    depth_range_m: least and largest depth of the surface. box_m [2, 3]: lowest and highest corner,
-    in the world frame, of the region of interest; it crops the picture and replaces the depth
-    range. mask: True at the photograph's pixels [height, width] that are of interest. Returns None
-    if the picture shows nothing of interest.
+    camera, pose: of the photograph, pose from world to camera. depth_range_m: least and largest
+    depth of the surface. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
+    of interest; it crops the picture and replaces the depth range. mask: True at the photograph's
+    pixels [height, width] that are of interest. Returns None if the picture shows nothing of
+    interest.
     """
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
@@ -156,7 +164,8 @@ def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Reshape [h, w] to [h / factor, factor, w / factor, factor]; incomplete blocks at the end are
+    """Reshape a picture [h, w] to [h / factor, factor, w / factor, factor], whose axes 1 and 3
+    count the pixels that are to be joined to one; incomplete squares of pixels at the end are
     dropped."""
     h, w = (n // factor for n in picture.shape)
     return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
@@ -169,7 +178,8 @@ def _shrink(picture: np.ndarray, factor: int) -> np.ndarray:
 def _extent(
     box_m: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, width: int, height: int
 ) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom in pixels of the picture's part that may show the box."""
+    """Find the part of a picture that may show the box [2, 3]: left, top, right and bottom in
+    pixels, with a border; the whole picture if a corner of the box is behind the camera."""
     corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3) @ R.T + t
     if (corners[:, 2] <= 0).any():  # a corner is behind the camera
         return (0, 0, width, height)

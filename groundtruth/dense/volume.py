@@ -21,9 +21,12 @@ FINEST_M = 1e-3  # least deviation of a board from its plane
 
 
 class Plane(NamedTuple):
-    """A board's plane in the mesh's frame. axes [3, 3]: unit vectors along rows, two in the plane
-    and its normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first
-    two. rough_m: largest distance of the board from the plane."""
+    """The plane of a board in the mesh's frame.
+
+    origin_m [3]: mean of its corners. axes [3, 3]: unit vectors as rows, two in the plane and its
+    normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first two
+    axes. rough_m: distance from the plane up to which a point may belong to the board.
+    """
 
     origin_m: np.ndarray
     axes: np.ndarray
@@ -31,19 +34,21 @@ class Plane(NamedTuple):
     rough_m: float
 
     def local(self, points_m: np.ndarray) -> np.ndarray:
-        """Coordinates [n, 3] of points along the axes; the last column is their height above the
-        board."""
+        """Convert points [n, 3] to coordinates [n, 3] along the board's axes; the last column is
+        the height above the board."""
         return (points_m - self.origin_m) @ self.axes.T
 
     def around(self, box_m: np.ndarray) -> np.ndarray:
-        """The box [2, 3] in the mesh's frame around one along the axes."""
+        """Return the smallest axis-parallel box [2, 3] in the mesh's frame that contains a box [2,
+        3] given along the board's axes."""
         corners_m = np.array(list(product(*box_m.T))) @ self.axes + self.origin_m
         return np.stack([corners_m.min(axis=0), corners_m.max(axis=0)])
 
 
 def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | None:
-    """The plane of the board that gave the scale (default file: board.toml in the photographs'
-    folder). None without a board, and for one with corners in several planes."""
+    """Fit the plane of the board that gave the scale (board: its file; default: board.toml in the
+    photographs' folder). Returns None if no board gave the scale, or if its corners are in several
+    planes."""
     if sparse.scale.source != "board":
         return None
     corners = load_board(board or photos / "board.toml").corners_m()
@@ -54,8 +59,8 @@ def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | Non
 
 
 def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: float) -> Plane | None:
-    """Fit a plane to corners [n, 3], with its normal towards the cameras' centres [m, 3]; None if
-    the corners are not in one plane. residual_m: root mean square error of the corners."""
+    """Fit a plane to a board's corners [n, 3], with its normal towards the cameras' centres [m, 3];
+    None if the corners are not in one plane. residual_m: root mean square error of the corners."""
     origin_m = corners_m.mean(axis=0)
     _, _, axes = np.linalg.svd(corners_m - origin_m, full_matrices=False)
     axes[2] = np.cross(axes[0], axes[1])
@@ -85,30 +90,38 @@ AT_SIDE, CUT = 0.01, 0.002
 
 @dataclass(frozen=True)
 class Volume:
-    """A volume: box_m [6]: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None:
-    everything); source: how it was determined."""
+    """The box in which depth maps and surface are computed.
+
+    box_m: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: no limits). source: how it
+    was found, in words, as "given" or "the board and cameras".
+    """
 
     box_m: tuple[float, ...] | None
     source: str
 
     @classmethod
     def found(cls, box_m: np.ndarray, source: str) -> "Volume":
-        """The volume of a box [2, 3], rounded to micrometres."""
+        """Make a volume from a box [2, 3] (lowest and highest corner), rounded to micrometres."""
         return cls(tuple(box_m.ravel().round(6).tolist()), source)
 
     def box(self) -> np.ndarray | None:
-        """Lowest and highest corner [2, 3]."""
+        """Return the lowest and highest corner [2, 3], None for a volume without limits."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
     def describe(self) -> str:
-        """Description in one line."""
+        """Describe the volume in one line: how it was found, and its limits."""
         size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"
         return f"volume ({self.source}){size}"
 
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
-    """The given box, or one around the photographed scene: with a board's plane, around the points
-    that rise above it in its surroundings."""
+    """Choose the volume to reconstruct: the given box (xmin, ymin, zmin, xmax, ymax, zmax), or one
+    around the photographed scene.
+
+    With a board's plane, the box is around the sparse points that rise above it near the board;
+    without one, around all sparse points, or without limits if these are few. A box that was found
+    is cut to what enough photographs show.
+    """
     if given is not None:
         return Volume(given, "given")
     points_m = _seen(sparse)
@@ -124,7 +137,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
 
 
 def _seen(sparse: Sparse) -> np.ndarray:
-    """The sparse points [n, 3] in at least FEWEST_VIEWS photographs."""
+    """Return the sparse points [n, 3] that at least FEWEST_VIEWS photographs see."""
     seen = [
         point.xyz
         for point in sparse.model.points3D.values()
@@ -134,8 +147,9 @@ def _seen(sparse: Sparse) -> np.ndarray:
 
 
 def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
-    """The box [2, 3] along a board's axes around the points [n, 3] that rise above it, or its whole
-    surroundings if there are too few; and the description of its source."""
+    """Find the box [2, 3], along a board's axes, around the points [n, 3] that rise above the
+    board, or its whole surroundings if these points are too few. Returns the box and a description
+    of what it was found from. centres_m [m, 3]: the cameras' centres, which limit its height."""
     reach_m = max(REACH_M, float(np.linalg.norm(plane.extent_m[1] - plane.extent_m[0])))
     lowest_camera_m = float(plane.local(centres_m)[:, 2].min())
     ceiling_m = (
@@ -155,8 +169,12 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
 
 
 def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
-    """Narrow an automatic volume to the points of a coarse cloud and the features above the board,
-    with a margin; unchanged if either has too few."""
+    """Narrow a volume that was found automatically to the target, with a margin.
+
+    The target is taken to be the part above the board of the coarse cloud (from depth maps of low
+    resolution) and of the sparse points. The volume is returned unchanged if either has too few
+    such points, or if it has no limits.
+    """
     box = found.box()
     if box is None:
         return found
@@ -180,14 +198,16 @@ def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> 
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:
-    """A box [2, 3] around points [n, 3], with a margin for parts without features."""
+    """Return a box [2, 3] around points [n, 3] without their extremes, enlarged by a margin for
+    parts of the target without features."""
     low, high = np.quantile(points_m, BETWEEN, axis=0)
     room_m = GROWN * np.linalg.norm(high - low)
     return np.stack([low - room_m, high + room_m])
 
 
 def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
-    """The part of a box [2, 3] that enough photographs show; the whole box if there is none."""
+    """Shrink a box [2, 3] to the part that at least FEWEST_VIEWS photographs show, tested on a
+    coarse lattice of its points; the whole box if there is no such part."""
     steps = (np.arange(CELLS) + 0.5) / CELLS
     cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(
         -1, 3
@@ -208,8 +228,9 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
 
 
 def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
-    """Warn if the surface seems to continue beyond an automatic volume. A board, which always does,
-    is ignored."""
+    """Print a warning for each side of an automatic volume that the surface seems to cross, since
+    many of the cloud's points lie at it. The board's own points, which always reach the sides, are
+    ignored."""
     box_m = found.box()
     if box_m is None or found.source == "given":
         return

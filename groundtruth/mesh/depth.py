@@ -21,10 +21,11 @@ class Reference(NamedTuple):
     """Reference depth z_m [ny, nx] of a surface, metres (NaN: no observed surface), and its
     uncertainty along z.
 
-    mesh_sigma_m [ny, nx]: standard deviation of the surface itself, NaN if unknown. leverage [ny,
-    nx, 6 or 7]: derivative of depth by each parameter of `registration`, the transform of the
-    surface, whose error is common to all pixels; both are None if it has no covariance. met [ny,
-    nx]: whether a pixel's ray meets any surface, observed or interpolated; None: unknown.
+    mesh_sigma_m [ny, nx]: standard deviation of the surface itself, NaN if unknown. registration:
+    the transform that moved the surface here, whose error is common to all pixels; leverage [ny,
+    nx, 6 or 7]: derivative of the depth by each of its parameters; both are None if its covariance
+    is unknown. met [ny, nx]: True where a pixel's ray meets any surface, observed or interpolated
+    (None: unknown).
     """
 
     z_m: np.ndarray
@@ -35,7 +36,8 @@ class Reference(NamedTuple):
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] of the depth by the registration, √(g·C·gᵀ); NaN: unknown."""
+        """Standard deviation [ny, nx] of the depth that the registration's uncertainty causes,
+        metres: √(g·C·gᵀ) with the derivatives g and the covariance C; NaN: unknown."""
         if self.leverage is None or self.registration is None:
             return np.full(self.z_m.shape, np.nan)
         variance = np.einsum(
@@ -46,14 +48,14 @@ class Reference(NamedTuple):
 
     @property
     def sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] of the depth: mesh and registration, which are independent;
-        NaN: unknown."""
+        """Standard deviation [ny, nx] of the depth, metres, by the surface and the registration
+        together, which are independent; NaN: unknown."""
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
 def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     """Compute the orthographic depth z [ny, nx] (metres, float64) of a mesh in the radar frame,
-    seen from −z.
+    seen from −z, at the columns x_m [nx] and rows y_m [ny].
 
     NaN where a ray along +z at (x, y) hits no triangle; triangles parallel to the ray are ignored.
     Raises HandbenchError for an implausibly large mesh, e.g. one in millimetres. The ray caster
@@ -68,13 +70,14 @@ def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np
 def reference_on_grid(
     surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
 ) -> Reference:
-    """Compute the depth of a surface as `depth_on_grid` does, with its uncertainty. Pixels whose
-    first hit is interpolated surface are NaN.
+    """Compute the orthographic depth of a surface in the radar frame, seen from −z, at the columns
+    x_m [nx] and rows y_m [ny], with its uncertainty. NaN where a ray first meets interpolated
+    surface, or none.
 
-    surface: in the radar frame; registration: the transform that moved it there, for its
-    covariance. A pixel's depth changes along its ray by n·δ/n_z when the surface, with normal n,
-    moves by δ: σ/|n_z| for an error σ along the normal, and n·J(p)·ξ/n_z for an error ξ of the
-    registration, of first order.
+    registration: the transform that moved the surface to the radar frame, for its covariance. A
+    pixel's depth changes along its ray by n·δ/n_z when the surface, with normal n, moves by δ:
+    σ/|n_z| for an error σ along the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of
+    first order. Raises HandbenchError for an implausibly large surface.
     """
     met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     faces = surface.faces[triangle]
@@ -100,8 +103,8 @@ def reference_on_grid(
 def _cast(
     vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cast rays along +z: the mask [ny, nx] of the rays that hit, and the number [n] of the first
-    triangle of each of these."""
+    """Cast a ray along +z at each point of the grid. Returns the mask [ny, nx] of the rays that
+    meet a triangle, and for these [n], in the mask's order, the index of the first triangle met."""
     # A triangle parallel to the rays has no depth: rounding would choose it before its neighbours,
     # at any z.
     normal = _normal(vertices_m[faces])
@@ -138,16 +141,16 @@ def _by(spans_m: np.ndarray) -> str:
 
 
 def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
-    """Map [ny, nx, ...] with values [n, ...] at the pixels that were hit and `elsewhere` at
-    others."""
+    """Make a map [ny, nx, ...] that has `values` [n, ...] where the mask `hit` [ny, nx] is True,
+    and `elsewhere` at all other pixels."""
     grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """z [n] at (x, y) [n] of the planes through corners [n, 3, 3], not beyond the corners (a steep
-    triangle)."""
+    """Compute z [n] at (x, y) [n] on the planes through triangles' corners [n, 3, 3], limited to
+    the range of the corners' z (which matters for steep triangles)."""
     origin, normal = corners[:, 0], _normal(corners)
     z = (
         origin[:, 2]

@@ -24,8 +24,8 @@ SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
-    """A mesh from vertices [n, 3] in metres and vertex indices [m, 3], counter-clockwise seen from
-    outside."""
+    """Make an Open3D mesh from vertices [n, 3] in metres and triangles [m, 3] of vertex indices,
+    counter-clockwise seen from outside."""
     o3d = load_open3d()
     return o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
@@ -34,7 +34,7 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
 
 
 def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> PointCloud:
-    """A cloud from points [n, 3] in metres and normals [n, 3]."""
+    """Make an Open3D cloud from points [n, 3] in metres and normals [n, 3]."""
     o3d = load_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
     cloud.normals = o3d.utility.Vector3dVector(normals)
@@ -42,7 +42,8 @@ def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> PointCloud:
 
 
 def read_mesh(path: str | Path) -> TriangleMesh:
-    """`read_triangles` as an Open3D mesh."""
+    """Read a triangle mesh (PLY, OBJ, STL; metres) as an Open3D mesh. Raises HandbenchError for a
+    broken file."""
     vertices_m, faces, _ = read_triangles(path)
     return mesh(vertices_m, faces)
 
@@ -118,7 +119,8 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
 
 
 def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> None:
-    """HandbenchError for vertices that are no lengths, or faces without or of other vertices."""
+    """Raise HandbenchError if there are no faces, if a vertex is NaN, infinite or implausibly far,
+    or if a face names a vertex that does not exist."""
     if not any(map(len, polygons)):
         raise HandbenchError(
             f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
@@ -147,8 +149,9 @@ OBJ_WORDS = frozenset(
 
 
 def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """The v and f lines of a Wavefront OBJ file: vertices by axis, and the faces' vertices, a group
-    [count, corners] for each number of corners."""
+    """Read the vertices and faces of a Wavefront OBJ file: the vertices' coordinates [n] by axis,
+    and the faces as arrays [count, corners] of vertex indices, one for each number of corners.
+    Raises ValueError for a line that is not OBJ."""
     vertices: list[tuple[float, ...]] = []
     faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
@@ -172,8 +175,8 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
 
 
 def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
-    """The lines with their numbers, without comments and a byte order mark, continued lines
-    joined."""
+    """Yield the lines of an OBJ file with their numbers, without comments and byte order mark; a
+    line that ends with a backslash is joined with the next."""
     begun = b""
     for number, line in enumerate(stream, 1):
         line = begun + line.removeprefix(codecs.BOM_UTF8).partition(b"#")[0].rstrip()
@@ -187,7 +190,9 @@ def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _corner(word: bytes, vertices: int) -> int:
-    """Index, from 0, of the vertex of a corner such as 7, 7/1/2 or -1 (the last one so far)."""
+    """Return the index, from 0, of the vertex that a corner in an OBJ file names, such as 7, 7/1/2
+    or -1 (the last vertex so far). vertices: number of vertices so far. Raises ValueError for 0 or
+    an excessive number."""
     index = int(word.partition(b"/")[0])
     if index == 0 or abs(index) > MOST:
         raise ValueError
@@ -195,8 +200,9 @@ def _corner(word: bytes, vertices: int) -> int:
 
 
 def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """An STL file, binary if it is as long as its count says, else ASCII; equal corners become one
-    vertex."""
+    """Read an STL file: the vertices' coordinates [n] by axis, and one array [m, 3] of vertex
+    indices; equal corners become one vertex. The file is taken as binary if it is as long as its
+    count says, else as ASCII. Raises ValueError if it is neither."""
     content = path.read_bytes()
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
@@ -219,7 +225,8 @@ STL_WORDS = frozenset(b"solid facet outer endloop endfacet endsolid".split())
 
 
 def _text_corners(content: bytes) -> np.ndarray:
-    """The corners [3 m, 3] of an ASCII STL file, its keywords in any case."""
+    """Read the triangles' corners [3 m, 3] from the content of an ASCII STL file, with keywords in
+    upper or lower case. Raises ValueError for lines that are not STL and for an incomplete file."""
     corners, ends, last = [], 0, b""
     for number, line in enumerate(content.splitlines(), 1):
         match [word.lower() for word in line.split()]:
@@ -270,6 +277,6 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
 
 
 def raycasting_scene(surface: TriangleMesh) -> RaycastingScene:
-    """Create an Embree scene of one mesh, for `cast_rays` (rows [ox, oy, oz, dx, dy, dz], float32,
-    metres)."""
+    """Make an Embree scene of a mesh, whose `cast_rays` takes rays [..., 6] float32: origin and
+    direction (ox, oy, oz, dx, dy, dz), metres."""
     return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

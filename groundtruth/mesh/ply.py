@@ -32,8 +32,9 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 
 class PlyProperty(NamedTuple):
-    """A column: the type of its values and, if each row has a list of them, the type of the list's
-    length. Types are a byte order and a letter, valid for `struct` and numpy."""
+    """One column of a table in a PLY file: its name, the type of its values and, if each row has a
+    list of them, the type of the list's length. Types are a byte order and a letter, valid for
+    `struct` and numpy."""
 
     name: str
     type: str
@@ -42,14 +43,15 @@ class PlyProperty(NamedTuple):
 
 @dataclass(frozen=True)
 class PlyElement:
-    """A table: its name, its number of rows, its columns."""
+    """One table of a PLY file, such as its vertices: name, number of rows and columns."""
 
     name: str
     count: int
     properties: list[PlyProperty]
 
     def dtype(self, lengths: dict[str, int]) -> np.dtype:
-        """Type of one row with lists of these lengths."""
+        """Return numpy's type of one row, if the column of lists with each name has lists of the
+        length in `lengths`."""
         fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
         for p in self.properties:
             fields += [] if p.length is None else [(f"length of {p.name}", p.length)]
@@ -62,10 +64,13 @@ class PlyElement:
 
 
 def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """The numbers [n] that each vertex of a PLY file carries, by name (x, y, z among them), and its
-    faces' vertices, a group [count, corners] for each number of corners; ASCII or binary. Raises
-    ValueError unless the file holds exactly what its header promises. What the numbers are is the
-    caller's to check."""
+    """Read an ASCII or binary PLY file: the numbers [n] that each vertex carries, by name (x, y, z
+    among them), and the faces as arrays [count, corners] of vertex indices, one for each number of
+    corners.
+
+    Raises ValueError unless the file holds exactly what its header promises. Whether coordinates
+    and indices make sense is not checked.
+    """
     content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     order, elements, start = _header(content)
     body = _numbers(content[start:]).tobytes() if order == ORDERS["ascii"] else content[start:]
@@ -84,8 +89,9 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
 
 
 def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
-    """Parse the header: byte order, elements (numbers of an ASCII file become doubles), and offset
-    of their rows."""
+    """Parse the header: byte order, tables, and the offset in bytes at which their rows begin. In
+    an ASCII file all columns are declared as doubles, since its numbers are converted to these.
+    Raises ValueError for a header that is not PLY."""
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
     start = content.find(b"\n", len(head) + 1) + 1
     lines = head.decode("latin-1").split("\n")
@@ -141,7 +147,8 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
 
 
 def _numbers(text: bytes) -> np.ndarray:
-    """Parse all numbers of a text, float64."""
+    """Parse the numbers in a text, separated by blanks and line ends: float64 [n]. Raises
+    ValueError if anything else is in it."""
     # older numpy only warns of words
     with warnings.catch_warnings(action="error", category=DeprecationWarning):
         try:
@@ -151,8 +158,9 @@ def _numbers(text: bytes) -> np.ndarray:
 
 
 def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
-    """Read an element's columns from `offset`: (columns, end offset). Lists of equal length become
-    an array [rows, length], others a list of tuples."""
+    """Read the rows of one table, which begin at `offset`. Returns its columns by name, and the
+    offset at which it ends. Columns of lists of equal length become an array [rows, length], others
+    a list of tuples. Raises ValueError if the file is too short."""
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
     room = len(body) - offset
     if element.count * least > room:
@@ -186,7 +194,8 @@ def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any]
 def _walk(
     element: PlyElement, body: bytes, offset: int, count: int
 ) -> Iterator[tuple[dict[str, Any], int]]:
-    """Yield row after row, each with its end offset."""
+    """Read the first `count` rows of a table one by one: yield each as values by column name, with
+    the offset at which it ends. Raises ValueError if the file is too short."""
     for _ in range(count):
         row = {}
         try:
@@ -209,7 +218,8 @@ def _walk(
 
 
 def _groups(polygons: np.ndarray | list[tuple[float, ...]]) -> list[np.ndarray]:
-    """Polygons' corners [count, corners], a group for each number of corners, fewest first."""
+    """Sort polygons by their number of corners: arrays [count, corners] of vertex indices, fewest
+    corners first. Raises ValueError for an index that is no whole number."""
     if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
         groups = [polygons]
     else:

@@ -24,8 +24,9 @@ FEWEST_POINTS = 500
 
 
 def clean(cloud: Cloud) -> Cloud:
-    """Clean a cloud: one point per voxel, no outliers, normals from neighbours and towards the
-    cameras."""
+    """Clean a cloud: average the points in each voxel of a pixel's size, remove outliers, and
+    estimate normals again from neighbours, on the cameras' side. Raises HandbenchError if the cloud
+    has too few points."""
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
         raise HandbenchError(
@@ -46,7 +47,8 @@ def clean(cloud: Cloud) -> Cloud:
 
 
 def _one_per_voxel(cloud: Cloud) -> Cloud:
-    """Average the points of each voxel; the mean has all views of its points."""
+    """Replace the points in each voxel of a pixel's size by their mean, which counts as seen by all
+    views of these points."""
     voxel = np.floor(
         (cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)
     ).astype(np.int64)
@@ -68,8 +70,8 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
 
 
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
-    """Reconstruct a cloud's surface by Poisson's method, cut far from points and at the box [2, 3],
-    and repaired."""
+    """Reconstruct a cloud's surface by Poisson's method as a mesh, without what is far from all
+    points or outside the box [2, 3], and repaired."""
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)

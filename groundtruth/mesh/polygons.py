@@ -31,7 +31,8 @@ def triangles(points_m: np.ndarray, polygons: Sequence[np.ndarray]) -> np.ndarra
 
 
 def _cut(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The triangles [m, 3] of polygons of equally many corners [count, corners], in their order."""
+    """Cut polygons with equally many corners, [count, corners] of point indices, into triangles [m,
+    3], in the order of the polygons."""
     corners = _from_one_corner(points_m, corners)
     fans = np.stack([corners[:, (0, k, k + 1)] for k in range(1, corners.shape[1] - 1)], axis=1)
     convex = _are_convex(points_m[corners])
@@ -46,7 +47,8 @@ def _cut(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _from_one_corner(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The polygons with their corners turned so that the smallest by x, y, z comes first."""
+    """Rotate the list of each polygon's corners so that the corner smallest by x, then y, then z
+    comes first."""
     x, y, z = np.moveaxis(points_m[corners], 2, 0)
     first = np.lexsort((z, y, x), axis=1)[:, :1]
     turned = (first + np.arange(corners.shape[1])) % corners.shape[1]
@@ -54,8 +56,8 @@ def _from_one_corner(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _are_convex(at_m: np.ndarray) -> np.ndarray:
-    """Whether each polygon [count, corners, 3] is convex, seen along its normal, or has no area;
-    [count]."""
+    """Tell for each polygon, corners at_m [count, corners, 3], whether it is convex seen along its
+    normal, or has no area: a mask [count]."""
     edges = np.roll(at_m, -1, axis=1) - at_m
     normals = _normals(at_m)
     turns = np.cross(edges, np.roll(edges, -1, axis=1))
@@ -70,13 +72,15 @@ def _are_convex(at_m: np.ndarray) -> np.ndarray:
 
 
 def _normals(at_m: np.ndarray) -> np.ndarray:
-    """Each polygon's normal [count, 3], as long as twice its area (Newell's method)."""
+    """Compute each polygon's normal [count, 3], as long as twice its area (Newell's method), from
+    its corners [count, corners, 3]."""
     from_middle_m = at_m - at_m.mean(axis=1, keepdims=True)
     return np.cross(from_middle_m, np.roll(from_middle_m, -1, axis=1)).sum(axis=1)
 
 
 def _clipped(at_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The triangles [m, 3] of one polygon with these corners, which lie at `at_m` [corners, 3]."""
+    """Cut one polygon into triangles [m, 3] by ear clipping. corners: its point indices; at_m
+    [corners, 3]: their places. Raises ValueError if it crosses itself."""
     from mapbox_earcut import triangulate_float64
 
     normal = _normals(at_m[None])[0]

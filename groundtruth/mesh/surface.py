@@ -19,11 +19,12 @@ PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles over vertices [n, 3] (metres), faces [m, 3] counter-clockwise seen from outside.
+    """A triangle mesh with the uncertainty of each vertex: vertices_m [n, 3], and faces [m, 3] of
+    vertex indices, counter-clockwise seen from outside.
 
     sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]:
-    False where fewer than two views saw the surface: it is interpolated there and must not be
-    scored.
+    False where the surface is only interpolated between or beyond the points that were seen; it
+    must not be scored there.
     """
 
     vertices_m: np.ndarray
@@ -37,13 +38,14 @@ class Surface:
         return mesh(self.vertices_m, self.faces)
 
     def moved(self, transform: Transform) -> "Surface":
-        """Move the surface to the transform's target frame. The transform's uncertainty is not
-        added."""
+        """Transform the surface to the transform's target frame, with sigma_m scaled. The
+        transform's own uncertainty is not added."""
         sigma_m = self.sigma_m * abs(transform.scale)
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
 
     def save(self, file: str | Path) -> None:
-        """Write binary PLY with the vertex properties sigma_m and observed, atomically."""
+        """Write the surface as binary PLY, in which each vertex has the properties sigma_m and
+        observed, atomically."""
         vertices = np.empty(len(self.vertices_m), dtype=VERTEX)
         for name, column in zip("xyz", self.vertices_m.T, strict=True):
             vertices[name] = column
@@ -64,8 +66,9 @@ class Surface:
 
 
 def read_surface(file: str | Path) -> "Surface":
-    """Read a mesh (PLY, OBJ, STL; metres) with sigma_m and observed; without them, the uncertainty
-    is unknown and every vertex counts as observed."""
+    """Read a surface from a mesh file (PLY, OBJ, STL; metres), with the vertex properties sigma_m
+    and observed of a PLY. Without them, the uncertainty is unknown and every vertex counts as
+    observed. Raises HandbenchError for a broken file."""
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
     observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0

@@ -21,9 +21,12 @@ Components = Literal["target", "largest", "all"]
 
 @dataclass(frozen=True)
 class TargetParts:
-    """The selected parts of a surface. kept: description; on_board: share of the cloud's points
-    removed with the board; parts: shares of the area of the kept parts, largest first;
-    dropped_parts, dropped: number and share of the others."""
+    """Which connected parts of a surface were kept.
+
+    kept: description in words; on_board: share of the cloud's points that were removed with the
+    board; parts: share of the whole surface's area of each kept part, largest first; dropped_parts,
+    dropped: number of the other parts and their share of the area.
+    """
 
     kept: str
     on_board: float
@@ -33,13 +36,14 @@ class TargetParts:
 
 
 def margin_m(plane: Plane, pixel_m: float) -> float:
-    """Height below which points may belong to the board."""
+    """Return the height above the board's plane, metres, up to which points may belong to the
+    board. pixel_m: size of a pixel of the depth maps on the surface."""
     return max(plane.rough_m, OFF_PX * pixel_m)
 
 
 def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
-    """Remove the points of the board and behind it from a cloud. Raises HandbenchError if none are
-    left."""
+    """Return a cloud without the points of the board and behind it. Raises HandbenchError if too
+    few points are clearly above the board."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
     off = height_m > least_m
     if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
@@ -55,8 +59,12 @@ def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
 def keep_target(
     mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
 ) -> TargetParts:
-    """Remove, in place, unwanted parts of a surface: tiny ones, all but the largest if so chosen,
-    and, with a board, parts that are nowhere much higher than least_m above it."""
+    """Remove unwanted connected parts from a surface, in place, and describe what was kept.
+
+    Removed are tiny parts; all but the largest, if `components` says so; and, with a board's plane,
+    parts that nowhere rise to twice the height least_m above it. Raises HandbenchError if nothing
+    rises so high.
+    """
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
     wanted, kept = (
         np.ones(len(triangles), dtype=bool),

@@ -33,8 +33,12 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 def surface_sigma(
     cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviation [n] along the normal, metres, of the vertices [n, 3] of a cloud's surface,
-    and the mask [n] of observed vertices."""
+    """Compute the standard deviation [n] along the normal, metres, of the vertices [n, 3] of a
+    surface made from a cloud, and the mask [n] of vertices near its points (observed).
+
+    Included are matching, the cameras' uncertainty (known: their covariance; images: the
+    photographs) and the distance from the points, but not the effects of matching windows.
+    """
     distance_m, near = KDTree(cloud.points_m).query(
         vertices_m, k=min(NEIGHBOURS, len(cloud.points_m))
     )
@@ -48,8 +52,9 @@ def surface_sigma(
 def window_sigma(
     vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float
 ) -> np.ndarray:
-    """Standard deviation [n], metres, of vertices [n, 3] of triangles [m, 3] by matching windows,
-    larger near the border of the observed [n] surface."""
+    """Compute the standard deviation [n], metres, that matching windows cause at the vertices [n,
+    3] of a surface with triangles `faces` [m, 3]. It is larger near the border of the observed
+    surface (observed [n]: mask). pixel_m: size of a pixel of the depth maps on the surface."""
     seen = faces[observed[faces].all(axis=1)]
     edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
@@ -64,8 +69,8 @@ def window_sigma(
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:
-    """Variance [n] along the normals, m², of the mean of the views that agree on a cloud's
-    points."""
+    """Compute the variance [n] of a cloud's points along their normals, m², as means over the views
+    that agree on them, from the spread between these views."""
     n = cloud.views.sum(axis=1)
     by_many = n > 2
     spread_m = cloud.spread_m
@@ -78,7 +83,8 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
 def camera_variance(
     cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> np.ndarray:
-    """Variance [n] along the normals, m², of a cloud's points by the uncertainty of the cameras."""
+    """Compute the variance [n] of a cloud's points along their normals, m², that the uncertainty of
+    the cameras causes. images: the registered photographs; known: covariance of their cameras."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
     unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)

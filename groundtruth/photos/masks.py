@@ -25,8 +25,8 @@ SMALLEST = 0.002  # share of the picture below which nothing was found
 
 @dataclass(frozen=True)
 class Masks:
-    """Masks of photographs. files: mask files by the photograph's name; by_colour: segment the
-    target by colour if there are none."""
+    """Where the masks of the target come from. files: mask file of each photograph, by its name;
+    by_colour: segment the target by colour if there are no files."""
 
     files: dict[str, Path] = field(default_factory=dict)
     by_colour: bool = False
@@ -38,8 +38,12 @@ class Masks:
         pose: pycolmap.Rigid3d,
         box_m: np.ndarray | None,
     ) -> np.ndarray | None:
-        """Mask [height, width] of the pixels that show the target; None for all pixels. box_m [2,
-        3]: region of interest in the frame that `pose` starts from."""
+        """Return the mask [height, width] of a photograph's pixels that show the target; None: all
+        pixels are used.
+
+        camera, pose: of the photograph, pose from world to camera; box_m [2, 3]: region of interest
+        in the world frame (None: unknown), used for the segmentation by colour.
+        """
         if self.files:
             return read_mask(self.files[photo.name], photo)
         if not self.by_colour:
@@ -51,9 +55,9 @@ class Masks:
 
 
 def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
-    """Find each photograph's mask in a folder: NAME.jpg.png (as for COLMAP) or NAME.png, nonzero on
-    the target. All are read once. Raises HandbenchError for a missing or empty mask and for one of
-    another size."""
+    """Find the mask file of each photograph in a folder: NAME.jpg.png (as for COLMAP) or NAME.png,
+    nonzero on the target. Returns the files by the photographs' names; each is read once as a
+    check. Raises HandbenchError for a missing or empty mask and for one of another size."""
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
     pictures = {one_form(file.name): file for file in folder.glob("*.png")}
     masks = {}
@@ -78,8 +82,11 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
 
 
 def read_mask(path: Path, photo: Photo) -> np.ndarray:
-    """Read a mask [height, width]: True at its nonzero pixels. A mask of the upright picture of a
-    photograph with an EXIF orientation is rotated to the stored pixels."""
+    """Read a photograph's mask [height, width]: True at nonzero pixels.
+
+    If the mask has the size of the upright picture and the photograph is stored turned (EXIF), it
+    is rotated to the pixels as stored. Raises HandbenchError for another size, and if all is zero.
+    """
     mask = read_gray(path) > 0
     height, width = mask.shape
     if sides_swapped(photo, width, height):
@@ -96,9 +103,9 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 
 
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
-    """Segment the largest region [height, width] within `candidates` [height, width] whose colours
-    differ from the surroundings, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004); None if
-    there is none."""
+    """Segment the target by colour: the largest region within `candidates` [height, width] whose
+    colours differ from the surroundings, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004).
+    Returns its mask [height, width]; None if there is none."""
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -124,7 +131,8 @@ def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
 def _may_show(
     photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
 ) -> np.ndarray:
-    """Mask [height, width] of the box's projection, or of an ellipse in the picture's middle."""
+    """Mark the pixels [height, width] that may show the target: the projection of the box [2, 3],
+    or an ellipse in the picture's middle if there is no box."""
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:
         axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))

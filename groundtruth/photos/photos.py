@@ -57,14 +57,15 @@ def read_exif(path: Path) -> Exif:
 
 
 def orientation_of(exif: Exif) -> int:
-    """Orientation by which a viewer turns the picture: 1 (not at all) to 8."""
+    """Return the EXIF orientation, by which a viewer turns the picture: 1 (not at all, and the
+    default) to 8."""
     value = exif.get(ORIENTATION, 1)
     return int(value) if value in range(1, 9) else 1
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Identity of the camera, focal length and picture size; None if EXIF does not name the
-    camera."""
+    """Identify the camera, its focal length and the picture's size, as texts that are equal for
+    photographs that share a lens setting; None if EXIF does not name the camera."""
     if MODEL not in exif:
         return None
     return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
@@ -73,9 +74,9 @@ def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
 
 
 def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Focal length in pixels, from its equivalent on 35 mm film by the ratio of diagonals (as
-    COLMAP does), or from millimetres and pixels per millimetre (which COLMAP ignores); None if EXIF
-    has neither."""
+    """Read the focal length in pixels from EXIF data: from its equivalent on 35 mm film by the
+    ratio of diagonals (as COLMAP does), or from millimetres and pixels per millimetre (which COLMAP
+    ignores). None if EXIF has neither, or an implausible value."""
     equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
     if equivalent_mm > 0:
         focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)
@@ -95,7 +96,7 @@ def is_plausible(focal_px: float, width: int, height: int) -> bool:
 
 
 def _number(exif: Exif, tag: int) -> float:
-    """A tag's value; 0 where it is missing or no number."""
+    """Return a tag's value as a number; 0 if it is missing or no finite number."""
     try:
         value = float(exif.get(tag, 0))
     except (TypeError, ValueError, ZeroDivisionError):
@@ -105,10 +106,13 @@ def _number(exif: Exif, tag: int) -> float:
 
 @dataclass(frozen=True)
 class Photo:
-    """One photograph: `name` inside its folder, size in pixels, and what its EXIF data say: `body`,
-    equal for photographs of the same camera at the same focal length (None without such data),
-    `orientation`, how a viewer turns it (1, 3, 6 or 8), and `focal_px`, a first guess of the focal
-    length (None without such data)."""
+    """One photograph: its file, its name in its folder, its size in pixels as stored, and what EXIF
+    data say.
+
+    body: equal for photographs of the same camera at the same focal length (None without such
+    data). orientation: how a viewer turns the picture (EXIF's 1, 3, 6 or 8). focal_px: a first
+    guess of the focal length (None without such data).
+    """
 
     path: Path
     name: str
@@ -129,8 +133,9 @@ class Photo:
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
-    """The photographs in `folder` or in `folder/images`, by name; every one is decoded once, so
-    that a broken file is reported before any work starts. At least three are needed."""
+    """Find the photographs in `folder` or, if it has none, in `folder/images`, sorted by name.
+    Every one is decoded once, so that a broken file is reported before any work starts. Raises
+    HandbenchError for fewer than three."""
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
     twice = [name for name, count in Counter(one_form(p.name) for p in paths).items() if count > 1]
@@ -157,15 +162,16 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 
 
 def read_gray(path: Path) -> np.ndarray:
-    """A picture file as intensities [height, width], float32 in 0 … 1: grey, colours, a palette or
-    CMYK, of 8 or 16 bits a channel; transparency is ignored, as in COLMAP."""
+    """Read a picture file as intensities [height, width], float32 in 0 … 1. It may be grey,
+    coloured, with a palette or CMYK, of 8 or 16 bits a channel; transparency is ignored, as in
+    COLMAP."""
     with open_picture(path) as image:
         return _gray(image, path)
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """True if this is the size of the photograph's upright picture and not that of its stored
-    pixels."""
+    """Tell whether width × height is the size of the photograph's upright picture, and not that of
+    its pixels as stored."""
     turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
     return turned and (width, height) == (photo.height, photo.width)
 
@@ -204,7 +210,8 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """The visible files of a folder, sorted."""
+    """List the entries of a folder that are not hidden, sorted; empty if there is no such
+    folder."""
     if not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -234,8 +241,8 @@ def _open(path: Path) -> Photo:
 
 @dataclass(frozen=True)
 class PhotoQuality:
-    """Quality of one photograph: hash of its pixels, sharpness, number of features (counted only
-    until they suffice)."""
+    """Quality of one photograph: hash of its pixels, sharpness (only comparable between
+    photographs), and number of features, counted in a part of the picture if these suffice."""
 
     pixels: str
     sharpness: float
@@ -243,8 +250,9 @@ class PhotoQuality:
 
 
 def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
-    """Leave out repeated photographs and those that are blurred compared with the others, and
-    report them. Raises HandbenchError if fewer than three are left or have texture."""
+    """Return the photographs without repeated ones and without those that are blurred compared with
+    the others; those left out are reported. Raises HandbenchError if fewer than three are left, or
+    fewer than three have texture."""
     looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
@@ -283,9 +291,12 @@ def _without_blurred(
 
 
 def photo_quality(photo: Photo) -> PhotoQuality:
-    """Measure a photograph's quality. Sharpness is the power of the second derivative over that of
-    the first, in the direction where this ratio is smallest: independent of contrast and plain
-    areas, and sensitive to motion blur along a line."""
+    """Measure a photograph's quality: hash of its pixels, sharpness and number of features.
+
+    Sharpness is the power of the second derivative over that of the first, in the direction where
+    this ratio is smallest: independent of contrast and plain areas, and sensitive to motion blur
+    along a line.
+    """
     import cv2
 
     gray = photo.gray()
@@ -305,8 +316,8 @@ def photo_quality(photo: Photo) -> PhotoQuality:
 
 
 def _features(gray: np.ndarray) -> int:
-    """Count features: in the middle quarter if it has enough, since the whole picture takes four
-    times as long."""
+    """Count SIFT features: only those in the middle quarter if they suffice, since the whole
+    picture takes four times as long."""
     import cv2
 
     h, w = gray.shape

@@ -34,7 +34,13 @@ def adjust(
     free: tuple[int, ...] = (),
     scales_px: dict[str, np.ndarray] | None = None,
 ) -> None:
-    """Adjust a model, near the board's frame, in place. Arguments: see `Bundle`."""
+    """Improve a model's cameras and points by bundle adjustment, in place; afterwards all points
+    are triangulated again.
+
+    model: already near the board's frame. corners: the board's corners in each photograph, by its
+    name; corners_m: their places on the board; free: indices of the intrinsics to estimate;
+    scales_px: scales of each photograph's features (as in `Bundle`).
+    """
     for _ in range(ROUNDS):
         with one_blas_thread():  # sums over threads would not repeat bit for bit
             _descend(Bundle(model, corners, corners_m, free, scales_px or {}))
@@ -42,7 +48,8 @@ def adjust(
 
 
 def _descend(bundle: Bundle) -> None:
-    """Minimise the cost of the bundle's model."""
+    """Minimise the adjustment's cost by damped Gauss–Newton steps; the bundle's model is changed in
+    place."""
     damping, equations = 1e-4, bundle.normal()
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)
@@ -67,7 +74,8 @@ def _descend(bundle: Bundle) -> None:
 
 
 def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
-    """Triangulate all points again, including those left out, with the adjusted cameras."""
+    """Triangulate all of the model's points again with the adjusted cameras, which do not change:
+    also points that the adjustment left out because few photographs see them."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in registered_images(model):
         config.add_image(image.image_id)
@@ -85,15 +93,19 @@ def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
 
 @dataclass(frozen=True)
 class CameraCovariance:
-    """Joint covariance [d, d] of all cameras' parameters; places: photograph → its columns, its
-    pose's six first; free: the intrinsics that the others are, by their places."""
+    """Joint covariance [d, d] of the parameters of all cameras.
+
+    places: for each photograph's name, the columns of its parameters in the matrix: six of the pose
+    first, then the estimated intrinsics. free: indices of these intrinsics among the parameters of
+    COLMAP's camera model.
+    """
 
     matrix: np.ndarray
     places: dict[str, np.ndarray]
     free: tuple[int, ...]
 
     def save(self, file: Path) -> None:
-        """Write as .npz."""
+        """Write the covariance to an .npz file."""
         names = tuple(self.places)
         write_npz(
             file,
@@ -105,17 +117,18 @@ class CameraCovariance:
 
     @classmethod
     def load(cls, file: Path) -> "CameraCovariance":
-        """Read what `save` wrote."""
+        """Read a covariance from the .npz file that `save` wrote."""
         found = read_npz(file, ("matrix", "names", "places", "free"), most=KEPT_BYTES)
         places = dict(zip(found["names"].tolist(), found["places"], strict=True))
         return cls(found["matrix"], places, tuple(found["free"].astype(int).tolist()))
 
 
 def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
-    """Covariance of a bundle's cameras in its model's frame.
+    """Compute the joint covariance of the cameras in a bundle adjustment.
 
-    The frame is fixed by the board's corners if there are any, else by known poses, to
-    scale.residual_m. Without either it is the covariance of least trace (inner constraint).
+    The frame is fixed by the board's corners if there are any, else by known camera poses, whose
+    standard deviation is scale.residual_m. Without either it is the covariance of least trace
+    (inner constraint).
     """
     information, _, _ = bundle.normal().reduced(0.0)
     if scale.source == "poses" and scale.residual_m:
@@ -129,9 +142,12 @@ def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
 def point_covariance(
     images: "list[pycolmap.Image]", known: CameraCovariance, points_m: np.ndarray, seen: np.ndarray
 ) -> np.ndarray:
-    """Covariance [n, 3, 3] (m²) of points [n, 3] by the uncertainty of the cameras; seen [n,
-    images]: which photographs see each point. Points follow the moved cameras' rays by least
-    squares."""
+    """Compute the covariance [n, 3, 3] (m²) that the uncertainty of the cameras causes in
+    triangulated points [n, 3].
+
+    known: covariance of the cameras; seen [n, images]: which photographs see each point. A point
+    follows the rays of the moved cameras by least squares.
+    """
     information = np.zeros((len(points_m), 3, 3))
     moved = np.zeros((len(points_m), 3, len(known.matrix)))
     for image, mask in zip(images, seen.T, strict=True):

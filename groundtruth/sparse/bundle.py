@@ -37,9 +37,12 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 
 
 class Observations(NamedTuple):
-    """Observations of one photograph: pixels [n, 2], the numbers [n] of what they show among the
-    model's points and, after these, the board's corners, and the pixels' standard deviations:
-    noise_px times a spread [n, 1]."""
+    """Pixels observed in one photograph.
+
+    pixels [n, 2]; numbers [n]: index of what each shows, in a list of the model's points followed
+    by the board's corners. A pixel's standard deviation is noise_px times its relative spread [n,
+    1].
+    """
 
     image: "pycolmap.Image"
     pixels: np.ndarray
@@ -48,17 +51,19 @@ class Observations(NamedTuple):
     noise_px: float = 1.0
 
     def off(self, xyz: np.ndarray) -> np.ndarray:
-        """The pixels [n, 2] against where the photograph would show points, of which these [p, 3]
-        are all, in standard deviations."""
+        """Compute the residuals [n, 2] of the observed pixels, in standard deviations. xyz [p, 3]:
+        positions of all points and, after them, of the board's corners."""
         return (self.pixels - project(self.image, xyz[self.numbers])) / (
             self.noise_px * self.spread
         )
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of d camera parameters and p points: cameras [d, d] and their right side
-    [d], the points' blocks [p, 3, 3] and right sides [p, 3], what couples both [p, d, 3]; the
-    cost."""
+    """Normal equations of d camera parameters and p points, and the cost.
+
+    cameras [d, d] with right side right [d]; points [p, 3, 3]: each point's own 3 × 3 part, with
+    right sides points_right [p, 3]; coupling [p, d, 3]: the part that couples cameras and points.
+    """
 
     cameras: np.ndarray
     right: np.ndarray
@@ -69,7 +74,7 @@ class NormalEquations(NamedTuple):
 
     @classmethod
     def empty(cls, d: int, p: int) -> "NormalEquations":
-        """Normal equations without observations."""
+        """Make normal equations of d camera parameters and p points that are zero everywhere."""
         return cls(
             np.zeros((d, d)),
             np.zeros(d),
@@ -80,8 +85,9 @@ class NormalEquations(NamedTuple):
         )
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eliminate the points: normal matrix and right side of the cameras, and the inverse of the
-        points' blocks [p, 3, 3]."""
+        """Eliminate the points (Schur's complement). Returns the normal matrix [d, d] and right
+        side [d] of the cameras alone, and the inverses [p, 3, 3] of the points' own parts, whose
+        diagonals are enlarged by the share `damping`."""
         diagonal = np.einsum("pii->pi", self.points)
         inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
         eliminated = self.coupling @ inverse
@@ -95,12 +101,15 @@ class NormalEquations(NamedTuple):
 
 @dataclass
 class Bundle:
-    """A model with its observations. free: the unknown intrinsics, by index among the parameters of
-    COLMAP's camera OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); cameras of other models must be fixed.
+    """A COLMAP model and its observations, for bundle adjustment.
 
-    scales_px: photograph → the scales [n] of its features, where they are known.
-    place: photograph → its columns among all unknowns: its pose's six and then its camera's, which
-    others may share.
+    corners: pixels of the board's corners, by photograph; corners_m: their places on the board.
+    free: indices of the intrinsics to estimate, among the parameters of COLMAP's camera OPENCV (fx,
+    fy, cx, cy, k1, k2, p1, p2); cameras of other models must be fixed. scales_px: scales [n] of
+    each photograph's features, where they are known.
+
+    place: for each photograph's name, its columns among all unknowns: six of its pose, then those
+    of its camera, which other photographs may share.
     """
 
     model: "pycolmap.Reconstruction"
@@ -163,8 +172,8 @@ class Bundle:
         return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Observations]) -> list[Observations]:
-        """Set the noise level of observations from their residuals; points behind the camera are
-        left out."""
+        """Return the observations with a common noise level, estimated from their residuals (median
+        absolute deviation). Observations of points behind the camera are left out."""
         xyz = self._xyz()
         off = [s.off(xyz) for s in seen]
         before = [np.isfinite(each).all(axis=1) for each in off]
@@ -179,9 +188,9 @@ class Bundle:
         ]
 
     def _count_unknowns(self) -> None:
-        """Correct the noise levels for the fitted unknowns, with each kind of observation's share
-        of them (Förstner, "Ein Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN
-        1979)."""
+        """Raise the noise levels to make up for fitted unknowns, which reduce residuals: each kind
+        of observation (features, board corners) by its share of them (Förstner, "Ein Verfahren zur
+        Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
         information, _, _ = self.normal().reduced(0.0)
         of_known, xyz = NormalEquations.empty(self.size, 0), self._xyz()
         for seen in self.known:
@@ -193,12 +202,13 @@ class Bundle:
         self.known = _with_redundancy(self.known, by_known)
 
     def _xyz(self) -> np.ndarray:
-        """Positions [p, 3] of the model's points, and after them of the board's corners."""
+        """Return the positions [p, 3] of the model's points, followed by those of the board's
+        corners."""
         return np.concatenate([self.points_m, *self.corners_m.values()])
 
     def normal(self, jacobians: bool = True) -> NormalEquations:
-        """Compute the normal equations at the model's current state; without jacobians, only the
-        cost."""
+        """Compute the normal equations, and the cost in them, at the model's current state. With
+        jacobians=False only the cost is computed, and the rest is without observations."""
         equations = NormalEquations.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
@@ -230,7 +240,8 @@ class Bundle:
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
     def _add_priors(self, equations: NormalEquations) -> float:
-        """Add the priors of lenses; returns their cost."""
+        """Add to the normal equations what is known of any lens: principal point near the middle,
+        square pixels, small distortion. Returns the cost of the deviations from it."""
         cost = 0.0
         for camera_id, columns in self.intrinsics.items():
             camera = self.model.cameras[camera_id]
@@ -261,7 +272,7 @@ class Bundle:
         return cost
 
     def move(self, step: np.ndarray, points_step: np.ndarray) -> None:
-        """Add a step of the camera parameters [d] and of the points [p, 3]."""
+        """Change the model by a step of the camera parameters [d] and of the points [p, 3]."""
         poses, intrinsics, xyz = self.state()
         for n, (image, pose) in enumerate(zip(self.images, poses, strict=True)):
             poses[n] = _moved(pose, step[self.place[image.name][:POSE]])
@@ -270,7 +281,8 @@ class Bundle:
         self.restore((poses, intrinsics, xyz + points_step))
 
     def state(self) -> "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]":
-        """Current poses, intrinsics and points, for `restore`."""
+        """Return a copy of the current poses, intrinsics and points, from which `restore` sets the
+        model back."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self.points_m
@@ -278,7 +290,7 @@ class Bundle:
     def restore(
         self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]"
     ) -> None:
-        """Set the model to a state."""
+        """Set the model's poses, intrinsics and points to those that `state` returned."""
         poses, intrinsics, self.points_m = state
         for image, pose in zip(self.images, poses, strict=True):
             set_pose(image, pose)
@@ -289,7 +301,8 @@ class Bundle:
 
 
 def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
-    """The pose after a step [6]: x → x + τ + ω × x."""
+    """Return the pose after a small motion on the camera's side, step [6] = translation τ and
+    rotation ω: x → x + τ + ω × x."""
     tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()
     return pycolmap.Rigid3d(
@@ -298,8 +311,8 @@ def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse of an information matrix [d, d], scaled to its diagonal; undetermined
-    directions are left out."""
+    """Invert an information matrix [d, d] (inverse covariance), scaled to a unit diagonal first.
+    Directions that it does not determine get the variance 0."""
     unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     kept = values > GAUGE * values[-1]
@@ -308,7 +321,8 @@ def pseudo_inverse(information: np.ndarray) -> np.ndarray:
 
 
 def _with_redundancy(seen: list[Observations], unknowns: float) -> list[Observations]:
-    """Increase the noise of observations whose residuals were reduced by the fit of `unknowns`."""
+    """Raise the noise level of observations to make up for `unknowns` fitted parameters, which made
+    their residuals smaller."""
     count = 2 * sum(len(s.pixels) for s in seen)
     share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
     return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

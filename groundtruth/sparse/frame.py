@@ -26,9 +26,12 @@ CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those i
 
 @dataclass(frozen=True)
 class Scale:
-    """Source of the metric scale. features: marker corners or camera centres; used: those left
-    after trimming; residual_m: root mean square distance of the used ones after the fit (None
-    without a scale)."""
+    """Where the metric scale comes from, and how well it fits.
+
+    features: number of marker corners, camera centres or distances that were compared; used: those
+    left after outliers were removed. residual_m: root mean square residual of the used ones after
+    the fit (None: not known).
+    """
 
     source: Literal["board", "distances", "poses", "model", "none"]
     features: int = 0
@@ -39,8 +42,12 @@ class Scale:
 def board_from_model(
     model: "pycolmap.Reconstruction", seen: dict[str, Corners], board: Board
 ) -> tuple[np.ndarray, Scale]:
-    """Fit the 4×4 similarity from the reconstruction's frame to the board's to all triangulated
-    corners."""
+    """Fit the similarity [4, 4] from the reconstruction's frame to the board's, by the board's
+    corners triangulated in the reconstruction.
+
+    seen: the corners' pixels, by photograph. Returns the matrix and the quality of the fit. Raises
+    HandbenchError for too few corners or a bad fit.
+    """
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
     for image in registered_images(model):
         for corner, pixel in seen.get(image.name, {}).items():
@@ -59,8 +66,9 @@ def board_from_model(
 def poses_from_model(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, Scale]:
-    """Fit the 4×4 similarity from the reconstruction's frame to that of the known camera poses, by
-    the cameras' centres."""
+    """Fit the similarity [4, 4] from the reconstruction's frame to that of the known camera poses,
+    by the cameras' centres. Returns the matrix and the quality of the fit. Raises HandbenchError
+    for too few known poses or a bad fit."""
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
     pairs = [
         (image.projection_center(), known[image.name])
@@ -79,12 +87,12 @@ def poses_from_model(
 def distances_from_model(
     model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]
 ) -> tuple[np.ndarray, Scale]:
-    """Fit the 4×4 similarity that scales the reconstruction to metres without moving its frame, by
-    least squares over distances between projection centres; the residual is that of the distances
-    (None for a single one).
+    """Fit the scale of the reconstruction to measured distances between projection centres, by
+    least squares.
 
-    Raises HandbenchError if a photograph is not registered or a distance deviates from the fit by
-    more than 2 %.
+    Returns a matrix [4, 4] that only scales, and the quality of the fit, whose residual is that of
+    the distances (None for a single one). Raises HandbenchError if a photograph is not registered,
+    if two centres coincide, or if a distance deviates from the fit by more than 2 %.
     """
     centre = {image.name: image.projection_center() for image in registered_images(model)}
     for distance in distances:
@@ -122,12 +130,13 @@ def distances_from_model(
 def trimmed_similarity(
     source: np.ndarray, target_m: np.ndarray, what: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a similarity (4×4) from points [n, 3] to points [n, 3] in metres, without outliers.
+    """Fit a similarity (4×4) from points [n, 3] to points [n, 3] in metres, without outliers. what:
+    name of the points in messages.
 
     Outliers are found by a fit to all points, or, if three points propose one that fits a majority
     much better (Rousseeuw 1984), by the fit to that majority. Returns the matrix, the mask of used
-    points [n] and all residuals [n]. Raises HandbenchError for fewer than three points, points on a
-    line, a mirror image, and a bad fit (`check_fit`).
+    points [n] and all residuals [n], metres. Raises HandbenchError for fewer than three points,
+    points on a line, a mirror image, and a bad fit (`check_fit`).
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
@@ -152,7 +161,8 @@ def trimmed_similarity(
 def _agreeing(
     source: np.ndarray, target_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`trimmed_similarity` without its checks."""
+    """Fit a similarity without outliers: the matrix, the mask [n] of used points and all residuals
+    [n]. The result is not checked."""
     found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
     if len(source) < FEWEST_FOR_MAJORITY:
         return found
@@ -163,7 +173,8 @@ def _agreeing(
 def _trimmed(
     source: np.ndarray, target_m: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit and remove outliers repeatedly, starting with the points kept [n]."""
+    """Fit a similarity and remove outliers repeatedly, starting from the points in the mask `kept`
+    [n]: the matrix, the mask [n] of used points and all residuals [n]."""
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
     for _ in range(20):
         matrix = umeyama(source[kept], target_m[kept], with_scale=True)
@@ -176,8 +187,9 @@ def _trimmed(
 
 
 def _nearest_majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Mask [n] of the majority with the least squares under a similarity that three points
-    propose."""
+    """Find the majority of points that agree best: a mask [n]. Each triple of points proposes a
+    similarity; chosen is the one under which the nearest 60 % of all points have the least sum of
+    squared residuals."""
     needed, best, least = ceil(MAJORITY * len(source)), np.arange(len(source)), np.inf
     for triple in triples(len(source)):
         if not (_collinear(source[triple]) or _collinear(target_m[triple])):
@@ -195,8 +207,8 @@ def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -
 
 
 def check_fit(residual_m: float, extent_m: float, what: str) -> None:
-    """Raise HandbenchError if the residual of the scale's features exceeds 3 % of their extent.
-    what: name of the features."""
+    """Raise HandbenchError if the residual of a fit exceeds 3 % of the extent of the points that
+    were fitted. what: name of these points in the message."""
     if residual_m > LARGEST_MISFIT * extent_m:
         raise HandbenchError(
             f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, "
@@ -209,7 +221,7 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
 
 
 def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
-    """Transform a reconstruction by `matrix` (4×4 similarity), in place."""
+    """Transform a reconstruction by a similarity `matrix` [4, 4], in place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     model.transform(
         pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3])
@@ -217,8 +229,9 @@ def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
 
 
 def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarray | None:
-    """Triangulate the point [3] of pixels in their photographs; photographs that disagree are left
-    out."""
+    """Triangulate a point [3] from the pixels where photographs see it: a list of (pixel,
+    photograph). Photographs that disagree are left out; None if the point cannot be
+    triangulated."""
     options = pycolmap.EstimateTriangulationOptions()
     options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
     options.ransac.max_error = CORNER_ERROR_PX

@@ -28,9 +28,12 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 @dataclass(frozen=True)
 class SparseInputs:
-    """Inputs of the sparse stage: photos; cameras: known camera of each (None: unknown); board
-    (None: none) and its corners in each photograph; model: a COLMAP model of the photographs (None:
-    they are registered here)."""
+    """What the sparse stage (registration of the photographs) starts from.
+
+    cameras: known camera of each photograph (None: unknown). board: its description (None: no
+    board); corners: the board's corners in each photograph, by its name. model: folder of a COLMAP
+    model of the photographs (None: the photographs are registered here).
+    """
 
     photos: tuple[Photo, ...]
     cameras: tuple[Camera, ...] | None
@@ -48,8 +51,9 @@ class SparseInputs:
         )
 
     def focal_lengths_px(self) -> dict[str, float]:
-        """Focal length of each photograph from the board, or the median of the others' if it shows
-        too little of the board."""
+        """Estimate the focal length of each photograph, by its name, from its view of the board;
+        where it shows too little of the board, the median of the others. Empty without a board or
+        an estimate."""
         if self.board is None:
             return {}
         found = {
@@ -65,8 +69,9 @@ class SparseInputs:
 
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
-    """Find all photographs in a folder and complete the options: files found there, and the device
-    for depth maps. Raises HandbenchError for unusable options."""
+    """Find all photographs in a folder, and complete the options: by cameras.json and board.toml
+    found in the folder, and by the device for depth maps, cpu or cuda. Returns both. Raises
+    HandbenchError for options or masks that cannot be used."""
     options.box()
     devices = 0 if options.dense == "cpu" else cuda_devices()
     if options.dense == "cuda" and not devices:
@@ -85,8 +90,9 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
 
 
 def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
-    """Find all photographs in a folder and add its cameras.json and board.toml to the options,
-    unless others are given."""
+    """Find all photographs in a folder, and complete the options by the cameras.json and board.toml
+    there, unless others are given. Returns both. Raises HandbenchError for contradictory
+    options."""
     photos = find_photos(folder)
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
@@ -104,15 +110,19 @@ def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen
 
 
 def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
-    """Hashes of all files that the cameras' poses depend on, by resolved options."""
+    """List the hashes of everything that the cameras' poses depend on: the photographs, and the
+    files or folders of cameras, board and model (None: not given). options: completed by
+    `resolve`."""
     given = (options.cameras, options.board, options.model)
     hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
     return [content_hash(*(part for photo in photos for part in (photo.name, photo.path))), *hashes]
 
 
 def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
-    """Collect and check the inputs in a folder of photographs, and complete the options with the
-    files found there."""
+    """Collect and check everything for the sparse stage in a folder of photographs: usable
+    photographs, known cameras, and the board's corners. Returns these inputs and the completed
+    options. Raises HandbenchError if nothing gives the scale, or if inputs contradict each
+    other."""
     photos, options = _completed(folder, options)
     photos = select_usable(photos)
     cameras = (
@@ -150,13 +160,15 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
-    """Raise HandbenchError if two mutually exclusive options are given."""
+    """Raise HandbenchError if two options that exclude each other are both given. first, second:
+    their names; advice: end of the message."""
     if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
         raise HandbenchError(f"{first} and {second}: both are given; {advice}")
 
 
 def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> None:
-    """Raise HandbenchError for contradictory options."""
+    """Raise HandbenchError if options contradict each other or need one that is missing, or if one
+    camera's intrinsics are given for photographs of different sizes."""
     _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
     _require_one(options, "model", "intrinsics", "the model has its own")
     _require_one(options, "board", "distances", "give the one you trust more")

@@ -10,16 +10,20 @@ STEP = 1e-6  # of differences, relative
 
 
 def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
-    """Project points [n, 3] to pixels [n, 2] of a photograph (COLMAP's convention)."""
+    """Project points [n, 3] of the model's frame to a photograph's pixels [n, 2] (COLMAP's
+    convention: the first pixel's centre is at 0.5, 0.5)."""
     return _pixels(camera_in(image), _in_camera(image, points_m))
 
 
 def pixel_jacobians(
     image: "pycolmap.Image", points_m: np.ndarray, free: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the projections of points [n, 3]: by the point [n, 2, 3], and by the camera's
-    pose and its intrinsics with indices `free` [n, 2, 6 + k]; central differences of COLMAP's
-    projection."""
+    """Compute the derivatives of the pixels at which a photograph shows points [n, 3].
+
+    Returns those by the point [n, 2, 3], and those by the camera [n, 2, 6 + k]: six of its pose,
+    then k intrinsics, whose indices among COLMAP's parameters are `free`. Central differences of
+    COLMAP's projection.
+    """
     camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
     for axis in range(3):
@@ -48,7 +52,7 @@ def _pixels(camera: "pycolmap.Camera", x: np.ndarray) -> np.ndarray:
 
 
 def _moved(camera: "pycolmap.Camera", k: int, step: float) -> "pycolmap.Camera":
-    """A copy of the camera with parameter k changed by step."""
+    """Return a copy of the camera with parameter number k increased by step."""
     other = type(camera)(camera.todict())
     params = np.array(camera.params)
     params[k] += step

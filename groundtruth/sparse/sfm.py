@@ -37,13 +37,13 @@ LEAST_AGREEING = 0.5
 
 @dataclass(frozen=True)
 class Lenses:
-    """Prior knowledge of the lenses, before registration.
+    """What is known of the lenses before registration.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera
-    that took all photographs, held fixed; without distortion, unless it is free. focal_px: a focal
-    length for every name, where nothing else is known. shared: one lens for all photographs of a
-    size (True), one for each photograph (False), or one for all photographs of one camera body, or
-    of a size where EXIF data do not tell (None).
+    that took all photographs, held fixed; without distortion, unless free_distortion. focal_px:
+    focal length of each photograph, by its name, used where nothing else is known. shared: one lens
+    for all photographs of a size (True), one for each photograph (False), or one for all
+    photographs of one camera body, or of a size where EXIF data do not tell (None).
     """
 
     cameras: tuple[Camera, ...] | None = None
@@ -60,7 +60,7 @@ class Lenses:
         )
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
-        """Names of the photographs, grouped by common camera."""
+        """Group the names of the photographs by the camera that they share."""
         if self.cameras is not None or (self.shared is False and self.intrinsics is None):
             return [[photo.name] for photo in photos]
         by_body = self.shared is None and self.intrinsics is None
@@ -70,7 +70,8 @@ class Lenses:
         return list(groups.values())
 
     def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
-        """The known camera of a photograph; None if it must be estimated."""
+        """Return the known camera of a photograph with this name and size; None if its intrinsics
+        must be estimated."""
         if self.cameras is not None:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
         if self.intrinsics is None:
@@ -82,8 +83,11 @@ class Lenses:
 
 
 def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
-    """A folder where COLMAP finds the photographs under their names: their own, or, where a file
-    has another name or is HEIC, which it does not read, one of links and copies in `folder`."""
+    """Return a folder in which COLMAP finds the photographs under their names.
+
+    This is their own folder, or, where a file has another name or is HEIC (which COLMAP does not
+    read), a new one inside `folder`, with links and converted copies.
+    """
     heic = [photo for photo in photos if photo.path.suffix.lower() in (".heic", ".heif")]
     if not heic and all(photo.path.name == photo.name for photo in photos):
         return photos[0].path.parent
@@ -99,7 +103,8 @@ def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
 
 
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
-    """Detect features, and write them with the known cameras into a new database."""
+    """Detect features in all photographs, and write them and the known cameras into a new COLMAP
+    database at the path `database`."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
@@ -130,8 +135,8 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Set the database's cameras to the known ones, or to the median guess of their focal
-    length."""
+    """Set the cameras in the database: to the known ones, else with the median of the focal lengths
+    known or guessed for their photographs."""
     guess_px = lenses.focal_px or {
         photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
     }
@@ -153,7 +158,8 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 
 
 def match(database: Path, seed: int) -> None:
-    """Match every pair of photographs, and keep the geometrically consistent matches."""
+    """Match the features of every pair of photographs, and write the matches that are geometrically
+    consistent (one epipolar geometry or homography explains them) into the database."""
     say("matching every pair")
     # with more, the index of descriptors does not repeat
     matching = pycolmap.FeatureMatchingOptions(num_threads=1)
@@ -165,7 +171,8 @@ def match(database: Path, seed: int) -> None:
 
 
 def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
-    """COLMAP's options for reproducible registration and triangulation."""
+    """Return COLMAP's options for registration and triangulation whose results depend on the seed
+    only."""
     options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
     options.num_threads = 1  # sums over threads would not repeat bit for bit
     options.mapper.random_seed = options.triangulation.random_seed = seed
@@ -174,8 +181,8 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
 
 
 def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> float:
-    """Keep the matches that agree with the known poses; returns their number relative to that
-    before."""
+    """Drop the matches in the database that contradict the known poses of a model. Returns the
+    share of matches that remain."""
     with pycolmap.Database.open(database) as stored:
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
@@ -184,8 +191,8 @@ def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> f
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Scales [n] of each photograph's features: standard deviation of the blur at which they were
-    found."""
+    """Read the scales of all features: for each photograph's name, an array [n] of the standard
+    deviation, in pixels, of the blur at which each was found."""
     with pycolmap.Database.open(database) as stored:
         keypoints = {
             image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
@@ -200,7 +207,8 @@ def scales_px(database: Path) -> dict[str, np.ndarray]:
 def structure_from_motion(
     photos: tuple[Photo, ...], folder: Path, lenses: Lenses, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """Register the photographs; `folder` (empty) receives COLMAP's database.
+    """Find the cameras' poses and points from photographs alone: a model in an arbitrary frame and
+    scale. `folder` (empty) receives COLMAP's database.
 
     Known lenses are fixed, and so is a known focal length, since planar scenes do not determine it.
     Otherwise everything but the principal point is estimated, starting from EXIF focal lengths.
@@ -240,11 +248,11 @@ def structure_from_motion(
 def triangulate_known_poses(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """Triangulate photographs with known cameras (all with R, t), which do not change; `folder`
-    (empty) receives COLMAP's database.
+    """Triangulate points from photographs with known cameras (all with R, t), which do not change:
+    a COLMAP model. `folder` (empty) receives COLMAP's database.
 
     Photographs with very few points are left out. Raises HandbenchError if the features contradict
-    the poses.
+    the poses, or if fewer than three photographs are left.
     """
     pictures, database = named_pictures(photos, folder), folder / DATABASE
     given = {camera.name: camera for camera in cameras}
@@ -297,8 +305,8 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
 def camera_changes(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [n] between a model's cameras and the given ones, and angles [n] between them,
-    radians."""
+    """Compare a model's cameras with given ones of the same names: distances [n] between their
+    centres, in the model's unit, and angles [n] between their rotations, radians."""
     given = {camera.name: camera for camera in cameras}
     pairs = [
         (image, given[image.name]) for image in registered_images(model) if image.name in given
@@ -313,7 +321,7 @@ def camera_changes(
 
 
 def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
-    """Describe the change of a model's cameras from the given ones."""
+    """Describe in one line how far a model's cameras moved and turned from the given ones."""
     moved, turned_rad = camera_changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (

@@ -44,34 +44,39 @@ DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
 
 @dataclass(frozen=True)
 class Sparse:
-    """A COLMAP model in the mesh's frame, the source of its scale, and the covariance of its
-    cameras (known)."""
+    """Result of the sparse stage: a COLMAP model in the mesh's frame, where its metric scale comes
+    from, and the joint covariance of its cameras (`known`)."""
 
     model: pycolmap.Reconstruction
     scale: Scale
     known: CameraCovariance
 
     def save(self, folder: Path) -> None:
-        """Write everything into a folder."""
+        """Write model, scale and covariance into a folder."""
         write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
         self.known.save(folder / COVARIANCE)
 
     @classmethod
     def load(cls, folder: Path) -> Sparse:
-        """Read what `save` wrote."""
+        """Read the result from the folder into which `save` wrote it."""
         model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
         return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
 
     def cameras(self) -> tuple[Camera, ...]:
-        """The registered photographs' cameras, by name."""
+        """Return the cameras of the registered photographs, sorted by name."""
         return cameras_in(self.model)
 
 
 def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
-    """Register the photographs or load their model, adjust it and transform it to the metric frame.
-    A board takes part in the adjustment."""
+    """Find the cameras of the photographs, or load their model, and bring them into the metric
+    frame, with their covariance.
+
+    Cameras and points are improved by bundle adjustment, in which a board's corners take part;
+    given poses are kept, unless options.refine_poses. Raises HandbenchError if the cameras hardly
+    moved, or nothing gives a consistent scale.
+    """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
@@ -102,7 +107,8 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
 def warn_of_unregistered(
     photos: tuple[Photo, ...], model: pycolmap.Reconstruction
 ) -> tuple[str, ...]:
-    """Report the photographs that are not part of a reconstruction, and return their names."""
+    """Print a warning with the names of the photographs that are not part of a reconstruction, if
+    any, and return these names."""
     known = {image.name for image in registered_images(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
@@ -139,7 +145,8 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
 
 
 def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    """Load the given model; points are triangulated if it has none, with unchanged cameras."""
+    """Load the COLMAP model named in the inputs. If it has no points, they are triangulated with
+    its cameras, which do not change."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
     if model.num_points3D():
@@ -162,7 +169,9 @@ def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycol
 def _free(
     model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> tuple[int, ...]:
-    """Indices of the unknown intrinsics; lenses of other models than COLMAP's OPENCV are fixed."""
+    """Return the indices of the intrinsics to estimate, among the parameters of COLMAP's camera
+    OPENCV; empty if they are known. Cameras of the model with COLMAP's lens model RADIAL become
+    OPENCV ones."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
