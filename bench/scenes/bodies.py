@@ -24,9 +24,9 @@ GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 @dataclass(frozen=True)
 class PhotoBody:
-    """A surface in the photo frame: vertices [n, 3] in metres, faces [m, 3], outward unit normals
-    [n, 3], reflectance; whether it is skin, which shines, and whether it carries the board's
-    markers."""
+    """A surface that the cameras see, in the photo frame. vertices_m [n, 3]; faces [m, 3]; normals
+    [n, 3]: outward unit vectors; albedo: function from points [n, 3] to reflectances [n, 3]; skin:
+    whether it is skin, which may shine; board: whether it carries the board's markers."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -37,7 +37,8 @@ class PhotoBody:
 
 
 def bodies(scene: Scene) -> list[PhotoBody]:
-    """Target, plate and, if the scene has one, block."""
+    """Return the surfaces that the cameras see: target, back plate and, if the scene has one, the
+    block under the forearm."""
     photo_from_radar = scene.radar_from_photo.inverse()
     matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
     target_from_photo, texture = Transform("photo", "target", matrix), _target_texture(scene)
@@ -65,13 +66,14 @@ def bodies(scene: Scene) -> list[PhotoBody]:
 
 
 def texture_seed(scene: Scene) -> int:
-    """Seed of a scene's textures. They add small numbers to it, so seeds of neighbouring scenes are
-    spaced."""
+    """Return the seed of the scene's textures. Each texture adds a small number to it, so that the
+    seeds of neighbouring scenes are 1000 apart."""
     return 1000 * (scene.file.seed + 1)
 
 
 def _target_texture(scene: Scene) -> Albedo:
-    """Reflectance over the target's own frame."""
+    """Return the target's reflectance as a function of points [n, 3] in the target's frame: skin,
+    or foam for the calibration target."""
     assert scene.file.photos is not None  # bodies are for photographs
     target, contrast, seed = (
         scene.file.target,
@@ -92,7 +94,9 @@ def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: boo
 
 
 def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
-    """Reflectance of the back plate: print on its front, plain foam elsewhere."""
+    """Return the back plate's reflectance as a function of points [n, 3] in the photo frame: the
+    print on its front, elsewhere the foam `plain`. pixel_m: size of a camera's pixel on the plate,
+    which blurs the print."""
     import cv2
 
     printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)

@@ -48,8 +48,8 @@ AS_NEAR_M = 1e-9
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone from its proximal joint along the unit vector `axis`; `palmar` is the unit direction
-    of its flexion."""
+    """A bone of the hand. start_m [3]: its proximal joint; axis: unit vector along it, outwards;
+    palmar: unit vector across it to the palm's side, towards which it bends."""
 
     start_m: np.ndarray
     axis: np.ndarray
@@ -62,13 +62,14 @@ class Bone:
         return self.start_m + self.length_m * self.axis
 
     def at(self, along_m: float, palmar_m: float = 0.0, lateral_m: float = 0.0) -> np.ndarray:
-        """The point [3] at `along_m` from the proximal joint, moved towards the palm and
-        sideways."""
+        """Return a point [3] of the bone's surroundings: along_m from the proximal joint along its
+        axis, then palmar_m towards the palm and lateral_m to the side."""
         lateral = np.cross(self.axis, self.palmar)
         return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
 
     def child(self, flexion_deg: float, length_m: float) -> "Bone":
-        """The next bone outwards, bent towards the palm."""
+        """Return the next bone outwards: it starts at this bone's end and is bent by flexion_deg
+        towards the palm."""
         c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
         return Bone(
             self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m
@@ -82,12 +83,14 @@ class Bone:
 
 
 def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
-    """Flesh radii of a digit, as `RADII_MM`, in metres."""
+    """Return the radii in metres of a digit's flesh: at the base of the proximal phalanx, at each
+    joint outwards, and at the tip. name: "thumb" or a finger, such as "index"."""
     return np.array(RADII_MM[name]) * person.girth[name] * 1e-3
 
 
 def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
-    """Bones of every digit, metacarpal first, in the hand frame."""
+    """Return the bones of each digit in the hand frame, by the digit's name: metacarpal first, then
+    the phalanges outwards."""
     turn = hand_from_palm(pose)
     return {
         name: tuple(bone.turned(turn) for bone in digit)
@@ -96,7 +99,8 @@ def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
 
 
 def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
-    """Bones of every digit, metacarpal first, in the palm frame, without the pose's turn."""
+    """Return the bones of each digit in the palm frame (without the pose's turn of the whole hand),
+    by the digit's name: metacarpal first, then the phalanges outwards."""
     fingers = {name: _finger(name, getattr(pose, name), person) for name in FINGERS}
     return {"thumb": _thumb(pose.thumb, person)} | fingers
 
@@ -109,8 +113,9 @@ def hand_from_palm(pose: Pose) -> np.ndarray:
 
 
 def forearm_from_palm(wrist: WristPose) -> np.ndarray:
-    """The rotation [3, 3] that bends the forearm about the wrist, in (radial, distal, palmar)
-    coordinates. The forearm moves against the hand: a flexed wrist brings it to the palm's side."""
+    """Return the rotation [3, 3] that bends the forearm at the wrist, in (radial, distal, palmar)
+    coordinates. The hand stays and the forearm moves: a flexed wrist brings it to the palm's
+    side."""
     flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
     c, s = np.cos(deviation), np.sin(deviation)
     deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -125,9 +130,10 @@ def forearm_direction(pose: Pose) -> np.ndarray:
 
 
 def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
-    """Mask [n] of the points [n, 3] of the skin (hand frame) on the palm's side of the nearest
-    bone, or of the inner one of two at the same distance. For all metacarpals the palm's side is
-    that of the middle one, so that the ball of the thumb belongs to the palm."""
+    """Return the mask [n] of the skin's points [n, 3] (hand frame) that are on the palm's side of
+    the nearest bone (of two at the same distance, the inner one), without the wrist. The palm's
+    side of every metacarpal is that of the middle finger's, so that the ball of the thumb belongs
+    to the palm."""
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
     bones = skeleton(pose, person)
@@ -202,8 +208,8 @@ Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
 @cache
 def person_pose(pose: Pose, number: int) -> Pose:
-    """The pose with joint angles fitted to a person's hand, by number; 0, the mean hand, keeps the
-    pose."""
+    """Return the pose with joint angles fitted to the hand of the person `number`: its digits touch
+    where those of the mean hand do, and nowhere else. 0 is the mean hand, whose pose stays."""
     if number == 0:
         return pose
     from scipy.optimize import least_squares
@@ -234,7 +240,8 @@ def person_pose(pose: Pose, number: int) -> Pose:
 
 
 def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
-    """The smallest and the largest value of an angle."""
+    """Return the smallest and the largest allowed value in degrees of a joint angle, by the names
+    of digit and angle."""
     bounds = type(getattr(pose, digit)).model_fields[angle].metadata
     return next(b.ge for b in bounds if hasattr(b, "ge")), next(
         b.le for b in bounds if hasattr(b, "le")
@@ -242,7 +249,7 @@ def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
 
 
 def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
-    """The pose with other angles of its digits, in the order of ANGLES."""
+    """Return the pose with other joint angles [n] in degrees, all digits in the order of ANGLES."""
     values = iter(map(float, angles_deg))
     digits = {
         digit: getattr(pose, digit).model_copy(update={angle: next(values) for angle in names})
@@ -252,8 +259,9 @@ def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
 
 
 def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
-    """Distances between the flesh of thumb and fingers, of neighbouring fingers beyond their webs,
-    and of fingers and palm; negative: they overlap."""
+    """Return the distances [n] in metres between the flesh of parts of the hand, negative where
+    they overlap: thumb and each finger, thumb and palm, neighbouring fingers (beyond their webs),
+    and each finger and palm. of: the person."""
     bones = skeleton_of_palm(pose, of)
     radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
     flesh = {

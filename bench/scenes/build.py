@@ -38,10 +38,12 @@ STANDS = -0.8
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its true geometry. `target` is only set for a calibration target; `cameras` is
-    empty without photographs; `box_m` [2, 3] is the crop box in the photo frame, around the target
-    without plate and block; `block_m` [2, 3], in the photo frame, is the block under the forearm
-    (None for other targets and raised forearms)."""
+    """A scene with its true geometry. target_mesh: the target's surface in the radar frame; target:
+    the calibration target's description (None for other targets); cameras: empty without
+    photographs; folder: where the files are that the scene names. box_m [2, 3]: lower and upper
+    corner, in the photo frame, of the box to which the target is cropped, without plate and block;
+    block_m [2, 3]: the block under the forearm in the photo frame (None: there is none, as for a
+    raised forearm)."""
 
     file: SceneFile
     target_mesh: TriangleMesh  # radar frame
@@ -69,7 +71,8 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def build(file: SceneFile, folder: str | Path = ".") -> Scene:
-    """Build the scene of a parsed scene file; `folder` has the files that it names."""
+    """Build the scene of a parsed scene file. folder: where the files are that it names. Raises
+    HandbenchError if the target reaches behind the array's plane, or too near to the back plate."""
     target = None
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
@@ -130,7 +133,8 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
 
 
 def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
-    """Files and folders that the scene file names; their content counts as part of the scene."""
+    """Return the paths of the files and folders that a scene file names in `folder`; their content
+    is part of the scene. Raises HandbenchError for one that is missing."""
     folder = Path(folder)
     names = [getattr(file.target, key, None) for key in ("file", "path")]
     names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
@@ -165,7 +169,8 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
 
 
 def spheres(target: Target) -> TriangleMesh:
-    """Surfaces of the foam spheres as one mesh in the target's frame, accurate to 0.01 mm."""
+    """Return the surfaces of the calibration target's foam spheres as one mesh in the target's
+    frame, accurate to 0.01 mm."""
     whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     for element in target.element:
         sphere = sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60)
@@ -175,7 +180,8 @@ def spheres(target: Target) -> TriangleMesh:
 
 
 def _block(target_m: np.ndarray) -> np.ndarray:
-    """A block [2, 3] under the forearm, in the photo frame; the forearm overlaps it a little."""
+    """Return the lower and upper corner [2, 3] of a block under the forearm, in the photo frame;
+    the forearm reaches 12 mm into it. target_m [n, 3]: the hand's vertices."""
     lowest_m = target_m[:, 1].min()
     x, z = target_m[target_m[:, 1] < lowest_m + 0.02][:, [0, 2]].mean(axis=0)
     top = lowest_m + FOREARM_IN_BLOCK_M

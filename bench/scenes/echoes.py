@@ -21,8 +21,9 @@ ROOM_STEP_M = 5e-3
 
 
 def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
-    """Simulate the scene's echoes with the effects of its file. Frames differ only in what changes
-    at random over time."""
+    """Simulate the echoes of a scene with the effects that its file asks for. Frames differ only in
+    what is random over time, such as noise. radar_scene: the result of `echo_scene`, to save its
+    computation. Raises HandbenchError for a scene that would take too long."""
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
     on = {row.effect for row in chosen if row.on}
@@ -37,13 +38,15 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
 def choices(
     scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """Rows of the effects: which are on, and why."""
+    """Return one row per effect of the scene: whether it is on, and why. explain: add to each row
+    the size of the effect, by coarse simulations with and without it."""
     file = scene.file
     return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
 
 
 def echo_scene(scene: Scene) -> EchoScene:
-    """The scene as input of the radar simulation."""
+    """Convert a scene to the input of the radar simulation: target, balls, room, tones in ascending
+    order with the time of each, and the causes of effects."""
     measured_hz = scene.file.sensor.frequencies_hz
     frequencies_hz, first = np.unique(measured_hz, return_index=True)
     return EchoScene(
@@ -61,7 +64,8 @@ def echo_scene(scene: Scene) -> EchoScene:
 
 
 def _target(scene: Scene) -> Body | None:
-    """The target's body; the foam spheres of a calibration target belong to its balls."""
+    """Return the target as a body with its material, in the radar frame; None for a calibration
+    target, whose foam spheres are part of its balls."""
     target = scene.file.target
     if isinstance(target, CalibrationTarget):
         return None
@@ -85,7 +89,8 @@ def _balls(scene: Scene) -> tuple[Ball, ...]:
 
 
 def _room(scene: Scene) -> tuple[Body, ...]:
-    """Back plate and block, if the radar sees them."""
+    """Return the back plate and the block, if there is one, as bodies in the radar frame; none if
+    absorber covers them (no reflectivity_db)."""
     reflectivity_db = scene.file.stand.reflectivity_db
     if reflectivity_db is None:
         return ()
@@ -98,8 +103,8 @@ def _room(scene: Scene) -> tuple[Body, ...]:
 
 
 def antenna_array(scene: Scene) -> AntennaArray:
-    """The scene's array: built in, or a folder next to the scene file with tx_m.csv and
-    rx_m.csv."""
+    """Return the scene's antenna array: the built-in one, or that of a folder next to the scene
+    file, with tx_m.csv and rx_m.csv."""
     if scene.file.sensor.array == BUILT_IN_ARRAY:
         return qar50()
     folder = inside(

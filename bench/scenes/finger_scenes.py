@@ -24,7 +24,8 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder along the radar's y axis through (x_m, z_m)."""
+    """A cylinder, such as a finger, along the radar's y axis; its own axis goes through (x_m,
+    z_m)."""
 
     x_m: float
     z_m: float
@@ -40,8 +41,8 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class CoatedSphere:
-    """A sphere in the radar frame. coat_m: thickness of its outer layer, which has its own
-    dielectric."""
+    """A sphere in the radar frame. radius_m: outer radius; coat_m: thickness of its outer layer,
+    which has another dielectric than the core (0: no layer)."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -60,7 +61,8 @@ def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
 
 
 def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """A finger whose axis is 34 mm in front of the palm's front."""
+    """Return a finger at x_m and a palm behind it, as cylinders; the finger's axis is 34 mm in
+    front of the palm's front."""
     return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
 
 
@@ -87,7 +89,8 @@ NAMED = {  # "SCENE, MATERIAL": both
 
 
 def body(shapes: Sequence[Shape], material: str) -> Body:
-    """Cylinders, with closed ends, and spheres as one body."""
+    """Return cylinders (with closed ends) and spheres as one body of the simulation. material: a
+    name of MATERIALS; for "palm", all of it has the palm's thick horny layer."""
     made = load_open3d().geometry.TriangleMesh()
     for shape in shapes:
         made += shape.mesh()

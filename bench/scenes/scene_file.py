@@ -23,7 +23,8 @@ Offset = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Placed(Config):
-    """A target's placement in the radar frame, and its motion."""
+    """A target's place in the radar frame, and its motion. distance_m: z of the target's origin;
+    offset_m: its x and y; rotation_deg: turns about the fixed x, y and z axes, in this order."""
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Offset, Offset] = (0.0, 0.0)
@@ -32,12 +33,12 @@ class _Placed(Config):
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
-        """The placement as a transform."""
+        """Return the transform from the target's frame to the radar's."""
         return _placed("target", self.rotation_deg, np.eye(3), (*self.offset_m, self.distance_m))
 
 
 class _Solid(_Placed):
-    """A target of one material. Its surface has a relief that its mesh does not show."""
+    """A target of one material. roughness: relief of its surface that its mesh does not show."""
 
     material: Material = Material()
     roughness: Roughness = Roughness()
@@ -47,9 +48,9 @@ _POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "
 
 
 class HandTarget(_Solid):
-    """A parametric hand, in the pose of a letter or with given joint angles ([target.pose]);
-    `distance_m` is the range of its palm's mid-plane; `person`: whose hand, by number; 0 is the
-    mean hand."""
+    """A parametric right hand. pose: a letter of the manual alphabet, or joint angles
+    ([target.pose]); distance_m: range of the palm's mid-plane; edge_m: length of the mesh's edges;
+    person: number of the person whose hand it is (0: the mean hand)."""
 
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
@@ -67,19 +68,20 @@ class HandTarget(_Solid):
 
     @property
     def angles(self) -> Pose:
-        """The joint angles with which the person makes the pose."""
+        """The joint angles with which this person makes the pose."""
         return person_pose(
             POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person
         )
 
     @property
     def build(self) -> Person:
-        """The person's proportions relative to the mean hand."""
+        """The proportions of this person's hand relative to the mean hand."""
         return person(self.person)
 
 
 class CalibrationTarget(_Placed):
-    """The calibration target; `file` (next to the scene file) replaces the default one."""
+    """The calibration target of foam spheres with steel balls. file: its description, next to the
+    scene file (None: the default target)."""
 
     kind: Literal["calibration_target"]
     file: str | None = None
@@ -87,7 +89,8 @@ class CalibrationTarget(_Placed):
 
 
 class MeshTarget(_Solid):
-    """Any closed mesh from a file next to the scene file."""
+    """A target whose surface is any closed mesh. path: its file, next to the scene file; unit: of
+    its coordinates."""
 
     kind: Literal["mesh"]
     path: str
@@ -95,7 +98,7 @@ class MeshTarget(_Solid):
 
 
 class SphereTarget(_Solid):
-    """A sphere about the target's origin."""
+    """A sphere whose centre is the target's origin. edge_m: length of its mesh's edges."""
 
     kind: Literal["sphere"]
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
@@ -113,8 +116,8 @@ class PlateTarget(_Solid):
 
 
 class DihedralTarget(_Solid):
-    """Two square plates at a right angle that opens towards the radar; they meet along the target's
-    y axis."""
+    """A corner reflector of two square plates, side_m wide, at a right angle that opens towards the
+    radar; they meet along the target's y axis. edge_m: length of its mesh's edges."""
 
     kind: Literal["dihedral"]
     side_m: float = Field(default=0.06, gt=0, le=0.5)
@@ -127,7 +130,8 @@ AnyTarget = (
 
 
 class Sweep(Config):
-    """`count` equidistant frequencies, both ends included."""
+    """Frequencies of a sweep: `count` evenly spaced ones from start_hz to stop_hz, both
+    included."""
 
     start_hz: float = Field(gt=0)
     stop_hz: float = Field(gt=0)
@@ -135,8 +139,10 @@ class Sweep(Config):
 
 
 class Sensor(SensorFaults):
-    """The radar: a built-in array or an array file; its frequencies (sweeps, then tones), measured
-    in this order, one every `step_time_s`; and its imperfections."""
+    """The radar. array: the built-in array or a folder with one; sweep, tones_hz: its frequencies,
+    first those of the sweeps, then the tones; they are measured in this order, one every
+    step_time_s. polarisation_deg: direction of the antennas' electric field. The other keys are its
+    imperfections."""
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
@@ -153,15 +159,16 @@ class Sensor(SensorFaults):
 
     @property
     def frequencies_hz(self) -> np.ndarray:
-        """All frequencies [n] in the order of the file."""
+        """All frequencies [n] in Hz, in the order in which they are measured."""
         return np.concatenate(
             [*(np.linspace(s.start_hz, s.stop_hz, s.count) for s in self.sweep), self.tones_hz]
         )
 
 
 class Photos(Config):
-    """The photographs to take. effects: "all" and "auto" both mean every effect that the keys below
-    name; tolerance_mm has no effect."""
+    """The photographs to take: cameras, pictures, sensor, lens, and what makes the photographs less
+    than ideal. effects: "all" and "auto" both mean every effect whose key below is set;
+    tolerance_mm has no effect."""
 
     effects: Literal["all", "auto"] = "all"
     tolerance_mm: float = Field(default=0.01, gt=0)
@@ -193,21 +200,22 @@ class Photos(Config):
 
 
 class Mount(Config):
-    """The stand: pose of the board's frame in the radar frame, relative to a board that faces the
-    radar."""
+    """How the stand is mounted: the pose of its board in the radar frame. offset_m [3]: place of
+    the board's centre; rotation_deg: turns about the fixed x, y and z axes away from a board that
+    faces the radar."""
 
     offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
 
     def radar_from_photo(self) -> Transform:
-        """The true transform."""
+        """Return the true transform from the photo frame (the board's) to the radar frame."""
         return _placed("photo", self.rotation_deg, PHOTO_AXES, self.offset_m)
 
 
 class Stand(Config):
-    """The stand in the echoes. Reflectivity of its plate and block (None: covered by absorber);
-    empty: also write a capture of the empty room (empty.h5); subtract: and subtract it from the
-    echoes."""
+    """The stand as the radar sees it. reflectivity_db: echo amplitude of its plate and block
+    relative to metal (None: covered by absorber, no echo); empty: also write a capture of the empty
+    room (empty.h5); subtract: subtract that capture from the echoes."""
 
     reflectivity_db: float | None = Field(default=None, le=0)
     empty: bool = False
@@ -215,7 +223,8 @@ class Stand(Config):
 
 
 def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names. Raises ValueError for a name that is no effect, or listed twice."""
+    """Check names of effects and return them. Raises ValueError for a name that is not an effect,
+    or that is listed twice."""
     try:
         check_names(names)
     except HandbenchError as error:
@@ -224,9 +233,10 @@ def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class SceneFile(Config):
-    """The content of a scene file. effects: "auto" leaves out effects that together change depths
-    by less than tolerance_mm; or a list of names. depth_step_hz: the step between tones that
-    determines depths."""
+    """The content of a scene file. effects: a list of names, or "auto" to leave out effects that
+    together change depths by less than tolerance_mm. depth_step_hz: step between the two tones from
+    which depth is determined. noise, sensor, target: also name the causes of the effects; photos:
+    None takes no photographs; mount: pose of the stand's board."""
 
     version: Literal[1]
     name: Name
@@ -263,8 +273,8 @@ class SceneFile(Config):
         return self
 
     def of_person(self, number: int) -> "SceneFile":
-        """The scene with a person's hand and placement, and with its own name and seed. Raises
-        HandbenchError for a target that is not a hand."""
+        """Return the scene with the hand of the person `number`, held as that person holds it, with
+        its own name and seed. Raises HandbenchError if the target is not a hand."""
         if not isinstance(self.target, HandTarget):
             raise HandbenchError(
                 f"scene '{self.name}': has the target '{self.target.kind}', but persons are "
@@ -291,14 +301,15 @@ class SceneFile(Config):
 
     @property
     def causes(self) -> Causes:
-        """All causes of effects in the scene."""
+        """What causes effects in the echoes: noise, the target's motion and roughness, and the
+        sensor's imperfections."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 
 def name_of_person(scene: str, number: int) -> str:
-    """The name of a scene with a person's hand."""
+    """Return the name of a scene with the hand of the person `number`, such as "hand-person-03"."""
     return f"{scene}-person-{number:02}"
 
 
@@ -308,8 +319,9 @@ def _placed(
     axes: np.ndarray,
     offset_m: tuple[float, ...],
 ) -> Transform:
-    """radar_from_SOURCE without scale: `axes` [3, 3], turned about the fixed x, y and z axes in
-    this order, then moved by an offset [3]."""
+    """Return the transform from the frame `source` to the radar frame, without scale. A point is
+    first carried by `axes` [3, 3], then turned by angles_deg about the fixed x, y and z axes in
+    this order, then moved by offset_m [3]."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)

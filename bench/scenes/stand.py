@@ -24,7 +24,7 @@ INK, PAPER = 0.04, 0.82  # reflectances
 
 
 def stand_board() -> Board:
-    """The markers on the plate."""
+    """Return the ArUco board that is printed on the back plate: the corners of all markers."""
     half = MARKER_M / 2
     corner = np.array(
         [(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)]
@@ -59,7 +59,8 @@ def plate_print(seed: int) -> np.ndarray:
 
 
 def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) -> np.ndarray:
-    """Smooth noise of unit variance with blots about `scale_m` wide."""
+    """Return smooth noise float32 `shape` of unit variance, with blots about scale_m wide on the
+    plate."""
     import cv2
 
     cells = [max(4, round(side * TEXEL_M / (0.4 * scale_m))) for side in shape]
@@ -69,7 +70,8 @@ def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) 
 
 
 def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> np.ndarray:
-    """View of the square patch of `side_m` around a point of the plate."""
+    """Return the square part of the plate's picture with sides of side_m around a point of the
+    plate; writing to it changes the picture."""
     left = round((PLATE_M[0] / 2 + centre_m[0] - side_m / 2) / TEXEL_M)
     top = round((PLATE_M[1] / 2 - centre_m[1] - side_m / 2) / TEXEL_M)
     side = round(side_m / TEXEL_M)
@@ -77,14 +79,14 @@ def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> n
 
 
 def plate_box_m() -> np.ndarray:
-    """Lower and upper corner [2, 3] of the back plate."""
+    """Return the lower and upper corner [2, 3] of the back plate in the photo frame, in metres."""
     width, height, thickness = PLATE_M
     return np.array([[-width / 2, -height / 2, -thickness], [width / 2, height / 2, 0.0]])
 
 
 def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and outward triangles of a box, lower and upper corner [2, 3], with a grid of
-    `step_m` or finer."""
+    """Return vertices [n, 3] and outward triangles [m, 3] of a box, given by its lower and upper
+    corner [2, 3]. Its sides are divided into a grid with steps of at most step_m."""
     (lower_m, upper_m), vertices, faces, total = box_m, [], [], 0
     for axis in range(3):
         for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
@@ -119,8 +121,9 @@ FOCAL_PER_WIDTH = 1.18
 def rig(
     count: int, width: int, height: int, aim_m: np.ndarray, radar_from_photo: Transform, seed: int
 ) -> tuple[Camera, ...]:
-    """`count` cameras on a ring, all aimed at `aim_m` [3] (radar frame); their R and t are from the
-    photo frame."""
+    """Return `count` cameras on a ring around the radar, all aimed at about aim_m [3] (radar
+    frame), with random deviations by the seed. width, height: of their pictures in pixels. Their
+    poses R, t carry points from the photo frame into the camera's."""
     random = np.random.default_rng([seed, 2])
 
     def camera(number: int) -> Camera:
@@ -158,7 +161,8 @@ def rig(
 
 
 def _look(forward: np.ndarray, roll_rad: float) -> np.ndarray:
-    """Camera-from-radar rotation: z along `forward`, the image upright but for `roll_rad`."""
+    """Return the rotation [3, 3] from the radar frame to a camera that looks along `forward` [3].
+    Its picture is upright but for a turn by roll_rad."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)

@@ -21,7 +21,9 @@ MADE = "made.toml"  # the target as manufactured, next to the scene
 
 @dataclass(frozen=True)
 class Placement:
-    """One placement. scene: the true one; described: the target as its description says."""
+    """The calibration target at one random place. number: of the placement, seed of its draws;
+    scene: the true scene, with the target as manufactured; described: the ideal target, as its
+    description says."""
 
     number: int
     scene: Scene
@@ -29,9 +31,10 @@ class Placement:
 
 
 def placement(number: int, folder: Path, **more: Any) -> Placement:
-    """Draw placement `number`: distance 0.26 to 0.32 m, 20 mm sideways, turned by ±30° about each
-    axis; the board's frame, the antennas' polarisation and the target's errors of manufacture are
-    drawn too. more: further tables of the scene file."""
+    """Draw the placement `number` of the calibration target: at 0.26 to 0.32 m, up to 20 mm
+    sideways, turned by up to 30° about each axis. Drawn too are the pose of the stand's board, the
+    antennas' polarisation, and the target's errors of manufacture, which are written to made.toml
+    in `folder`. more: further tables of the scene file."""
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +64,8 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
-    """One rig and one target, at different places in `count` captures."""
+    """Draw `count` placements of one and the same target and stand; the target's place and the
+    noise differ. number: of the first one; folder: where their files are written."""
     first = placement(number, folder / str(number))
     found = [first]
     for other in range(number + 1, number + count):
@@ -72,7 +76,8 @@ def placements(number: int, count: int, folder: Path) -> list[Placement]:
 
 
 def manufactured_target(target: Target, rng: np.random.Generator) -> Target:
-    """A target as manufactured, with errors drawn from the tolerances of its description."""
+    """Return the target with errors of manufacture, drawn from the tolerances in its description:
+    permittivity of the foam, radii of the spheres, and places of the balls in them."""
     return target.model_copy(
         update={
             "foam_permittivity": max(
@@ -105,9 +110,10 @@ CAMERAS = 8
 def optical_cloud(
     placed: Placement, seen: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points [n, 3] (metres, photo frame) and outward normals [n, 3] that at least two cameras see,
-    not hidden by another sphere, and those of the plate. seen: indices of the elements that are not
-    covered; default: all."""
+    """Simulate the point cloud that eight cameras would reconstruct: points [n, 3] in metres (photo
+    frame) and outward normals [n, 3], both with errors. It has the points of the spheres that at
+    least two cameras see past the other spheres, and points of the plate. seen: indices of the
+    spheres that are in view (None: all)."""
     scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
     rng = np.random.default_rng([placed.number, 8])
@@ -150,8 +156,8 @@ def _sees(
     centres_m: np.ndarray,
     radii_m: np.ndarray,
 ) -> np.ndarray:
-    """True where a camera sees a point [n] of a sphere: not too obliquely, and not hidden by a
-    sphere."""
+    """Return the mask [n] of the points [n, 3] of a sphere (unit normals `outward`) that a camera
+    at eye_m [3] sees: not too obliquely, and not behind any of the spheres (centres_m, radii_m)."""
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

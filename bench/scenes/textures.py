@@ -25,8 +25,9 @@ BLOCK = 50_000  # points per task
 
 
 def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Reflectance [n, 3] of skin at points [n, 3]: low-contrast octaves between 9 and 0.5 mm and
-    fine creases."""
+    """Return the reflectance [n, 3] of skin at points [n, 3]: a skin tone with faint random
+    patterns of 9 to 0.5 mm and fine dark creases. contrast: strength of the patterns, 1 as in
+    nature; seed: of the patterns."""
     shade = np.zeros(len(points_m), dtype=np.float32)
     for octave, (wavelength_m, amplitude) in enumerate(SKIN_OCTAVES):
         shade += 2.2 * amplitude * solid_noise(points_m, wavelength_m, seed + octave)
@@ -42,7 +43,8 @@ def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
 
 
 def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Reflectance [n, 3] of styrofoam: beads of different brightness with darker seams."""
+    """Return the reflectance [n, 3] of styrofoam at points [n, 3]: beads of different brightness
+    with darker seams. contrast: strength of the pattern, 1 as in nature; seed: of the pattern."""
     seam, tone = cells(points_m, BEAD_M, seed)
     shade = 0.16 * tone - 0.35 * np.exp(-((seam / (0.12 * BEAD_M)) ** 2))
     shade += 0.06 * solid_noise(points_m, 0.6e-3, seed + 1)
@@ -52,7 +54,8 @@ def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
 
 
 def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
-    """Reflectance [n, 3] of extruded foam board: nearly plain."""
+    """Return the reflectance [n, 3] of extruded foam board at points [n, 3]: a nearly plain
+    blue-grey."""
     grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(
         points_m, 0.8e-3, seed + 1
     )
@@ -60,14 +63,15 @@ def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
 
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:
-    """Band-limited gradient noise [n] (about ±1) whose typical period is `wavelength_m`, at points
-    [n, 3]."""
+    """Return smooth random values [n] (about ±1) at points [n, 3], whose typical period in space is
+    wavelength_m; the same for the same seed."""
     return _at_points(_gradient_noise, points_m / wavelength_m, seed, 1)[0]
 
 
 def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random (Worley) cells of about `size_m`, at points [n, 3]: the distance to the nearest wall
-    [n], metres, and a random brightness of the cell [n] in ±1."""
+    """Divide space into random (Worley) cells of about size_m. Returns for points [n, 3] the
+    distance [n] in metres to the nearest wall of their cell, and a random brightness [n] of the
+    cell, −1 to 1."""
     seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
     return size_m * seam, tone
 
@@ -75,7 +79,8 @@ def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, n
 def _at_points(
     kernel: Callable[..., None], points: np.ndarray, seed: int, count: int
 ) -> np.ndarray:
-    """`count` values [count, n] of a kernel at points [n, 3] in lattice units, on all cores."""
+    """Return `count` values at each point, float32 [count, n], from a compiled kernel that is run
+    on all cores. points [n, 3]: in units of the kernel's lattice."""
     result = np.empty((count, len(points)), dtype=np.float32)
 
     def work(first: int) -> None:
@@ -115,7 +120,8 @@ def _fade(offset: float) -> float:
 
 @njit(nogil=True, cache=True)
 def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Perlin's noise with hashed gradients and quintic weights."""
+    """Fill in result [0, n] with Perlin's noise at points [n, 3] in lattice units, about ±1: hashed
+    gradients with quintic weights."""
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -132,7 +138,8 @@ def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> 
 
 @njit(nogil=True, cache=True)
 def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Worley's cells: one jittered centre per lattice cube."""
+    """Fill in result [2, n] with Worley's cells at points [n, 3] in lattice units, one random
+    centre per lattice cube: distance to the nearest wall, and brightness of the cell."""
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -168,8 +175,8 @@ NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 @dataclass(frozen=True)
 class Crease:
-    """A fold of the skin: in the plane through `centre_m` perpendicular to `axis`, on the `palmar`
-    side, within `reach_m`."""
+    """A fold of the skin across a digit. It lies in the plane through centre_m perpendicular to the
+    unit vector `axis`, on the side to which `palmar` points, within reach_m of its centre."""
 
     centre_m: np.ndarray
     axis: np.ndarray
@@ -178,7 +185,9 @@ class Crease:
 
 
 class Skin:
-    """Reflectance of a posed hand's skin."""
+    """Reflectance of a posed hand's skin, with flexion creases, the palm's lines and nails. Call it
+    with points in the hand frame. contrast: strength of texture and creases; seed: of the
+    texture."""
 
     def __init__(self, pose: Pose, contrast: float, seed: int, person: Person = MEAN) -> None:
         self.contrast, self.seed, self.palm = contrast, seed, person.palm
@@ -221,7 +230,8 @@ def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]
 
 
 def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Depth of the flexion creases at each point [n], 0 to 1."""
+    """Return the depth [n] of the flexion creases at points [n, 3], 0 (none) to 1. wobble_m [n]: by
+    how much the creases are displaced there, so that they are not straight."""
     fold = np.zeros(len(points_m))
     for crease in creases:
         relative = points_m - crease.centre_m
@@ -233,7 +243,9 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
 
 
 def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Depth of the palm lines at each point [n] of the mean palm, 0 to 1."""
+    """Return the depth [n] of the palm's lines, 0 (none) to 1, at points [n, 3] of the mean palm in
+    (radial, distal, palmar) coordinates. wobble_m [n]: displaces the lines, so that they are not
+    straight."""
     radial_distal_palmar = 1e3 * radial_distal_palmar_m
     low, high = PALM_HEIGHT_MM
     on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)
@@ -258,7 +270,8 @@ def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.nd
 
 
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:
-    """Factor [n, 3] on the skin's reflectance: a paler plate with a dark border."""
+    """Return the factor [n, 3] by which a nail changes the skin's reflectance at points [n, 3]: a
+    paler plate with a dark border on the back of the end phalanx `bone`."""
     relative = points_m - bone.at(0.80 * bone.length_m)
     along, across = (
         relative @ bone.axis / (0.95 * radius_m),

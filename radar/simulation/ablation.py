@@ -46,15 +46,17 @@ REFLECTING = frozenset({"skin", "dielectric"})  # effects that change echoes ove
 
 @dataclass(frozen=True)
 class Change:
-    """Change of a depth map if effects are left out. depth_mm: mean |Δz| of the pixels on target in
-    both maps; pixels: lost and gained pixels as a share of those on target with all effects."""
+    """How a depth map changes if effects are left out. depth_mm: mean |Δz| over the pixels that
+    have a depth in both maps; pixels: number of lost and gained pixels over the number of pixels
+    with all effects."""
 
     depth_mm: float
     pixels: float
 
     @classmethod
     def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> "Change":
-        """Compare depths [ny, nx], NaN off target, with and without some effects."""
+        """Compare two depth maps [ny, nx] in metres, NaN off the target: with all effects (whole_m)
+        and with some left out (without_m)."""
         there, still = np.isfinite(whole_m), np.isfinite(without_m)
         moved_m = np.abs(whole_m - without_m)[there & still]
         count = max(int(there.sum()), 1)
@@ -65,13 +67,17 @@ class Change:
 
 
 def worst_mm(changes: Mapping[str, Change]) -> float:
-    """Largest change among the methods' maps, lost and gained pixels included."""
+    """The largest change over the methods' depth maps, in mm: the mean |Δz|, or the share of lost
+    and gained pixels times 10 mm, whichever is larger."""
     return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
 
 
 class Ablation:
-    """A coarse simulation of a scene with `effects`, in their order; `change(without)` compares it
-    with one that leaves some out. contained: effect → the effect that includes it."""
+    """A coarse simulation of a scene with `effects`, applied in this order, and its depth maps;
+    `change` and `level_db` compare it with a simulation that leaves some effects out.
+
+    contained: effect → the effect that includes it (a blurred shadow includes a sharp one), so that
+    the former is not applied while the latter is."""
 
     def __init__(
         self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]
@@ -91,13 +97,14 @@ class Ablation:
         self.maps = self._imaged(self.samples)
 
     def change(self, without: Iterable[str]) -> dict[str, Change]:
-        """The change of each method's map where these effects are left out."""
+        """Return by method ("2fsk", "3fsk", "narrowband"; "3fsk" alone without close tones) how its
+        depth map changes if the effects `without` are left out."""
         maps = self._imaged(self._left_out(frozenset(without)))
         return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
 
     def level_db(self, without: Iterable[str]) -> float:
-        """Power of the echoes' change if these effects are left out, relative to the echoes with
-        all effects."""
+        """Return how much the samples change if the effects `without` are left out: power of the
+        difference over that of the samples with all effects, in dB (−inf: no change)."""
         change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
         return (
             float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30)))
@@ -111,9 +118,9 @@ class Ablation:
         return self._made[without]
 
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
-        """Simulate samples complex64 [f, t, r] without some effects. Echoes over two places are
-        reused from the full simulation, unless an effect of the surface's reflection is left
-        out."""
+        """Simulate samples complex64 [f, t, r] with all effects but `without`. Multiple bounces are
+        taken over from the simulation with all effects, unless an effect that changes the surface's
+        reflection is left out."""
         names = {effect.id for effect in self.effects} - without
         names = {name for name in names if self._contained.get(name) not in names}
         echoes, applied = bare_echoes(self.scene, 1, TOLERANCE), tuple[str, ...]()
@@ -134,7 +141,8 @@ class Ablation:
         return replace(echoes, extra={**echoes.extra, **self._bounced})
 
     def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        """Depths [ny, nx] of each method's map."""
+        """Return the depth map [ny, nx] in metres of each method, NaN off the target, from samples
+        [f, t, r]."""
         x, y, z, size_px = self._grid
         if not samples.any():
             nothing = np.full((len(y.values_m()), len(x.values_m())), np.nan)
@@ -156,8 +164,9 @@ class Ablation:
 
 
 def _coarse(scene: EchoScene) -> EchoScene:
-    """The coarse scene: the highest tone and tones a coarse and a fine depth step below it,
-    ascending; coarse surfaces; the same ray caster as the full simulation."""
+    """Return the scene for a quick, coarse simulation: three tones (low, close to the highest,
+    highest; ascending) and facets with edges twice as long. It shares the full scene's ray
+    caster."""
     high_hz, low_hz = scene.pair_hz
     tones_hz = np.array(
         [low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz]
@@ -170,9 +179,9 @@ def _coarse(scene: EchoScene) -> EchoScene:
 
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
-    """Axes of a box around the target's facets and balls, and the size of the filters in pixels.
-    With a room, which may be brighter than the target, the box is as wide as the methods'
-    images."""
+    """Return the axes x, y, z of a box around the target's facets and balls, and the width of the
+    methods' averaging filters in pixels (odd). With a room, which may be brighter than the target,
+    the box is as wide as the methods' images."""
     points_m = bare_echoes(scene).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m

@@ -21,10 +21,10 @@ OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect. id: name in scene files and in known_effects.toml; needs: description of its
-    cause; cause: whether a scene has the cause; apply: adds the effect to the echoes; cost_s:
-    estimated CPU seconds (effects that cost nothing are always on); estimate: quick estimate of its
-    size (None: unknown)."""
+    """One effect of simulated echoes. id: its name in scene files and in known_effects.toml; needs:
+    the cause that a scene must have, in words; cause: whether a scene has it; apply: returns the
+    echoes with the effect; cost_s: estimated CPU seconds (0, the default: always on); estimate:
+    quick estimate of its size (None: unknown)."""
 
     id: str
     needs: str
@@ -34,7 +34,7 @@ class Effect:
     estimate: Callable[[EchoScene], QuickEstimate | None] = lambda scene: None
 
     def missing(self, scene: EchoScene) -> str:
-        """The cause that the scene lacks; "" if it has it."""
+        """Return in words the cause that the scene lacks for this effect; "" if it has it."""
         return "" if self.cause(scene) else self.needs
 
 

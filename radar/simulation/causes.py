@@ -9,9 +9,9 @@ from handbench.support.config import Config
 
 
 class Noise(Config):
-    """Thermal noise: phase_noise_rad, standard deviation of the phase *between two tones* at the
-    strongest pixel; or snr_db, the strongest pixel's power against the noise in the image of one
-    tone. Nothing: no noise."""
+    """Thermal noise of the receivers, by one of two keys. phase_noise_rad: standard deviation of
+    the phase *between two tones* at the strongest pixel; snr_db: power of the strongest pixel over
+    that of the noise in the image of one tone. Neither given: no noise."""
 
     phase_noise_rad: float = Field(default=0.0, ge=0)
     snr_db: float | None = Field(default=None, ge=-200, le=200)
@@ -30,17 +30,18 @@ class Noise(Config):
 
 
 class Oscillator(Config):
-    """Phase noise of the common oscillator: level_dbc_hz at 1 MHz from the carrier, falling with
-    1/f²; bandwidth_hz of the receiver's filter. Transmitter and receiver share it, so that the
-    target's short delay cancels most of it."""
+    """Phase noise of the common oscillator. level_dbc_hz: noise power per Hz relative to the
+    carrier's, 1 MHz from it (None: no noise); it falls with 1/f². bandwidth_hz: of the receiver's
+    filter. Transmitter and receiver share the oscillator, so that the target's short delay cancels
+    most of it."""
 
     level_dbc_hz: float | None = Field(default=None, ge=-300, lt=0)
     bandwidth_hz: float = Field(default=1e6, gt=0)
 
     @property
     def density(self) -> float:
-        """Noise density over the carrier's power, 1/Hz, at 1 MHz from the carrier; 0 without a
-        level."""
+        """Power density of the noise over the carrier's power in 1/Hz, at 1 MHz from the carrier; 0
+        without a level."""
         return 0.0 if self.level_dbc_hz is None else 10 ** (self.level_dbc_hz / 10)
 
 
@@ -48,16 +49,16 @@ Direction = tuple[float, float, float]
 
 
 def require_direction(direction: Direction) -> Direction:
-    """Raise ValueError for a direction without a length."""
+    """Return the direction. Raises ValueError if its length is (almost) zero or extremely large."""
     if not 1e-6 < sum(part**2 for part in direction) < 1e6:
         raise ValueError("expected a direction as [0, 0, 1]")
     return direction
 
 
 class Motion(Config):
-    """Rigid motion of the target along `direction` (radar frame): a sine of tremor (peak
-    amplitude_m, frequency_hz, random phase) plus a constant velocity_m_s. At the first tone of each
-    frame the displacement is zero."""
+    """Rigid motion of the target along `direction` (radar frame): tremor, a sine with the peak
+    amplitude_m, frequency_hz and a random phase, plus a constant velocity_m_s. The displacement
+    counts from the target's place at the start of each frame."""
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
@@ -66,9 +67,10 @@ class Motion(Config):
 
 
 class Roughness(Config):
-    """Relief of the target that its mesh does not have: heights of standard deviation rms_m, whose
-    correlation falls as exp(−r²/correlation_m²); and a print's layer lines, layer_depth_m from
-    ridge to valley and layer_pitch_m apart along `layers_along` (radar frame)."""
+    """Relief of the target that its mesh does not show: random heights with standard deviation
+    rms_m, whose correlation falls with distance r as exp(−r²/correlation_m²); and the layer lines
+    of a print, layer_depth_m from ridge to valley and layer_pitch_m apart along the direction
+    layers_along (radar frame)."""
 
     rms_m: float = Field(default=0.0, ge=0, le=1e-3)
     correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
@@ -78,46 +80,47 @@ class Roughness(Config):
 
     @property
     def sigma_m(self) -> float:
-        """Standard deviation of all heights; the lines' profile is a sine."""
+        """Standard deviation of all heights in metres, layer lines (a sine) included."""
         return float(np.hypot(self.rms_m, self.layer_depth_m / np.sqrt(8)))
 
 
 class Pattern(Config):
-    """Antenna pattern: beamwidth_deg, the full width at half power of one antenna, as a power of
-    cos θ."""
+    """Antenna pattern of each antenna, a power of cos θ. beamwidth_deg: its full width at half
+    power (None: the same in all directions)."""
 
     beamwidth_deg: float | None = Field(default=None, gt=1, lt=180)
 
     @property
     def exponent(self) -> float:
-        """q of the amplitude cosᵠθ whose power, cos²ᵠθ, is halved at half the beamwidth off the
-        axis; 0: even."""
+        """The exponent q of the amplitude pattern cosᵠθ: its power, cos²ᵠθ, is half at half the
+        beamwidth off the axis. 0 without a beamwidth: the same in all directions."""
         if self.beamwidth_deg is None:
             return 0.0
         return float(-np.log(2) / (2 * np.log(np.cos(np.radians(self.beamwidth_deg) / 2))))
 
 
 class Coupling(Config):
-    """Leakage from transmitters to receivers: level_db, its mean power over the channels against
-    the target's."""
+    """Leakage from transmitters to receivers. level_db: its power, averaged over all channels,
+    relative to that of the target's samples (None: no leakage)."""
 
     level_db: float | None = Field(default=None, ge=-200, le=200)
 
     @property
     def amplitude(self) -> float:
-        """The level as an amplitude; 0 without a level."""
+        """The leakage's amplitude relative to that of the target's samples; 0 without a level."""
         return 0.0 if self.level_db is None else 10 ** (self.level_db / 20)
 
 
 class Positions(Config):
-    """Standard deviation of each antenna's true position about the one in the capture, per axis."""
+    """Errors of the antennas' positions. sigma_m: standard deviation, along each of x, y and z, of
+    an antenna's true position from the nominal one that the capture states."""
 
     sigma_m: float = Field(default=0.0, ge=0, le=0.01)
 
 
 class Channels(Config):
-    """Standard deviations of each antenna's gain (dB), phase (rad, the same at all tones) and delay
-    (as a length)."""
+    """Errors of each antenna's channel, as standard deviations: gain_db; phase_rad, the same at all
+    tones; delay_m, a delay as a length in metres."""
 
     gain_db: float = Field(default=0.0, ge=0, le=100)
     phase_rad: float = Field(default=0.0, ge=0, le=100)
@@ -125,22 +128,24 @@ class Channels(Config):
 
 
 class Dead(Config):
-    """Numbers of the antennas whose samples are zero."""
+    """Antennas whose samples are zero. tx, rx: numbers of the transmitters and of the receivers,
+    from 0."""
 
     tx: tuple[int, ...] = ()
     rx: tuple[int, ...] = ()
 
 
 class Converter(Config):
-    """Analogue-to-digital conversion: bits of each quadrature; headroom_db between the largest
-    sample and full scale (negative: the largest are clipped)."""
+    """Analogue-to-digital conversion. bits: of each quadrature (None: exact); headroom_db: by how
+    much full scale is above the largest sample (negative: the largest samples are clipped)."""
 
     bits: int | None = Field(default=None, ge=1, le=32)
     headroom_db: float = Field(default=6.0, ge=-100, le=200)
 
 
 class SensorFaults(Config):
-    """Imperfections of a sensor."""
+    """Imperfections of a sensor: what causes the effects of this name in simulated echoes. The
+    defaults are ideal."""
 
     oscillator: Oscillator = Oscillator()
     pattern: Pattern = Pattern()
@@ -152,7 +157,8 @@ class SensorFaults(Config):
 
 
 class Causes(SensorFaults):
-    """All causes of a scene."""
+    """What causes effects in a scene's echoes: imperfections of the sensor, noise, and the target's
+    motion and roughness."""
 
     noise: Noise = Noise()
     motion: Motion = Motion()

@@ -32,10 +32,13 @@ NEAR = 5.0
 
 @dataclass(frozen=True)
 class Scatterers:
-    """Points that scatter: position_m [p, 3]; weight [p] (surface area in m² for physical optics,
-    any amplitude for points); normal [p, 3] unit vectors (None: even scattering); delay_m [p]:
-    extra one-way optical path (None: 0); seen: which antennas see each point, (bool [t, p], bool
-    [r, p]) (None: all); sight: share of each antenna's field at each point (None: full)."""
+    """Points that scatter. position_m [p, 3]; weight [p]: surface area in m² for physical optics,
+    or any amplitude for points; normal [p, 3]: unit vectors (None: they scatter evenly in all
+    directions); delay_m [p]: extra one-way optical path (None: 0).
+
+    seen: masks (bool [t, p], bool [r, p]) of the transmitters and the receivers that see each point
+    (None: all do); sight: complex share of each antenna's field that reaches each point by
+    diffraction (None: all of it)."""
 
     position_m: np.ndarray
     weight: np.ndarray
@@ -45,7 +48,7 @@ class Scatterers:
     sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> Scatterers:
-        """Some of the scatterers, by mask or index [n]."""
+        """Return the scatterers that a mask [p] or indices [n] select."""
         seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
         normal, delay_m = (
             None if values is None else values[chosen] for values in (self.normal, self.delay_m)
@@ -65,14 +68,16 @@ def simulate(
     pattern: float = 0.0,
     sight_tolerance: float = 0.0,
 ) -> np.ndarray:
-    """Simulate noise-free samples complex64 [f, t, r]. spreading=False leaves out g: the exact
-    adjoint of backprojection. pattern: exponent q of the antennas' amplitude pattern cosᵠθ, θ from
-    the z axis; a factor of g.
+    """Simulate noise-free samples of scatterers: complex64 [f, t, r], by tone, transmitter and
+    receiver. Raises HandbenchError for invalid positions and for scatterers on an antenna.
 
-    tolerance: relative L2 error of the fast chain (see `radar.imaging.api`); None sums every tone
-    of every scatterer. sight_tolerance: the same for scatterers in partial sight, if larger;
-    skeletons are then used for them too.
-    """
+    spreading: False leaves out the gains g (decay with 1/R, obliquity and pattern), which makes
+    this the exact adjoint of backprojection. pattern: exponent q of the antennas' amplitude pattern
+    cosᵠθ, with θ from the z axis.
+
+    tolerance: relative L2 error of the fast summation; None sums every scatterer at every tone.
+    sight_tolerance: used instead, if it is larger, for scatterers with partial sight
+    (diffraction)."""
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
         _check(scatterers, array, spreading)
@@ -109,8 +114,8 @@ def simulate(
 
 
 def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """The scatterers that at least one transmitter and one receiver see, and the mask [p] of those
-    that not all antennas see."""
+    """Leave out scatterers that no transmitter or no receiver sees. Returns the others, and the
+    mask of those of them that are hidden from some antenna."""
     if scatterers.seen is None:
         return scatterers, np.zeros(len(scatterers.position_m), bool)
     tx, rx = scatterers.seen
@@ -140,8 +145,8 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
 def _source(
     part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
 ) -> PackedScatterers:
-    """Pack scatterers for the kernels; points_m [3, p]: their positions; whole: 1 with masks, 2
-    with sight."""
+    """Pack scatterers into the arrays of the compiled kernels. points_m [3, p]: their positions;
+    whole: 1 if the masks `seen` apply, 2 if the shares `sight` do."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = (
@@ -160,9 +165,9 @@ def _source(
 def _bent(
     scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
 ) -> np.ndarray:
-    """Mask [p] of the points whose gain is not smooth over the array's box: points near the array,
-    facets at grazing incidence or turned away for some corner, and points far off the axis of the
-    pattern."""
+    """Mark the points [p] whose gain is not smooth over the box around all antennas, so that it
+    cannot be interpolated: points close to the array, facets that some corner of the box sees at a
+    grazing angle or from behind, and points far off the axis of the antennas' pattern."""
     antennas = np.concatenate([array.tx_m, array.rx_m])
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
@@ -230,8 +235,8 @@ def _simulate_exactly(
 def _gain(
     points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float
 ) -> np.ndarray:
-    """Gains [a, p]: 1/R, times the square root of the obliquity n·û for scatterers with normals,
-    times cosᵠθ."""
+    """Amplitude gains float32 [a, p] from antennas to points: 1/R, times √(n·û) (obliquity) where
+    the points have normals, times cosᵠθ (the antennas' pattern, exponent q = `pattern`)."""
     gains = np.empty((len(antennas_m), len(points_m)), np.float32)
     for gain, antenna in zip(gains, antennas_m, strict=True):
         towards = antenna - points_m

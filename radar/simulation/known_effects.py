@@ -14,10 +14,11 @@ IDS = tuple(DECLARED)  # in the order in which they are applied
 
 
 class Choice(Config):
-    """One effect's row: whether it is on, and why. Its estimated size (None: not requested, or no
-    cause in the scene): depth_mm for 3-FSK, worst_mm for the method that it changes most,
-    pixels_percent lost and gained, level_db. cost_s: estimated seconds; seconds: measured (None:
-    off or not simulated)."""
+    """One effect's row in a capture's table: whether it is on, and why. depth_mm: its estimated
+    change of 3-FSK's depths; worst_mm: of the depths of the method that it changes most;
+    pixels_percent: pixels lost and gained; level_db: power of its change to the echoes, relative to
+    them (None: not asked for, or no cause in the scene). cost_s: estimated CPU seconds; seconds:
+    measured ones (None: off, or not simulated)."""
 
     effect: str
     on: bool

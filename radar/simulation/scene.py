@@ -20,10 +20,10 @@ USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; pr
 
 
 class Material(Config):
-    """A body's material. metal: a perfect mirror; skin: see `radar.simulation.effects`, with
-    palm_thickness_m of the palm's horny layer and `wet` when moistened; foam and plastic: a
-    dielectric with `loss_tangent` and `permittivity` (1.03 and 2.7 by default). Bodies of the room
-    may have a reflectivity_db relative to metal instead (`Body`)."""
+    """A body's material. metal: a perfect mirror; skin: layered skin, with palm_thickness_m of the
+    horny layer on the palm, and moist if `wet`; foam and plastic: a dielectric with `permittivity`
+    (by default 1.03 and 2.7) and `loss_tangent`. Bodies of the room may instead have a known
+    reflectivity, see `Body`."""
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)
@@ -42,15 +42,17 @@ class Material(Config):
 
     @property
     def real_permittivity(self) -> float:
-        """The dielectric's ε_r, the usual one where the scene names none."""
+        """The real relative permittivity ε_r: the one given, or else the usual value of foam or
+        plastic (1 for other materials)."""
         return self.permittivity or USUAL.get(self.kind, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Closed triangle mesh in the radar frame, counter-clockwise seen from outside: vertices_m [n,
-    3], faces [m, 3]. palm [m]: which faces carry the palm's thick horny layer (None: none does);
-    reflectivity_db: its echo against metal's where that is known instead of the material."""
+    """A body as a closed triangle mesh in the radar frame: vertices_m [n, 3] and faces [m, 3],
+    counter-clockwise seen from outside. palm: mask [m] of the faces with the palm's thick horny
+    layer (None: no face); reflectivity_db: echo amplitude relative to metal in dB, used instead of
+    the material where it is given."""
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -76,16 +78,18 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
-    """A scene as the radar measures it. frequencies_hz [f] ascending; time_s [f]: time of each tone
-    within a frame.
+    """A scene as the radar measures it. frequencies_hz [f]: its tones, ascending; time_s [f]: when
+    each tone is measured, from the start of a frame.
 
     target: the measured body (None for a scene with balls only); room: the bodies around it, which
-    stay when it is removed; depth_step_hz: the tone spacing that converts an effect's phase to
-    millimetres; polarisation_deg: direction of the antennas' electric field, from x towards y (used
-    for balls and echoes over two places); coarser: factor on the sampling of surfaces;
-    mirrors_coarser: additional factor for the mirrors of bounces; nodes_apart: factor on the
-    distance of the antennas for which bounces are traced.
-    """
+    stay when the target is removed; causes: what the effects need, such as noise or motion; seed:
+    of all random draws. depth_step_hz: step between two tones that converts an effect's phase to
+    millimetres of depth. polarisation_deg: direction of the antennas' electric field, from x
+    towards y (used for balls and for echoes over two or more places).
+
+    Accuracy: coarser multiplies the longest edge of the facets into which surfaces are divided,
+    mirrors_coarser in addition that of the mirrors of multiple bounces, and nodes_apart the
+    distance of the antennas for which bounces are traced."""
 
     array: AntennaArray
     frequencies_hz: np.ndarray
@@ -117,13 +121,14 @@ class EchoScene:
 
     @property
     def wavelength_m(self) -> float:
-        """The shortest wavelength, by which surfaces are sampled."""
+        """The length by which surfaces are divided: the shortest wavelength times `coarser`."""
         return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
     def pair_hz(self) -> tuple[float, float]:
-        """The pair of tones that determines depth: the highest, and the one nearest to
-        depth_step_hz below it (for a single tone, exactly that far below, not measured)."""
+        """The two tones (high, low) in Hz whose phase difference determines depth: the highest
+        tone, and the one nearest to depth_step_hz below it. With a single tone, the second is
+        exactly depth_step_hz lower, although it is not measured."""
         low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
         wanted_hz = high_hz - self.depth_step_hz
         below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
@@ -133,8 +138,9 @@ class EchoScene:
 
     @property
     def coarse_hz(self) -> float | None:
-        """The measured tone nearest to COARSE · depth_step_hz below the highest, the second tone of
-        2-FSK; None if it is off by more than half of that."""
+        """The second tone of two-tone FSK in Hz: the measured tone nearest to 0.08 · depth_step_hz
+        (200 MHz for 2.5 GHz) below the highest. None if its distance from the highest differs from
+        this by half of it or more."""
         usual_hz, below_hz = (
             COARSE * self.depth_step_hz,
             self.frequencies_hz.max() - self.frequencies_hz,
@@ -148,8 +154,8 @@ class EchoScene:
 
     @property
     def strictness(self) -> float:
-        """Depth per phase in 2-FSK, if its tones are measured, relative to that of `pair_hz`; at
-        least 1."""
+        """How much more a phase error changes the depth of two-tone FSK than that of `pair_hz`: the
+        ratio of both depths per phase, at least 1; 1 if the close tone is not measured."""
         high_hz, low_hz = self.pair_hz
         return (
             1.0
@@ -159,7 +165,8 @@ class EchoScene:
 
     @property
     def depth_m_per_rad(self) -> float:
-        """Depth per phase between the tones of the pair: c / (4πΔf)."""
+        """Depth in metres per radian of phase difference between the two tones of `pair_hz`: c /
+        (4πΔf)."""
         high_hz, low_hz = self.pair_hz
         return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz))
 
@@ -176,7 +183,8 @@ class EchoScene:
         return self.target is not None and not self.target.transparent
 
     def cached(self, key: Hashable, make: Any) -> Any:
-        """Get a value that all estimates of the scene share, or compute it by make()."""
+        """Return the value stored in this scene under `key`; the first time, compute it by make()
+        and store it. All estimates of the scene share these values."""
         if key not in self._cache:
             self._cache[key] = make()
         return self._cache[key]

@@ -25,10 +25,14 @@ TARGET = "echoes"  # row of the target's own echoes in the table of effects and 
 
 @dataclass(frozen=True, eq=False)
 class ScatteringSurface:
-    """The scattering facets of a body. oblique: physical optics' obliquity, else even scattering;
-    reflection: complex amplitude per layer; layer [p]: of each facet; seen: which antennas see each
-    facet, (bool [t, p], bool [r, p]), None: all; sight: share of the antennas' fields, None: full;
-    delay_m [p]: extra one-way path."""
+    """The facets of a body that scatter, and how. oblique: with the obliquity of physical optics,
+    else evenly in all directions; layer [p]: which surface layer each facet belongs to (thin skin
+    or palm, front or back of foam); reflection [layers, f]: complex echo amplitude of each layer
+    relative to metal.
+
+    seen: masks (bool [t, p], bool [r, p]) of the antennas that see each facet (None: all); sight:
+    complex share of the antennas' fields by diffraction (None: all of it); delay_m [p]: extra
+    one-way path."""
 
     body: Body
     facets: Facets
@@ -40,7 +44,7 @@ class ScatteringSurface:
     delay_m: np.ndarray | None = None
 
     def where(self, chosen: np.ndarray) -> "ScatteringSurface":
-        """The facets that the mask [p] selects."""
+        """Return the surface with only the facets that a mask [p] or indices select."""
         return replace(
             self,
             facets=self.facets.where(chosen),
@@ -53,17 +57,18 @@ class ScatteringSurface:
 
 @dataclass(frozen=True, eq=False)
 class Echoes:
-    """The state of a simulation. Each effect takes it and returns a changed one.
+    """The state of a simulation between two effects. Each effect takes it and returns a changed
+    copy.
 
-    Effects are applied in the order of the catalogue. The first ones change the array or the
-    antennas' pattern (exponent of cos θ), the next ones change the target's surface or add an extra
-    echo (`extra`: samples [f, t, r] by effect). The first effect that reads `samples` triggers
-    their computation; later ones record changed samples.
+    Effects are applied in the order of known_effects.toml. The first ones change the array or
+    `pattern` (the exponent q of the antennas' pattern cosᵠθ); the next ones change the target's
+    surface or add an extra echo (`extra`: effect → function that returns samples [f, t, r]). The
+    first effect that reads `samples` makes them be computed; that effect and later ones store
+    changed samples in `recorded` [frame, f, t, r].
 
-    ball_delay_m [n]: extra one-way path of each ball's echo; levels: by effect, measured with the
-    target and reused for the room without it (with_target False); timed: context manager that times
-    the work of one effect.
-    """
+    ball_delay_m [n]: extra one-way path of each ball's echo. with_target: False for the empty room.
+    levels: amplitudes that effects have measured with the target, by effect, reused for the empty
+    room. timed: context manager that measures the time of a named piece of work."""
 
     scene: EchoScene
     array: AntennaArray
@@ -79,25 +84,29 @@ class Echoes:
     timed: Callable[[str], AbstractContextManager[Any]] = nullcontext
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
-        """Seed of one effect; draws do not depend on which other effects are on."""
+        """Return the seed of an effect (with further `keys`). It depends on the scene's seed and on
+        the effect's name only, so that draws do not change when other effects are switched."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
-        """Seed of one effect for each frame; the empty room has different ones."""
+        """Return one seed of the effect per frame; the empty room gets others than the target's
+        frames."""
         return [
             self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)
         ]
 
     def level(self, name: str, measure: Callable[[], float]) -> float:
-        """A level measured with the target; the room without it uses the same value."""
+        """Return a level, such as the noise's: measure() with the target, and for the empty room
+        the value stored under `name` when the target was simulated."""
         return measure() if self.with_target else self.levels[name]
 
     def record(self, samples: np.ndarray, **levels: float) -> "Echoes":
-        """Replace the samples [frame, f, t, r] and add levels."""
+        """Return the state with other samples [frame, f, t, r]; `levels` are stored in addition."""
         return replace(self, recorded=samples, levels={**self.levels, **levels})
 
     def add(self, effect: str, echo: Callable[[], np.ndarray]) -> "Echoes":
-        """Add an extra echo of the target."""
+        """Return the state with one more echo of the target: echo() gives its samples [f, t, r]
+        when they are needed."""
         return replace(self, extra={**self.extra, effect: echo})
 
     @property
@@ -120,8 +129,8 @@ class Echoes:
         return samples
 
     def _surface_echo(self, surface: ScatteringSurface, array: AntennaArray) -> np.ndarray:
-        """Simulate samples complex64 [f, t, r] of a surface: each layer's echoes times its
-        reflection."""
+        """Simulate samples complex64 [f, t, r] of a surface: the sum over its layers of the echoes
+        of a layer's facets times its reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
         every = Scatterers(
@@ -150,7 +159,8 @@ class Echoes:
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:
-        """The sum of the extra echoes, complex64 [f, t, r]; 0 where there are none."""
+        """Compute the sum of the extra echoes (multiple bounces, foam): complex64 [f, t, r], or the
+        number 0 if there are none."""
         total: np.ndarray | int = 0
         for effect, echo in self.extra.items():
             with self.timed(effect):
@@ -172,8 +182,9 @@ def bare_echoes(
     tolerance: float | None = 1e-5,
     levels: Mapping[str, float] | None = None,
 ) -> Echoes:
-    """The state before any effect. levels: those of the simulation with the target, to simulate the
-    room without it."""
+    """Return the state of a simulation before any effect: the target's facets, scattering evenly,
+    without shadows. levels: None simulates the target; the levels stored with it instead give the
+    empty room."""
     body = scene.target if levels is None else None
     surface = None if body is None else ScatteringSurface(body, front_facets(scene, body))
     still = np.zeros(len(scene.balls))
@@ -183,7 +194,7 @@ def bare_echoes(
 
 
 def generator(seed: tuple[int, ...]) -> np.random.Generator:
-    """Random number generator for a seed of `Echoes.seed`."""
+    """Return the random number generator for a seed that `Echoes.seed` has made."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
@@ -198,8 +209,8 @@ def require_facets(facets: Facets) -> Facets:
 
 
 def front_facets(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
-    """The body's facets that face some antenna, with edges of at most `longest` wavelengths;
-    cached."""
+    """Return the body's facets that face at least one corner of the box around the antennas, with
+    edges of at most `longest` wavelengths. Computed once per scene."""
     return scene.cached(("facing", id(body), longest), lambda: _front_facets(scene, body, longest))
 
 

@@ -24,8 +24,10 @@ Wanted = tuple[str, ...] | Literal["auto"]
 
 @dataclass
 class Selection:
-    """left_out: effects that are off, and why; reasons: why the others are on; changes (by method)
-    and levels_db: from the ablation of each effect; costs_s: estimated CPU seconds."""
+    """What is found out about the effects, by effect. left_out: why it is off; reasons: why it is
+    on; changes: how it changes the depth map of each method, and levels_db: the power of its change
+    to the echoes relative to them, both from simulations without it; costs_s: estimated CPU
+    seconds."""
 
     left_out: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -37,8 +39,13 @@ class Selection:
 def choose(
     scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """Choose the effects of a scene: one row per effect, in the order of the catalogue. explain:
-    add the ablation's estimates."""
+    """Choose the effects that a scene is simulated with. Returns one row per effect, in the order
+    of application.
+
+    wanted: "auto", or the names of the effects. tolerance_mm: with "auto", how much the effects
+    left out may together change the depths of any method. explain: add to each row the size of the
+    effect, by coarse simulations with and without it. Raises HandbenchError for a wanted effect
+    that is unknown or whose cause the scene lacks."""
     missing = {effect.id: effect.missing(scene) for effect in EFFECTS}
     if wanted != "auto":
         check_names(wanted)
@@ -59,8 +66,8 @@ def choose(
 
 
 def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:
-    """Leave out those of the scene's possible effects that together change no method's map by more
-    than the tolerance."""
+    """Choose automatically: leave out effects that by quick estimates together change no method's
+    depths by more than the tolerance. effects: those whose cause the scene has."""
     there, own_s = (
         {effect.id for effect in effects},
         {effect.id: effect.cost_s(scene) for effect in effects},
@@ -97,14 +104,15 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
 
 
 def _container(name: str, on: set[str]) -> str | None:
-    """The effect among those that are on that includes `name`, or None."""
+    """Return the effect of `on` that includes the effect `name` (a blurred shadow includes a sharp
+    one), directly or through others; None if none does."""
     container = CONTAINED.get(name)
     return container if container is None or container in on else _container(container, on)
 
 
 def _explain(found: Selection, scene: EchoScene, effects: list[Effect]) -> None:
-    """Add the ablation of each effect; an included effect is left out together with those that
-    include it."""
+    """Add to `found` how depths and echoes change without each effect, by coarse simulations.
+    Effects that include it are left out together with it; otherwise nothing would change."""
     ablation, there = Ablation(scene, effects, CONTAINED), {effect.id for effect in effects}
     found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
     for name in there:

@@ -16,14 +16,15 @@ from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
 
 @dataclass
 class Stopwatch:
-    """Seconds per name; the time of nested blocks counts only for the inner one."""
+    """Measures seconds per name. While a timed block runs inside another one, its time counts for
+    the inner name only, not for the outer one as well."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     _inner: list[float] = field(default_factory=list)
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """Count the time of the block for `name`."""
+        """Return a context manager that adds the time of its `with` block to `seconds[name]`."""
         self._inner.append(0.0)
         start = time.perf_counter()
         try:
@@ -37,15 +38,17 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class SimulatedCapture:
-    """A simulated capture, the rows of its effects with their seconds, and the empty room without
-    the target (one frame; None: not simulated)."""
+    """The result of a simulation. rows: one row per effect (whether it was on, why, and the seconds
+    it took), the target's own echoes first; empty: a capture of the same room without the target,
+    with one frame (None if it was not simulated)."""
 
     capture: RadarCapture
     rows: tuple[Choice, ...]
     empty: RadarCapture | None = None
 
     def subtracted(self) -> "SimulatedCapture":
-        """The capture with the empty room's samples subtracted from each frame."""
+        """Return the capture with the samples of the empty room subtracted from every frame. Raises
+        ValueError if the empty room was not simulated."""
         if self.empty is None:
             raise ValueError("the empty room was not simulated")
         samples = self.capture.samples - self.empty.samples
@@ -59,8 +62,12 @@ def simulate_scene(
     tolerance: float | None = 1e-5,
     empty: bool = False,
 ) -> SimulatedCapture:
-    """Simulate the capture of a scene with the chosen effects. Frames differ only by random
-    effects; the empty room has the same sensor and independent noise."""
+    """Simulate the capture of a scene with the effects that are on in `choices`.
+
+    frames: number of frames; they differ only in what is random over time, such as noise.
+    tolerance: relative error of the fast summation over scatterers (None: the exact sum, slow).
+    empty: also simulate the room without the target, with the same errors of the sensor but noise
+    of its own."""
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
     echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
     seconds = {name: watch.seconds.get(name, 0.0) for name in on}
@@ -78,7 +85,8 @@ def _capture(echoes: Echoes) -> RadarCapture:
 
 
 def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
-    """Apply the effects that are on, and record the seconds of each in the watch."""
+    """Apply the effects in `on` in their order and compute the samples. The seconds of each are
+    recorded in `watch`."""
     echoes = replace(echoes, timed=watch.timed)
     for effect in EFFECTS:
         if effect.id in on:

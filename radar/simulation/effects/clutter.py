@@ -29,14 +29,16 @@ SAMPLES_M = 8e-3  # between the points of the room for which it is
 
 
 def target_power(scene: EchoScene) -> float:
-    """`single_bounce` of the target as a metal body."""
+    """Return the power of the target's echo by geometrical optics as if it were of metal, in 1/m²
+    (see `single_bounce`): waves that return to the aperture after one reflection."""
     return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
 
 
 def clutter(echoes: Echoes) -> Echoes:
-    """Add the echoes of the bodies around the target, which do not move with it: by physical
-    optics, with the target's shadow from the aperture's centre, or diffracted for each antenna.
-    Waves over both target and room are left out."""
+    """Add the echoes of the room's bodies, which do not move with the target, by physical optics.
+    Facets that the target hides from the aperture's centre are left out; if shadows are diffracted,
+    each antenna has its own blurred shadow of the target. Waves that meet both target and room are
+    not simulated."""
     scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
     rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.opaque else [])])
     added = np.zeros(echoes.samples.shape[1:], np.complex64)
@@ -50,7 +52,7 @@ def clutter(echoes: Echoes) -> Echoes:
 
 
 def clutter_cost_s(scene: EchoScene) -> float:
-    """Estimated CPU seconds."""
+    """Estimate the CPU seconds of the room's echoes, from its surface area."""
     area_m2 = (
         sum(np.linalg.norm(face_vectors(b.vertices_m, b.faces), axis=1).sum() for b in scene.room)
         / 2
@@ -59,8 +61,9 @@ def clutter_cost_s(scene: EchoScene) -> float:
 
 
 def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate the room's echo as that of a large mirror at the distance z of its nearest body:
-    1/(2z)."""
+    """Estimate how much the room's echo changes depths: its amplitude is at most that of a large
+    mirror at the distance z of its nearest body, 1/(2z). None (unknown) without an opaque
+    target."""
     if not scene.opaque:
         return None
     target = np.abs(echo_reflection(scene.body.material, scene.frequencies_hz)).min() * np.sqrt(
@@ -77,8 +80,9 @@ def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
-    """A body's facets that the target does not hide from the aperture's centre; with diffraction,
-    coarser facets with the sight of each antenna."""
+    """Return as scatterers the facets of a body of the room that the target does not hide from the
+    aperture's centre; with diffraction, coarser facets with the share of each antenna's field that
+    reaches them."""
     scene, surface = echoes.scene, echoes.surface
     if surface is None or surface.sight is None:
         facets = front_facets(scene, body)
@@ -90,7 +94,7 @@ def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
 
 
 def _rays(bodies: list[Body]) -> Rays:
-    """A ray caster of all bodies."""
+    """Return one ray caster of all bodies together."""
     counts = np.cumsum([0, *(len(body.vertices_m) for body in bodies[:-1])])
     vertices_m = np.concatenate([body.vertices_m for body in bodies])
     return Rays(

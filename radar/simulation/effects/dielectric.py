@@ -33,7 +33,8 @@ def has_dielectric(scene: EchoScene) -> bool:
 
 
 def dielectric(echoes: Echoes) -> Echoes:
-    """Partial reflection, penetration and delay."""
+    """Give the target the partial reflection of foam or plastic; foam also echoes from its far side
+    and delays what is inside. For balls in foam: delay their echoes and add those of the foam."""
     scene = echoes.scene
     if echoes.with_target and any(map(has_foam, scene.balls)):
         array, exponent = echoes.array, echoes.pattern
@@ -52,8 +53,9 @@ def dielectric(echoes: Echoes) -> Echoes:
 
 
 def far_wall_db(body: Body, frequency_hz: float) -> float:
-    """Echo of a plastic body's far wall relative to its front's, dB: (1 − Γ²) e^{−2αl} for flat
-    walls at normal incidence, apart by the mean chord l = 4V/A (Cauchy)."""
+    """Return the echo of a plastic body's far wall relative to that of its front, in dB: (1 − Γ²)
+    e^{−2αl}, with flat walls at normal incidence as far apart as the body's mean chord l = 4V/A
+    (Cauchy)."""
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces), axis=1).sum()
     chord_m = 4 * volume_m3(body) / area_m2
     wave = (
@@ -68,7 +70,8 @@ def far_wall_db(body: Body, frequency_hz: float) -> float:
 
 
 def unsimulated_echo(scene: EchoScene) -> str:
-    """A warning of echoes that are not simulated; "" if there are none that matter."""
+    """Return a warning if the target is of plastic so clear that the echo of its far wall, which is
+    not simulated, would matter (−20 dB of its front's or more); "" otherwise."""
     if scene.target is None or scene.target.material.kind != "plastic":
         return ""
     level_db = far_wall_db(scene.target, float(scene.frequencies_hz.mean()))
@@ -87,8 +90,9 @@ def _of_dielectric(scene: EchoScene) -> bool:
 def _transparent(
     scene: EchoScene, surface: ScatteringSurface, front: np.ndarray
 ) -> ScatteringSurface:
-    """The surface of a transparent body in two layers: facets that face the array, with reflection
-    `front` [f], and facets that face away."""
+    """Return the surface of a body of foam, in two layers: facets that face the array, with the
+    reflection `front` [f], and facets that face away and reflect from inside, delayed by the path
+    in the foam."""
     body = surface.body
     parts = front_facets(scene, body), back_facets(scene, body)
     index = np.sqrt(body.material.real_permittivity)
@@ -105,7 +109,8 @@ def _transparent(
 
 
 def back_facets(scene: EchoScene, body: Body) -> Facets:
-    """The facets that face away from the array, with normals pointing inwards."""
+    """Return the facets of a body whose inner side faces the array, with normals pointing
+    inwards."""
     inside_out = scene.cached(
         ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
     )
@@ -113,8 +118,8 @@ def back_facets(scene: EchoScene, body: Body) -> Facets:
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """Lengths [n] within a closed body of the straight rays from an origin [3] outside it to points
-    [n, 3]."""
+    """Return the length in metres [n] that the straight ray from an origin [3] outside a closed
+    body to each point [n, 3] runs inside the body. rays: the body's ray caster."""
     towards = points_m - origin_m
     distance_m = np.linalg.norm(towards, axis=1)
     towards = towards / distance_m[:, None]

@@ -28,11 +28,12 @@ SECONDS_PER_FACE, SECONDS_PER_TUBE = 3e-6, 2e-6
 
 
 def multipath(echoes: Echoes) -> Echoes:
-    """Add echoes with two to four bounces on the target's surface. All bounces but the last are
-    mirrors, the last one is physical optics; the result is averaged with the same from the
-    receivers' side, which makes it reciprocal.
+    """Add the waves that meet two to four places of the target's surface. Every place but the last
+    reflects like a mirror, and the last radiates by physical optics. This is averaged with the same
+    computed from the receivers' side, so that exchanging transmitters and receivers changes
+    nothing.
 
-    Left out: more bounces, edges."""
+    Left out: more than four places, and diffraction at edges."""
     surface, scene = echoes.surface, echoes.scene
     if surface is None:
         return echoes
@@ -78,15 +79,15 @@ def multipath(echoes: Echoes) -> Echoes:
 
 
 def multipath_cost_s(scene: EchoScene) -> float:
-    """Estimated CPU seconds."""
+    """Estimate the CPU seconds of the echoes over several places."""
     antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
     tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
     return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
 
 
 def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate no change for a convex surface, and None (unknown) for others, where waves also
-    bounce between edges and weak pixels."""
+    """Estimate how much echoes over several places change depths: not at all if no two facets face
+    each other, as on a convex surface; None (unknown) otherwise."""
     surface = coarse_surface(scene, scene.body)
     if scene.cached("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
         return None
@@ -99,5 +100,6 @@ def _exchanged(array: AntennaArray) -> AntennaArray:
 
 
 def _mirroring(scene: EchoScene) -> int:
-    """Count the target's coarse facets that reflect onto others; cached."""
+    """Count the target's coarse facets that reflect a wave from the aperture's centre onto others.
+    Computed once per scene."""
     return scene.cached("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))

@@ -40,9 +40,9 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class QuickEstimate:
-    """Size of an effect by geometry or a closed form, within milliseconds. worst_mm: change of
-    depth of the method that it changes most; why: how it was estimated; factor: by which it may be
-    wrong."""
+    """Size of an effect by geometry or a closed formula, found within milliseconds. worst_mm:
+    change of depth in the method that it changes most; why: how it was estimated, in words; factor:
+    by how many times the estimate may be too large or too small."""
 
     worst_mm: float
     why: str
@@ -52,42 +52,41 @@ class QuickEstimate:
     def of_level(
         cls, scene: EchoScene, ratio: float, why: str, factor: float = CLEAR
     ) -> QuickEstimate:
-        """Estimate the effect of echoes with amplitude `ratio` relative to the target's."""
+        """Estimate the change of depth by echoes whose amplitude is `ratio` times that of the
+        target's. why, factor: as in the class."""
         turned_rad = min(TURN * ratio, np.pi / 2)
         return cls(1e3 * scene.depth_m_per_rad * scene.strictness * turned_rad, why, factor)
 
 
 def echo_s(scene: EchoScene) -> float:
-    """Estimated CPU seconds of the target's echoes without any effect."""
+    """Estimate the CPU seconds of the target's echoes without any effect."""
     count = 0 if scene.target is None else 4 * len(coarse_surface(scene, scene.body))
     return 0.05 + count * (FACET_S + TONE_S * len(scene.frequencies_hz))
 
 
 def coarse_surface(scene: EchoScene, body: Body) -> Facets:
-    """Coarse facets of a body that face the array."""
+    """Return the facets of a body that face the array, with edges of at most half a wavelength."""
     return front_facets(scene, body, LONGEST)
 
 
 def visible_surface(scene: EchoScene) -> Facets:
-    """The target's coarse facets that are visible from the aperture's centre; all facets of a
-    transparent target."""
+    """Return the target's facets, with edges of at most half a wavelength, that are visible from
+    the aperture's centre; of a transparent target, all that face the array."""
     facets = require_facets(coarse_surface(scene, scene.body))
     return facets if scene.body.transparent else facets.where(visible_from_centre(scene))
 
 
 def visible_from_centre(scene: EchoScene) -> np.ndarray:
-    """Mask [p] of the target's coarse facets that are visible from the aperture's centre, by a
-    depth buffer; cached."""
+    """Return the mask [p] of those facets of `coarse_surface` of the target that are visible from
+    the aperture's centre. Computed once per scene."""
     return scene.cached("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
-    """Mask [p] of the facets that face the point view_m [3] and are not hidden by others in the
-    same cell of directions.
-
-    Cells are two facets wide. A facet in front of another by less than the depth range of its
-    surface within a cell does not hide it.
-    """
+    """Return the mask [p] of the facets that face the point view_m [3] and are not hidden by
+    others, by a depth buffer: space is divided into cells of directions from that point, two facets
+    wide, and of the facets in a cell the farther ones are hidden. A facet in front of another by
+    less than the range of depths of one surface within a cell does not hide it."""
     if len(facets) == 0:
         return np.zeros(0, bool)
     cell_m = 2 * float(np.sqrt(np.median(facets.area_m2)))
@@ -96,7 +95,8 @@ def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
 
 
 def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
-    """Unit vectors [3, 3], two across an axis [3] and the last along it, and the axis' length."""
+    """Return three perpendicular unit vectors [3, 3], the last of them along `axis` [3], and the
+    length of the axis."""
     length = float(np.linalg.norm(axis))
     along = axis / length
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
@@ -140,10 +140,10 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
 
 @njit(nogil=True, cache=True)
 def near_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
-    """Mask [p] of the facets that face a point view_m [3] and are near an outline: farther away
-    than some points outline_m [n, 3], within ZONES Fresnel radii of their directions, and with
-    these points above their plane (impossible on a convex body).
-    """
+    """Return the mask [p] of the facets that face a point view_m [3] and may be in the half-shadow
+    of an outline, given by points outline_m [n, 3]. Such a facet is farther away than some of these
+    points, seen within two Fresnel radii of their direction, and has them above its plane
+    (impossible on a convex body)."""
     ways, places = outline_m - view_m, position_m - view_m
     near = np.zeros(len(places), np.bool_)
     lengths = np.sqrt((ways * ways).sum(axis=1))
@@ -167,7 +167,8 @@ def near_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type:
 
 
 def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
-    """True if two facets are above each other's plane, which a convex body never has."""
+    """True if of some two facets each is above the plane of the other, which is never so on a
+    convex body. About 500 of the facets are compared."""
     some = facets.where(np.arange(0, len(facets), max(len(facets) // PAIRED, 1)))
     above_m = some.position_m @ some.normal.T - (some.position_m * some.normal).sum(axis=1)
     above = above_m > HORIZON * wavelength_m
@@ -175,7 +176,8 @@ def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
 
 
 def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
-    """Count the facets that reflect a wave from view_m [3] onto others."""
+    """Count the facets that reflect a wave from the point view_m [3] onto others. Reflected rays
+    are followed through a grid of cells with the sums of the facets' normals."""
     if len(facets) == 0:
         return 0
     low_m, high_m = facets.position_m.min(axis=0), facets.position_m.max(axis=0)
@@ -190,14 +192,13 @@ def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
 
 
 def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
-    """Power Σ A_p / R² / area (1/m²) of a wave from view_m [3] that returns to the aperture after
-    one reflection.
+    """Return the power, in 1/m², of the wave from view_m [3] that a metal surface reflects back to
+    the aperture: Σ A_p / R² / area, summed over the facets whose reflected ray passes through an
+    area around the aperture, twice as wide; A_p is a facet's area across the ray.
 
     Geometrical optics conserves the energy of a ray tube: what a facet receives from the aperture's
-    centre, A_p / R², spreads over an area around the aperture. The amplitude S of physical optics
-    is λ times the field, so the mean of |S|² over the channels is λ² Σ A_p / R² / area, summed over
-    the facets whose reflected ray returns through that area.
-    """
+    centre, A_p / R², spreads over that area. The amplitude S of physical optics is λ times the
+    field, so the mean of |S|² over the channels is λ² times this power."""
     (low_m, high_m), ways = _returns(array), facets.position_m - view_m
     distance = np.linalg.norm(ways, axis=1)
     cosine = -(ways * facets.normal).sum(axis=1) / distance
@@ -214,7 +215,8 @@ def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> fl
 
 
 def _returns(array: AntennaArray) -> np.ndarray:
-    """Corners [2, 3] of the area around the aperture in which returning rays are counted."""
+    """Return the lower and upper corner [2, 3] of the area in which returning rays are counted:
+    twice as wide and high as the aperture, about its middle."""
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     middle_m, half_m = (
         (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2,

@@ -20,7 +20,8 @@ PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked fo
 
 
 def positions(echoes: Echoes) -> Echoes:
-    """Move each antenna by a normal error per axis; the capture keeps the nominal positions."""
+    """Move each antenna from its nominal position by a normal error in x, y and z. The simulated
+    capture states the nominal positions."""
     sigma_m, legs_m = (
         echoes.scene.causes.positions.sigma_m,
         [leg.position_m for leg in echoes.array.legs],
@@ -38,7 +39,8 @@ def pattern(echoes: Echoes) -> Echoes:
 
 
 def coupling(echoes: Echoes) -> Echoes:
-    """Add a direct wave from transmitter to receiver, weaker with the distance between them."""
+    """Add a direct wave from each transmitter to each receiver. Its amplitude falls with their
+    distance; its mean power is given relative to that of the target's samples."""
     samples, amplitude = echoes.samples, echoes.scene.causes.coupling.amplitude
     level = echoes.level(
         "coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size))
@@ -49,7 +51,8 @@ def coupling(echoes: Echoes) -> Echoes:
 
 
 def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
-    """exp(−j2πf|t − r|/c)/|t − r| in every channel, of mean power 1: complex64 [f, t, r]."""
+    """Return the direct wave from transmitters t to receivers r, exp(−j2πf|t − r|/c)/|t − r|,
+    scaled to a mean power of 1: complex64 [f, t, r]."""
     distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
     gain = 1 / np.maximum(distance_m, 1e-3)  # a transceiver's own leakage is not infinite
     gain /= np.sqrt(np.mean(gain**2))
@@ -57,7 +60,8 @@ def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def channels(echoes: Echoes) -> Echoes:
-    """Multiply every antenna's signal by its gain, phase and delay."""
+    """Multiply the samples by a random gain, phase and delay of each antenna, drawn once per
+    scene."""
     scene = echoes.scene
     legs = enumerate(scene.array.channels)
     drawn = [generator(echoes.seed("channels", i)).standard_normal((3, n)) for i, n in legs]
@@ -69,8 +73,8 @@ def channels(echoes: Echoes) -> Echoes:
 def _channel_factor(
     causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]
 ) -> np.ndarray:
-    """Factor complex64 [f, t, r]; drawn: unit normal numbers [3, n] of each leg: gain, phase,
-    delay."""
+    """Return the factor complex64 [f, t, r] by which antennas' errors multiply the samples. drawn:
+    for transmitters, then receivers, normal random numbers [3, n] for gain, phase and delay."""
     legs = []
     for gain, phase, delay in drawn:
         still = 10 ** (causes.gain_db * gain / 20) * np.exp(1j * causes.phase_rad * phase)
@@ -84,7 +88,8 @@ def dead(echoes: Echoes) -> Echoes:
 
 
 def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
-    """Set the dead antennas' channels of samples [..., t, r] to zero."""
+    """Return samples [..., t, r] with zeros in the channels of dead antennas. Raises HandbenchError
+    for a number that no antenna has."""
     alive = np.ones(samples.shape[-2:], np.float32)
     for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
@@ -119,14 +124,17 @@ def oscillator(echoes: Echoes) -> Echoes:
 
 
 def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
-    """Standard deviation of the phase after range correlation."""
+    """Return the standard deviation of the phase by an oscillator's noise. Transmitter and receiver
+    share the oscillator, so that noise slower than the target's delay delay_s cancels (range
+    correlation)."""
     a, bandwidth_hz = np.pi * delay_s, oscillator.bandwidth_hz
     integral = a * sici(2 * a * bandwidth_hz)[0] - np.sin(a * bandwidth_hz) ** 2 / bandwidth_hz
     return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
 
 
 def noise(echoes: Echoes) -> Echoes:
-    """Add white circular Gaussian noise to every channel, tone and frame."""
+    """Add white circular Gaussian noise to every channel, tone and frame. Its level is relative to
+    the strongest pixel on the target's surface."""
     tones_hz, sigma_rad = echoes.scene.frequencies_hz, echoes.scene.causes.noise.between_tones_rad
     strongest = echoes.level("noise", lambda: _strongest(echoes))
     frames = zip(echoes.samples, echoes.frame_seeds("noise"), strict=True)
@@ -137,7 +145,8 @@ def noise(echoes: Echoes) -> Echoes:
 
 
 def _strongest(echoes: Echoes) -> float:
-    """Amplitude of the strongest pixel on the target's surface, first frame, highest tone."""
+    """Return the amplitude of the strongest pixel on the target's surface, in the image of the
+    first frame's highest tone."""
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
     top = int(echoes.scene.frequencies_hz.argmax())
     return strongest_amplitude(
@@ -148,7 +157,7 @@ def _strongest(echoes: Echoes) -> float:
 def strongest_amplitude(
     samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray
 ) -> float:
-    """Largest magnitude of one tone's image (samples [t, r]) on the target's surface points [n,
+    """Return the largest magnitude of one tone's image, from samples [t, r], at surface points [n,
     3]."""
     return float(
         np.abs(exact_images(samples[None], np.array([frequency_hz]), array, surface_m, True)).max()
@@ -162,8 +171,9 @@ def thermal_noise(
     strongest: float,
     seed: tuple[int, ...],
 ) -> np.ndarray:
-    """Add white circular Gaussian noise of the same level in every channel and tone to samples [f,
-    t, r].
+    """Return samples [f, t, r] with white circular Gaussian noise, of the same level in every
+    channel and at every tone. strongest: amplitude A of the strongest pixel in an image of one
+    tone.
 
     phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An
     image sums N = t·r channels, so that its noise is √N σ; of it one quadrature turns the phase,
@@ -171,8 +181,7 @@ def thermal_noise(
     phase_noise_rad · A / √N.
 
     The random numbers of each tone depend on the seed and its frequency only, not on the other
-    tones.
-    """
+    tones."""
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
     noisy = np.empty_like(samples)
     for f, frequency_hz in enumerate(frequencies_hz):
@@ -196,13 +205,16 @@ def converter(echoes: Echoes) -> Echoes:
 
 
 def full_scale(samples: np.ndarray, converter: Converter) -> float:
-    """Full scale of a quadrature: the largest one, with the headroom."""
+    """Return the largest value of a quadrature that the converter can represent: the largest in the
+    samples, raised by the headroom."""
     largest = max(np.abs(samples.real).max(), np.abs(samples.imag).max())
     return float(largest * 10 ** (converter.headroom_db / 20))
 
 
 def quantise(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
-    """Round samples to the middles of 2^bits steps over ±scale (mid-rise): complex64."""
+    """Round both quadratures of the samples to the middles of 2^bits equal steps over ±scale, and
+    clip what is beyond: complex64 of the same shape. Without `bits`, or where scale is 0, the
+    samples are returned as they are."""
     if scale == 0 or converter.bits is None:
         return samples
     step = 2 * scale / 2**converter.bits

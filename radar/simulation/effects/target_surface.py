@@ -38,7 +38,8 @@ SPREAD = 0.096  # variance of an equilateral triangle's points along an axis ove
 
 
 def obliquity(echoes: Echoes) -> Echoes:
-    """Let facets scatter by their angle to each antenna instead of evenly."""
+    """Let each facet scatter by the angle at which each antenna sees it, as physical optics does,
+    instead of evenly in all directions."""
     return (
         echoes
         if echoes.surface is None
@@ -47,7 +48,7 @@ def obliquity(echoes: Echoes) -> Echoes:
 
 
 def shadow_centre(echoes: Echoes) -> Echoes:
-    """Drop the facets that are hidden from the aperture's centre."""
+    """Leave out the facets that are turned away from the aperture's centre or hidden from it."""
     if echoes.surface is None:
         return echoes
     facets, body = echoes.surface.facets, echoes.surface.body
@@ -60,12 +61,13 @@ def shadow_centre(echoes: Echoes) -> Echoes:
 
 
 def shadows_cost_s(scene: EchoScene) -> float:
-    """Estimated CPU seconds of the shadows of each antenna."""
+    """Estimate the CPU seconds of the shadows of each antenna, sharp or diffracted."""
     return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
 
 def shadow_antennas(echoes: Echoes) -> Echoes:
-    """Compute shadows for each antenna separately."""
+    """Compute for each antenna which facets it sees, with sharp shadows. Facets that no transmitter
+    or no receiver sees are left out."""
     if echoes.surface is None:
         return echoes
     body, array = echoes.surface.body, echoes.array
@@ -79,8 +81,9 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
-    """Estimate the effect by the share of the surface that is visible from only a part of the
-    array."""
+    """Estimate how much the antennas' own shadows change depths, by the share of the surface that
+    only a part of the array sees. The coarse facets are tested from the ends and middles of the
+    antenna lines."""
     facets, visible = coarse_surface(scene, scene.body), visible_from_centre(scene)
     (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
     disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
@@ -94,9 +97,9 @@ def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
 
 
 def shadow_diffraction(echoes: Echoes) -> Echoes:
-    """Add diffraction around outlines and creeping waves around round edges, for each polarisation.
-    Left out: double diffraction, change of polarisation, and angles beyond some 40°; shadows of
-    bounces stay sharp."""
+    """Blur each antenna's shadows by diffraction: waves bent around outlines, and waves that creep
+    around round edges, which depend on polarisation. Left out: diffraction at two edges, change of
+    polarisation, and bends by more than some 40°; shadows of multiple bounces stay sharp."""
     if echoes.surface is None:
         return echoes
     scene, body = echoes.scene, echoes.surface.body
@@ -110,9 +113,9 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate the effect by the share of the surface that is behind or next to an outline, seen
-    from the corners of the array; None (unknown) with a room, which is behind the target's outline,
-    and for small hollow places."""
+    """Estimate how much diffraction changes depths, by the share of the surface next to or behind
+    an outline as seen from the ends of the antenna lines. None (unknown) with a room, which lies
+    behind the target's outline, and for a body with hollows where no such place is found."""
     if scene.room:
         return None
     body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
@@ -141,8 +144,8 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Masks [p] of the facets that are visible from some and from all of the ends and middles of
-    the antennas' lines."""
+    """Return two masks [p] of the facets: those visible from some, and from all, of the ends and
+    middles of the lines of antennas."""
     views = [
         n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])
     ]
@@ -171,7 +174,8 @@ def skin(echoes: Echoes) -> Echoes:
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Echo amplitudes relative to metal's [layers, f]: thin skin, then the palm."""
+    """Return the echo amplitudes of a hand's skin relative to metal, complex [2, f]: first of thin
+    skin, then of the palm with its thicker horny layer."""
     layers_m = skin_layers_m(body.material)
     return np.stack(
         [skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m]
@@ -179,12 +183,14 @@ def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:
-    """Layer of each facet [p] on these faces: 0 thin skin, 1 the palm."""
+    """Return for each facet [p] which row of `reflections` applies: 0 thin skin, 1 the palm. face
+    [p]: the face of the mesh on which each facet lies."""
     return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
 
 
 def roughness(echoes: Echoes) -> Echoes:
-    """Displace facets by the relief, and weaken them by its finer part."""
+    """Displace the facets by a random relief, and weaken the echo of each by the part of the relief
+    that is finer than the facet."""
     if echoes.surface is None:
         return echoes
     waves = waves_of(echoes.scene.causes.roughness, generator(echoes.seed("roughness")))
@@ -195,8 +201,9 @@ def roughness(echoes: Echoes) -> Echoes:
 def waves_of(
     rough: Roughness, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Draw the waves of the relief: wave vectors [n, 3] in rad/m, amplitudes [n] in m and phases
-    [n]."""
+    """Draw the sum of cosine waves that makes up the relief: wave vectors [n, 3] in rad/m,
+    amplitudes [n] in m and phases [n] in rad. They are 64 random waves for roughness and one for a
+    print's layer lines; waves without amplitude are left out."""
     vectors = random.normal(0, np.sqrt(2) / rough.correlation_m, (WAVES, 3))
     along = np.array(rough.layers_along) / np.linalg.norm(rough.layers_along)
     vectors = np.concatenate([vectors, 2 * np.pi / rough.layer_pitch_m * along[None]])
@@ -214,8 +221,9 @@ def displace_facets(
     phase_rad: np.ndarray,
     wavenumber: float,
 ) -> Facets:
-    """Displace facets along their normals by the relief; their areas are reduced by the coherent
-    loss of its finer part."""
+    """Return the facets displaced along their normals by the relief, a sum of waves (vectors [n, 3]
+    in rad/m, amplitude_m [n], phase_rad [n]). The part of the relief finer than a facet, of
+    variance σ², reduces its area by the coherent loss exp(−2k²σ²); wavenumber: k in rad/m."""
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2

@@ -45,11 +45,16 @@ STEEPEST = 1.4  # growth of the path along the surface (at most 2) above which a
 
 
 class Tubes(NamedTuple):
-    """n tubes of b + 1 bounces. transmitter, patch (the first mirror) [n]; faces [n, b] hit one
-    after another; points_m [n, b + 1, 3] from p to q; normal [n, 3] of the surface at q; length_m
-    [n] from p to q; root_m2 [n]: √(A_p A_q), 0 for an invalid tube; edge_m [n, 3, 3]: from q to the
-    footprint's corners; longer_m [n, 3]: extra length of the corners' rays; caustics [n]: number
-    between p and q, 0 to 2 on each leg."""
+    """n ray tubes, each of which meets the body b + 1 times: rays from a transmitter spread over a
+    patch (a mirror with the middle p), are reflected from face to face, and cover a footprint (with
+    the middle q) on the last face, which radiates.
+
+    transmitter, patch: indices [n]; faces [n, b]: of the body after the patch, in the order met;
+    points_m [n, b + 1, 3]: the path's corners from p to q; normal [n, 3]: of the surface at q;
+    length_m [n]: path from p to q. root_m2 [n]: √(A_p A_q) of the areas of patch and footprint, 0
+    for an invalid tube; edge_m [n, 3, 3]: from q to the footprint's corners; longer_m [n, 3]: by
+    how much the rays to these corners are longer; caustics [n]: number of focal lines between p and
+    q, 0 to 2 on each leg."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -64,8 +69,9 @@ class Tubes(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """m mirrors: corners_m and the unit normals there, normals [m, 3, 3]; middle_m [m, 3] and the
-    unit normal there, normal [m, 3]; flat_m2 [m, 3], the face's normal times its area."""
+    """m triangles that act as mirrors. corners_m [m, 3, 3] and the unit normals of the smooth
+    surface there, normals [m, 3, 3]; middle_m [m, 3] and the unit normal there, normal [m, 3];
+    flat_m2 [m, 3]: the flat triangle's normal times its area."""
 
     corners_m: np.ndarray
     normals: np.ndarray
@@ -76,9 +82,11 @@ class Patches(NamedTuple):
 
 @njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
-    """Reflect rays from an antenna [3] at the chosen patches [n] that face both antenna and
-    reflected ray: returns their mask [n], and writes origins (ahead_m in front of their middles)
-    and directions to the first rows of ways [n, 6]."""
+    """Reflect the rays from an antenna [3] at the middles of patches. Returns the mask [n], over
+    `chosen` (indices [n]), of those that face both the antenna and the reflected ray.
+
+    Writes their reflected rays to the first rows of `ways` [n, 6]: origin (moved by the length
+    ahead_m along the ray, off the patch's own surface), then unit direction."""
     front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
@@ -95,11 +103,14 @@ def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untype
 
 @njit(**FAST)
 def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """Fill in tubes from their transmitter, patch and faces of the surface (the whole body as
-    patches). root_m2 is 0 for tubes that land on a back face, whose corner rays miss the surface's
-    plane, or that are so far from specular that their neighbours cancel them. With a wavenumber
-    above 0, the share of creeping waves (`radar.simulation.physics.creeping`, down to the argument
-    `lit` < 0) is removed from the mirror's."""
+    """Follow ray tubes to their ends and fill in all columns of `tubes` that follow from
+    transmitter, patch and faces. surface: all faces of the body as patches.
+
+    root_m2 stays 0 for tubes that end on the back of a face, whose corner rays miss the plane of
+    the footprint, or that are so far from specular that neighbouring tubes cancel them. With a
+    wavenumber above 0, the share of the field that creeping waves carry (see
+    `radar.simulation.physics.creeping`; they fade towards the argument `lit` < 0) is taken off the
+    tube's."""
     corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     bounces = tubes.faces.shape[1]
     for n in range(len(tubes.faces)):
@@ -161,7 +172,8 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
 
 @njit(inline="always")
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """One minus the weight of creeping waves in the ray that a convex patch reflects."""
+    """Return the share, 0 to 1, of the field that a convex patch reflects as a ray: near grazing
+    incidence, creeping waves carry the rest."""
     flat, normal, middle = (
         vec(patches.flat_m2[patch]),
         vec(patches.normal[patch]),
@@ -187,8 +199,8 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
 
 @njit(inline="always")
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
-    """Reflect the rays of a footprint's corners, with normals extrapolated beyond the face; True if
-    all of them meet its front."""
+    """Reflect the rays through the corners of a footprint at the smooth normals there, extrapolated
+    beyond the face. Changes `rays` in place; returns True if all of them meet the front."""
     front = True
     for i in range(3):
         flat = vec(surface.flat_m2[face])
@@ -202,16 +214,17 @@ def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
-    """Twice a footprint's area, negative where a mirror has turned it over, counter-clockwise as
-    its patch is."""
+    """Return twice the area of a footprint, by its corners `edges` [3, 3]; negative if reflection
+    has reversed the order of the corners, which is counter-clockwise on the patch."""
     origin = vec(edges[0])
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
 
 @njit(inline="always")
 def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
-    """The unit normal at a point of the plane of a triangle (corners [3, 3]) between those at its
-    corners [3, 3], or beyond, to coordinates of `least`."""
+    """Return the unit normal [3] at a point in the plane of a triangle, interpolated between the
+    normals at its corners (both [3, 3]). Outside the triangle it is extrapolated, with barycentric
+    coordinates not below `least`."""
     a, b, c = (
         minus(vec(corners[0]), point),
         minus(vec(corners[1]), point),
@@ -244,16 +257,20 @@ def radiate(  # type: ignore[no-untyped-def]
     pattern,
     seen,
 ):
-    """Samples [k, 2, t, r] of tubes sorted by transmitter (t has starts[t]:starts[t + 1]), without
-    the phase of the paths before_m [t] + after_m [r]. factor complex64 [n]: of each tube's
-    amplitude, with the row pair[n] of reflection, complex64 [pairs, k]. seen [faces, r] float32: 1
-    where receiver r sees the face.
+    """Return the samples [k, 2, t, r] that ray tubes radiate (real part, then imaginary, at k
+    tones), without the phase of the paths before_m [t] + after_m [r]. Tubes are sorted by
+    transmitter: t has starts[t]:starts[t + 1].
 
-    D = (1 + v/8)⁻⁴, v the variance of the phase over the footprint, taken as linear between its
-    corners, at the middle frequency (in turns per metre): the footprint's own pattern to second
-    order (1 − v/2), which fades where it would need a finer mesh. The path is the mean over the
-    footprint, were it quadratic: a twelfth of the sum of the corners' above the middle's.
-    """
+    factor complex64 [n]: multiplies each tube's amplitude, as does its row pair[n] of `reflection`,
+    complex64 [pairs, k]; turns_per_m [k]: tones as f/c, and `middle` their middle; pattern:
+    exponent q of the antennas' pattern cosᵠθ; seen [faces, r] float32: 1 where receiver r sees the
+    face.
+
+    A footprint over which the phase is not even radiates less, D = (1 + v/8)⁻⁴ with v the variance
+    of the phase over it, taken as linear between its corners, at the middle frequency: the
+    footprint's own pattern to second order (1 − v/2), which fades where it would need a finer mesh.
+    The path is the mean over the footprint, were it quadratic: a twelfth of the sum of the corners'
+    above the middle's."""
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
     receivers = np.stack((rx_m[:, 0], rx_m[:, 1], rx_m[:, 2], after_m)).astype(np.float32)
@@ -306,9 +323,9 @@ def radiate(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
-    """Fill in gains and paths of a tube for all receivers [4, r], x, y, z and path taken out;
-    whether enough of it is left over for any. No loop here or in `_add` has an end that depends on
-    its values: they become vector code."""
+    """Fill in `gain` and `path` [r], the amplitude and path of a tube at every receiver. receivers
+    [4, r]: x, y, z and the path that is taken out. Returns whether any receiver gets enough of it.
+    No loop here or in `_add` has an end that depends on its values: they become vector code."""
     zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = edges
     count = zero
@@ -343,7 +360,8 @@ def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth,
 
 @njit(**FAST)
 def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
-    """Add a tube's waves at one tone."""
+    """Add the wave of a tube at one tone to the samples `re` and `im` [r] of all receivers. weight:
+    its complex amplitude; turns: −f/c."""
     real, imag = weight.real, weight.imag
     for r in range(len(re)):
         cosine, sine = cis_small(turns * path[r])

@@ -38,13 +38,15 @@ EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
 def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the transmitters for which rays are traced, and of the receivers that represent
-    all; apart: factor on their distances."""
+    """Return the indices of the few transmitters from which rays are traced, and of the few
+    receivers from whose samples those of all others are interpolated. apart: factor on their
+    distances (15 mm)."""
     return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
-    """n points in c cells: cell [n], each point's cell; centre_m [c, 3]; points_m: some points of
+    """n points of the target sorted into c cubic cells of space, 30 mm wide. cell [n]: number of
+    each point's cell; centre_m [c, 3]: mean of the points in each; points_m: some of the points of
     each cell."""
 
     cell: np.ndarray
@@ -53,7 +55,8 @@ class Cells(NamedTuple):
 
     @classmethod
     def of(cls, points_m: np.ndarray) -> Cells:
-        """Assign points [n, 3] to cells of width CELL_M."""
+        """Sort points [n, 3] into cubic cells of space, 30 mm wide; cells without a point are left
+        out."""
         corner = np.floor(points_m / CELL_M).astype(int)
         corner -= corner.min(axis=0, initial=0)
         key = np.ravel_multi_index(tuple(corner.T), tuple(corner.max(axis=0, initial=0) + 1))
@@ -65,8 +68,9 @@ class Cells(NamedTuple):
 
 
 class LegWeights(NamedTuple):
-    """Interpolation of one leg: distance_m [c, a] from each cell's centre to each antenna; weights
-    [nodes, a] per cell, from the node antennas to all."""
+    """Interpolation over the antennas of one leg (transmitters or receivers), for waves to or from
+    each cell of the target. distance_m [c, a]: from each cell's centre to each antenna; weights:
+    per cell, a matrix [nodes, a] from samples at a few antennas (nodes) to all."""
 
     distance_m: np.ndarray
     weights: list[np.ndarray]
@@ -75,7 +79,9 @@ class LegWeights(NamedTuple):
     def of(
         cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float
     ) -> LegWeights:
-        """The weights for antennas [a, 3] with nodes at the indices `at`."""
+        """Compute the weights from the antennas at the indices `at` to all antennas [a, 3].
+        turns_per_m: f/c of the highest tone; ridge: damping of the fit, which keeps weights
+        small."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
         places = zip(cells.points_m, cells.centre_m, strict=True)
         weights = [
@@ -86,15 +92,16 @@ class LegWeights(NamedTuple):
 
 
 class ToneSubset(NamedTuple):
-    """A few tones that represent all: their indices [k] and weights [k, f] (empty if all are
-    kept)."""
+    """A few tones whose samples determine those at all tones. chosen: their indices [k]; weights
+    [k, f]: from them to all tones (empty if all tones are kept)."""
 
     chosen: np.ndarray
     weights: np.ndarray
 
     @classmethod
     def of(cls, turns_per_m: np.ndarray, reach_m: float) -> ToneSubset:
-        """The tones for paths that differ by up to ±reach_m."""
+        """Choose the tones for echoes whose paths differ by at most ±reach_m. turns_per_m [f]: f/c
+        of all tones."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
         wavenumber = 2 * np.pi * turns_per_m[:, None]
@@ -104,7 +111,8 @@ class ToneSubset(NamedTuple):
         return cls(chosen, np.ascontiguousarray(weights, np.float32))
 
     def at(self, chosen: np.ndarray) -> np.ndarray:
-        """The weights [k, n] of some of all tones."""
+        """Return the columns [k, n] of the weights for some of all tones, by index (empty if all
+        are kept)."""
         return (
             self.weights
             if self.weights.size == 0
@@ -113,12 +121,12 @@ class ToneSubset(NamedTuple):
 
 
 class Bundles:
-    """Traced hits in bundles: by the number of their bounces and the cells in which they start and
-    land.
+    """Traced rays in bundles: a bundle has the rays with the same number of reflections whose first
+    reflection is in the same cell of the target and whose last is in the same cell.
 
-    layer [faces]: of each face of the body; at: the indices of the antennas for which the rays were
-    traced; dipole [3]: the antennas'.
-    """
+    layer [faces]: number of the surface layer of each face of the body (thin skin or palm); at:
+    indices of the transmitters and receivers for which rays were traced; dipole [3]: direction of
+    the antennas' electric field."""
 
     def __init__(
         self,
@@ -162,14 +170,16 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Samples complex64 [f, t, r]. Tubes stay where they are on the target when the array moves
-        a little: paths are stationary with respect to the mirror's point. reflection [layers, f]:
-        amplitude against metal's at normal incidence; ratios: `oblique_ratios`, of all layers or of
-        the one material.
+        """Compute the samples complex64 [f, t, r] of all bundles for an array that may differ a
+        little from the traced one: the places of reflection on the target are kept, since paths are
+        stationary there.
 
-        A metal mirror's −1 is one more for each bounce than the single echo has, to which
-        amplitudes are referred.
-        """
+        reflection [layers, f]: amplitude relative to metal at normal incidence (None: metal);
+        pattern: exponent q of the antennas' pattern cosᵠθ; ratios: reflection at oblique incidence
+        over normal incidence, see `oblique_ratios`, for all layers or for the one material.
+
+        A metal mirror's −1 is one more for each reflection than the single echo has, to which
+        amplitudes are referred."""
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         level = np.ones((self._count, len(frequencies_hz)), complex)
@@ -229,8 +239,9 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Samples [k, 2, t, r] of the hits of bundle n at the chosen tones and the nodes, without
-        the phase of the paths over the cells' centres."""
+        """Return the samples [k, 2, t, r] (real, imaginary) of bundle n at the chosen tones and the
+        few traced antennas, without the phase of the path over the centres of its two cells.
+        products [pairs, f]: reflection for each sequence of layers."""
         bundle, (first, last) = self._bundles[n], self._places[n]
         tubes = self._traced.tubes(bundle)
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
@@ -259,9 +270,10 @@ def _sorting(key: np.ndarray) -> np.ndarray:
 
 @njit(**FAST)
 def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
-    """Mean length [b] of the hits order[starts[b]:starts[b + 1]] of bundles and the most by which
-    their paths differ from that over the centres first_m and last_m of their cells, with any
-    antennas."""
+    """Return for each bundle b, whose rays are order[starts[b]:starts[b + 1]], the mean length of
+    its rays on the target, and the most by which a ray's path may differ, for any antennas, from
+    that over the centres of its first and last cell (rows of first_m and last_m, by `places` [b,
+    2])."""
     length_m, reach_m = np.zeros(len(places)), np.zeros(len(places))
     for b in range(len(places)):
         begin, end = vec(first_m[places[b, 0]]), vec(last_m[places[b, 1]])
@@ -285,8 +297,9 @@ def _weights(
     turns_per_m: float,
     ridge: float,
 ) -> np.ndarray:
-    """Weights [nodes, a] that interpolate the waves of points [n, 3] about a centre from the
-    antennas `at` to all."""
+    """Return the matrix [nodes, a] that interpolates the waves of points [n, 3] near a centre [3],
+    from the antennas with the indices `at` to all antennas [a, 3]; empty if these are all. ridge:
+    damping of the fit."""
     if len(at) == len(antennas_m):
         return EVERY
     waves = steered_differences(

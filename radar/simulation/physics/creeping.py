@@ -39,9 +39,11 @@ SHARP = np.cos(np.radians(30))
 
 
 class Roundness(NamedTuple):
-    """Curvature of a body: normals [n, 3] and their derivatives [n, 3, 3] at its vertices; and the
-    coefficients [2, m, terms] of p* at a wavenumber, for fields along an edge first, with the
-    antennas' dipole [3]."""
+    """Curvature of a body, and its creeping waves. normals [n, 3] at the vertices; bends_per_m [n,
+    3, 3]: their derivatives along the surface; coefficients [2, m, terms]: polynomials that
+    approximate Pekeris' function p* for some radii, for an electric field along an edge first, then
+    across it; dipole [3]: direction of the antennas' field; wavenumber: for which all this
+    holds."""
 
     normals: np.ndarray
     bends_per_m: np.ndarray
@@ -52,9 +54,13 @@ class Roundness(NamedTuple):
     def of_edges(
         self, ends: np.ndarray, along_m: np.ndarray, towards: np.ndarray, sharp: np.ndarray
     ) -> np.ndarray:
-        """Rows [e, 5 + 2·terms] for edges between vertices [e, 2], seen in directions [e, 3]: the
-        unit normal [3] across the ray; m, 0 of a sharp edge; the largest 1/L; real, then imaginary
-        coefficients of what an edge adds over e^{−jkδ}/L, in powers of ξ."""
+        """Return the parameters of the creeping waves around edges: float32 [e, 5 + 2·terms].
+
+        ends: the edges' vertices [e, 2]; along_m [e, 3]: from one to the other; towards [e, 3]:
+        unit direction from the antenna; sharp: mask [e] of knife edges. Each row has the unit
+        normal [3] across the ray; the size m = (ka/2)^{1/3} (0: no creeping wave, as at a sharp
+        edge); the largest 1/L; and the real, then the imaginary coefficients of what the edge adds
+        over e^{−jkδ}/L, in powers of ξ."""
         across = self.normals[ends].sum(axis=1)
         across = unit(across - (across * towards).sum(axis=1)[:, None] * towards)
         bend_per_m = np.einsum("ei,evij,ej->e", towards, self.bends_per_m[ends], towards) / 2
@@ -80,15 +86,17 @@ class Roundness(NamedTuple):
 
 
 def roundness_of(scene: EchoScene, body: Body) -> Roundness:
-    """The body's roundness at the scene's middle frequency, cached per scene; a body of skin has
-    thin skin."""
+    """Return the curvature of a body and its creeping waves at the scene's middle frequency,
+    computed once per scene. A body of skin counts as thin skin."""
     return scene.cached(("roundness", id(body)), lambda: _roundness(scene, body))
 
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ [n, m] at ξ [n] for each c and s [m]: from
-    infinity along the ray of argument −2π/3, where V is W₁/2j but for a term that is the knife
-    edge's, to 0, and on along the real axis."""
+    """Return Pekeris' function [n, m] at the arguments ξ [n], for coefficients c and s [m] that
+    depend on polarisation and impedance: 1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ.
+
+    The integral goes from infinity along the ray of argument −2π/3, where V is W₁/2j but for a term
+    that is the knife edge's, to 0, and on along the real axis."""
     nodes, weights = np.polynomial.legendre.leggauss(40)
     # beyond 8 nothing is left
     nodes, weights, turn = (4 * (nodes + 1), 4 * weights[:, None], np.exp(1j * np.pi / 3))
@@ -125,8 +133,8 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
 
 @njit(nogil=True, cache=True)
 def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
-    """Derivatives [n, 3, 3] of the normals [n, 3] along the surface at the vertices: the mean over
-    the faces around each, by their area."""
+    """Return the derivatives [n, 3, 3] in 1/m of the unit normals [n, 3] along the surface, at each
+    vertex: the mean over the faces around it, weighted by their areas."""
     summed_m, area_m2 = np.zeros((len(vertices_m), 3, 3)), np.full(len(vertices_m), 1e-30)
     for m in range(len(faces)):
         a, b, c = (

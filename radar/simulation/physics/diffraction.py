@@ -39,9 +39,10 @@ T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01
 
 
 class Edges(NamedTuple):
-    """Inner edges of a body: ends [e, 2] (vertices, in the order of the first face); faces [e, 2];
-    outwards [e, 3]: mean of both faces' normals; sharp [e]: edges with a large angle between their
-    faces, which are knife edges; planes [m, 4]: (n, d) of every face, n·x > d in front of it."""
+    """The edges of a body's mesh between two faces. ends [e, 2]: indices of vertices, in the order
+    of the first face; faces [e, 2]; outwards [e, 3]: mean direction of both faces' normals; sharp
+    [e]: whether the faces meet at such an angle that the edge diffracts like a knife; planes [m,
+    4]: plane (n, d) of every face of the mesh, with n·x > d in front of it."""
 
     ends: np.ndarray
     faces: np.ndarray
@@ -51,10 +52,11 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Outline of a body: edges start_m [n, 3] + along_m [n, 3] between a face turned towards the
-    antenna and one turned away, counter-clockwise as seen from the antenna; beside_m [n, 3]: points
-    just outside the edges; within_m [n]: largest distance from the antenna of points that an edge
-    affects; creeping [n, 17]: parameters of creeping waves, see `Roundness.of_edges`."""
+    """Outline of a body as an antenna sees it: the edges between a face turned towards the antenna
+    and one turned away. start_m [n, 3] and along_m [n, 3], from start to end, counter-clockwise as
+    the antenna sees the body; beside_m [n, 3]: points just outside the edges; within_m [n]: largest
+    distance from the antenna of points that an edge diffracts to; creeping [n, 17]: parameters of
+    creeping waves, see `Roundness.of_edges`."""
 
     start_m: np.ndarray
     along_m: np.ndarray
@@ -63,8 +65,8 @@ class Outline(NamedTuple):
     creeping: np.ndarray
 
     def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
-        """Some of the edges, by mask [n]; within_m: limits [n] of the distance to which edges
-        contribute."""
+        """Return the outline with the edges that a mask [n] selects. within_m: new limits [n] of
+        the distance from the antenna up to which the edges diffract."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
         return Outline(
             self.start_m[chosen],
@@ -76,8 +78,10 @@ class Outline(NamedTuple):
 
 
 class PointCells(NamedTuple):
-    """Points in cells: their order [n], places position_m [3, n] from the cell's centre, starts
-    [cells + 1] of cells; centre_m [cells, 3], radius_m [cells]."""
+    """n points sorted into cubic cells of space. order [n]: the points' original indices, cell by
+    cell; position_m [3, n]: their places from their cell's centre, in this order; starts [cells +
+    1]: where each cell begins; centre_m [cells, 3]: mean of a cell's points; radius_m [cells]:
+    their largest distance from it."""
 
     order: np.ndarray
     position_m: np.ndarray
@@ -87,7 +91,8 @@ class PointCells(NamedTuple):
 
 
 def edges_of(body: Body) -> Edges:
-    """Find the inner edges of a body with a closed mesh."""
+    """Find the edges of a body's mesh that two faces share. The rims of an open mesh are left
+    out."""
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
     low, high = np.sort(directed[order], axis=1).T
@@ -103,15 +108,16 @@ def edges_of(body: Body) -> Edges:
 
 
 def cached_edges(scene: EchoScene, body: Body) -> Edges:
-    """A body's edges, cached per scene."""
+    """Return the edges of a body's mesh, found once per scene."""
     return scene.cached(("edges", id(body)), lambda: edges_of(body))
 
 
 def outline(
     body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None
 ) -> Outline:
-    """The whole outline of a body towards an antenna, hidden parts included; knife edges unless the
-    body's roundness is given."""
+    """Return the whole outline of a body as seen from an antenna [3], including parts that are
+    hidden. roundness: curvature of the body, for creeping waves; None: all edges diffract like a
+    knife's."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -130,7 +136,9 @@ def outline(
 
 
 def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """The part of an outline that the antenna sees among the obstacles of `rays`."""
+    """Return the edges of an outline that the antenna [3] sees past the obstacles of `rays`. Each
+    then diffracts only to points no farther away than the surface that the antenna sees next to
+    it."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
     hit, _ = rays.first_hits(
@@ -140,7 +148,8 @@ def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outlin
 
 
 def cells_of(points_m: np.ndarray, cell_m: float) -> PointCells:
-    """Group points [n, 3] into cells of that width, whose points share a list of edges."""
+    """Sort points [n, 3] into cubic cells of the width cell_m. The points of a cell share one list
+    of the edges that diffract to them."""
     place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
@@ -160,10 +169,13 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """Compute the edges' waves (1/2π) Σ ∫ e^{−jkδ} dφ, with creeping waves, at the points for each
-    wavenumber [k]: complex64 [k, n], in the original order of the points. Waves fade out where kδ
-    exceeds farthest / 2 and the tangent of their bend widest / 2. Amplitudes are those of the
-    middle wavenumber."""
+    """Compute the field that the edges of an outline diffract to points, over the antenna's own
+    field there: (1/2π) Σ ∫ e^{−jkδ} dφ, plus creeping waves. Returns complex64 [k, n] for each
+    wavenumber [k], in the original order of the points.
+
+    farthest, widest: limits of kδ (δ: detour over the edge) and of the tangent of the angle by
+    which the edge bends the ray; waves fade out from half of a limit to the limit. Amplitudes are
+    those at the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m, middle = (
@@ -188,8 +200,10 @@ def edge_waves(
 def _waves(  # type: ignore[no-untyped-def]
     antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves
 ):
-    """Fill in waves [2, k, n] cell by cell, with the edges that the points of a cell need. edges:
-    their places from the antenna, normal_m2 [e, 3] = along × start."""
+    """Fill in `waves` [2, k, n] (real, imaginary) cell by cell, with the edges that matter for the
+    cell's points. edges: start, direction, normal_m2 [e, 3] = along × start, distance limit and
+    creeping parameters, all from the antenna; limits: of kδ, of the bend, and of the creeping
+    waves' argument."""
     start_m, along_m, normal_m2, within_m, creeping = edges
     farthest, widest, lit, deep = limits
     middle_m, latest_m, near = (
@@ -218,8 +232,8 @@ def _waves(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
-    """Fill in the mask of the edges that some points of a cell need: they bend rays less than
-    `widest` and delay them by less than latest_m."""
+    """Mark in `near` the edges that matter for some point of a cell: those that bend the ray to it
+    by a tangent of at most `widest` and lengthen it by at most latest_m."""
     (mx, my, mz), within_m = middles[0], middles[1]
     way = np.float32(np.sqrt((centre * centre).sum()))
     cx, cy, cz = (
@@ -246,9 +260,11 @@ def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no
 
 @njit(**FAST)
 def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # type: ignore[no-untyped-def]
-    """For an edge and each of n points, x, y, z from their cell's centre: the edge's angle around
-    the ray over 2π; 0; its detour; the weight of its waves, faded by the turn of the phase from one
-    end to the other by its sinc, and 0 where it does not count; and 1/L."""
+    """Fill in `scratch` [5, n] for one edge and each of n points (x, y, z from the cell's centre):
+    the angle of the edge around the ray, over 2π, times its weight; 0; the detour over the edge;
+    the weight of its wave; and 1/L, the sum of the inverse lengths before and behind the edge. The
+    weight is reduced where the phase turns from one end of the edge to the other, and 0 where the
+    edge does not count."""
     start, along, normal, within = edge
     cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
     ax, ay, az = (
@@ -309,8 +325,8 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
 
 @njit(**FAST)
 def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
-    """Add what creeps around an edge whose middle is there from the cell's centre, a row of
-    `Roundness.of_edges`."""
+    """Add to `scratch` the waves that creep around one edge to the points (x, y, z from the cell's
+    centre). middle: the edge's middle from there; creeping: its row of `Roundness.of_edges`."""
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
     nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
     r0, r1, r2, r3, r4, r5 = (
@@ -347,7 +363,8 @@ def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type
 
 @njit(**FAST)
 def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
-    """Add an edge's waves."""
+    """Add the waves of one edge at one tone to the fields `re` and `im` [n] at the points.
+    turns_per_m: k/2π."""
     scale = np.float32(turns_per_m)
     for p in range(len(re)):
         cosine, sine = cis_small(scale * scratch[2, p])

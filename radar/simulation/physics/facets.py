@@ -19,8 +19,9 @@ FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets of a body: position_m [p, 3], area_m2 [p], normal [p, 3] (outwards, interpolated
-    between the vertices), face [p]: the face of the mesh that each is a part of."""
+    """A body's surface as p small flat pieces. position_m [p, 3]: centres; area_m2 [p]; normal [p,
+    3]: outward unit vectors, interpolated between the vertices; face [p]: index of the mesh's face
+    that each is a part of."""
 
     position_m: np.ndarray
     area_m2: np.ndarray
@@ -36,15 +37,16 @@ class Facets:
         return Scatterers(self.position_m, self.area_m2, self.normal)
 
     def where(self, chosen: np.ndarray) -> Facets:
-        """Some of the facets, by mask or index."""
+        """Return the facets that a mask [p] or indices select."""
         return Facets(
             self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen]
         )
 
 
 def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
-    """The body's faces (those at the indices `faces`, or all), each split into 4ⁿ until none of its
-    edges is longer than `longest_m`."""
+    """Divide faces of a body (those at the indices `faces`, or all) into facets: each face is split
+    n times into four, until no edge is longer than longest_m. Raises HandbenchError for more than 4
+    million facets."""
     chosen = np.arange(len(body.faces)) if faces is None else faces
     corners = body.vertices_m[body.faces[chosen]]
     edges_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0)
@@ -98,7 +100,8 @@ def _hull_m3(points_m: np.ndarray) -> float:
 
 
 def vertex_normals(body: Body) -> np.ndarray:
-    """Unit normals [n, 3]: the mean over the faces around each vertex, by their area."""
+    """Return the unit normal at each vertex [n, 3]: the mean normal of the faces around it,
+    weighted by their areas."""
     normals = np.zeros_like(body.vertices_m)
     vectors = face_vectors(body.vertices_m, body.faces)
     for corner in range(3):

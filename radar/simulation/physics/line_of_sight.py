@@ -24,13 +24,13 @@ COARSE = 16  # a face with more facets is tested per facet
 
 
 def rays_of(scene: EchoScene, body: Body) -> Rays:
-    """The body's ray caster, cached per scene."""
+    """Return the ray caster of a body's mesh, built once per scene."""
     return scene.cached(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """Mask [a, p] of the facets p that antenna a sees: the face is turned towards the antenna, and
-    nothing is in between."""
+    """Return the mask [a, p] of the facets that each antenna sees: their face is turned towards the
+    antenna, and nothing is in between. rays: ray caster of the obstacles."""
     faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
     used, corners = np.unique(body.faces[faces], return_inverse=True)
     clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
@@ -52,8 +52,9 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
 def points_in_sight(
     rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M
 ) -> np.ndarray:
-    """Mask [a, n] of the antennas and points with a clear line of sight; stride_m: distance of the
-    first antennas."""
+    """Return the mask [a, n] of the points that have a clear line of sight to each antenna.
+    Antennas about stride_m apart are tested first; where two neighbours of these agree, those
+    between them are taken to agree."""
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
         step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
@@ -71,8 +72,8 @@ def points_in_sight(
 
 
 def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
-    """Antennas [a, 3] as runs of neighbours in the order of their numbers: a new one begins where
-    the distance to the one before is more than twice the median."""
+    """Divide antennas [a, 3] into straight lines: arrays of successive indices. A new one begins
+    where the distance to the antenna before is more than twice the median."""
     if len(antennas_m) < 2:
         return [np.arange(len(antennas_m))]
     steps_m = np.linalg.norm(np.diff(antennas_m, axis=0), axis=1)
@@ -82,15 +83,17 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
 
 
 def evenly_spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of a line's antennas [a, 3] that are evenly spaced up to apart_m apart, its ends
-    included, and how far along the line each antenna is [a]."""
+    """Choose antennas of one line [a, 3] at even distances of at most apart_m, both ends included.
+    Returns their indices, and the distance of each of the line's antennas from its start in metres
+    [a]."""
     along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
     count = min(len(line_m), 1 + int(np.ceil(along_m[-1] / apart_m)))
     return np.linspace(0, len(line_m) - 1, count).round().astype(int), along_m
 
 
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
-    """Indices of antennas [a, 3] about apart_m apart along each line, its ends included."""
+    """Return the indices of antennas chosen evenly along each line of the antennas [a, 3], about
+    apart_m apart, the lines' ends included."""
     return np.concatenate(
         [line[evenly_spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
     )
@@ -98,7 +101,8 @@ def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
-    """Number of clear corners of each face: uint8 [m]; corners [m, 3]: indices into clear [n]."""
+    """Count the visible corners of each face: uint8 [m]. clear: mask [n] of the visible points;
+    corners [m, 3]: indices of points."""
     count = np.zeros(len(corners), np.uint8)
     for m in range(len(corners)):
         for i in range(3):

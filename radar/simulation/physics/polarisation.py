@@ -22,13 +22,14 @@ LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one o
 def tube_factors(
     tubes: Tubes, tx_m: np.ndarray, dipole: np.ndarray, ratios: np.ndarray, layers: np.ndarray
 ) -> np.ndarray:
-    """The factors by which polarisation, angles and caustics change tubes' amplitudes, as in the
-    direction in which the last place mirrors them: complex64 [n]; 1 where metal is met across the
-    plane of incidence.
+    """Return the complex64 factors [n] by which polarisation, angles of incidence and caustics
+    change the amplitudes of ray tubes, in the direction in which the last place would mirror them;
+    1 for metal with the field across every plane of incidence.
 
-    dipole [3]: both antennas'; ratios [layers, 2, cosines]: Γ of each layer at even steps of the
-    cosine of incidence from 0 to 1, over that at normal incidence, across the plane of incidence
-    first; layers [n, b]: of each tube's places."""
+    dipole [3]: direction of both antennas' electric field; ratios [layers, 2, cosines]: reflection
+    over that at normal incidence at evenly spaced cosines of incidence from 0 to 1, the field
+    across the plane of incidence first (see `oblique_ratios`); layers [n, b + 1]: surface layer at
+    each place that a tube meets."""
     factors = np.zeros(len(tubes.patch), np.complex64)
     _fill(tubes, tx_m, np.asarray(dipole, float), ratios, layers, factors)
     return factors
@@ -56,15 +57,17 @@ def _fill(tubes, tx_m, dipole, ratios, layers, factors):  # type: ignore[no-unty
 
 @njit(inline="always")
 def _across(dipole, ray):  # type: ignore[no-untyped-def]
-    """The dipole's unit field on a ray."""
+    """Return the unit electric field that a short dipole radiates along a unit ray: its direction
+    without the part along the ray."""
     whole = vec(dipole)
     return direction(ahead(whole, -dot(whole, ray), ray))[0]
 
 
 @njit(**FAST)
 def _reflected(field, before, after, ratio):  # type: ignore[no-untyped-def]
-    """The field of a ray along `before` once it goes on along `after`, Γ times the part across the
-    plane of incidence, and the part along it, turned."""
+    """Return the field [3] of a ray after a mirror that turns it from the direction `before` to
+    `after`. ratio [2, cosines]: reflection at each cosine of incidence, of the part of the field
+    across the plane of incidence and of the part in it."""
     normal = direction(minus(after, before))[0]
     across, sine = direction(cross(before, normal))
     if sine < LEAST_SINE:

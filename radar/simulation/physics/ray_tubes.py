@@ -27,9 +27,10 @@ STRIDE_M = 0.08  # distance of the antennas whose line of sight is tested first
 
 
 class Hits(NamedTuple):
-    """n rays from transmitters that a patch reflects back onto the body: transmitter and patch [n];
-    faces [n, b] met one after another (−1: none); end_m [n, 3] on the last face; length_m [n] from
-    the patch to there."""
+    """n rays from transmitters that a patch (a small mirror on the body) reflects back onto the
+    body. transmitter, patch: indices [n]; faces [n, b]: of the body, in the order met (−1: none);
+    end_m [n, 3]: where the ray meets the last of them; length_m [n]: path from the patch to
+    there."""
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -38,14 +39,15 @@ class Hits(NamedTuple):
     length_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Hits:
-        """Some of the hits, by mask or index."""
+        """Return the rays that a mask [n] or indices select."""
         return Hits(*(column[chosen] for column in self))
 
 
 class Mirrors(NamedTuple):
-    """m mirrors as patches; part [m]: the coarse patch that each is a part of; bounces [coarse]:
-    how many of its tubes count after the first; face [m]: the body's face; all of the body's faces
-    as patches."""
+    """m patches of the body that reflect antennas onto the body. part [m]: index of the coarse
+    patch of which each was split off; bounces: for each coarse patch, the number of reflections
+    after its own that matter; face [m]: the body's face; surface: all faces of the body as
+    patches."""
 
     patches: Patches
     coarse: Patches
@@ -57,9 +59,10 @@ class Mirrors(NamedTuple):
 
 @dataclass(frozen=True)
 class RayTrace:
-    """Hits of one bounce, two, and so on, each in the order of the transmitters of an array; seen
-    float32 [faces, r]: 1 where a receiver sees the face; wavenumber: above 0 where waves creep
-    around edges."""
+    """Traced rays: those that meet one face of the body after the mirror first, then those that
+    meet two, and so on, each in the order of the transmitters of `array`. seen float32 [faces, r]:
+    1 where a receiver sees the face; wavenumber: in rad/m where waves also creep around edges, else
+    0."""
 
     hits: Hits
     mirrors: Mirrors
@@ -68,7 +71,8 @@ class RayTrace:
     wavenumber: float
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
-        """The tubes around some of the hits of as many bounces, by index [n]."""
+        """Return the ray tubes around the rays with the indices `chosen` [n], which all have the
+        same number of reflections."""
         transmitter, patch, faces = (column[chosen] for column in self.hits[:3])
         hits = self.hits._replace(
             transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()]
@@ -81,7 +85,9 @@ class RayTrace:
 def tubes_around(
     hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
 ) -> Tubes:
-    """Construct tubes around hits [n], without creeping waves if the wavenumber is above 0."""
+    """Return the ray tubes around rays [n] that were traced. patches: the mirrors; surface: all
+    faces of the body as patches. With a wavenumber above 0, what creeping waves carry is taken off
+    the tubes' fields."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = (
@@ -96,8 +102,8 @@ def tubes_around(
 
 
 def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """The hits of the next bounce: of those tubes that meet the body again after reflection at
-    their end."""
+    """Follow rays over one more reflection. Returns those that meet the body once again, each
+    longer by that leg and with one more column of faces."""
     tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
@@ -116,9 +122,10 @@ def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: 
 def mirrors_of(
     rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1
 ) -> Mirrors:
-    """The patches that mirror some antennas [a, 3] onto the body, split until no edge is longer
-    than longest_m; coarser ones that make no tube with a few of the antennas are left out. bounces:
-    at most, after the first."""
+    """Find the patches of the body that reflect antennas [a, 3] back onto the body. They are split
+    until no edge is longer than longest_m; patches are tried at twice that length with a few of the
+    antennas, and left out if no tube arrives. bounces: the most faces that a ray may meet after its
+    patch."""
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, face = split(surface, COARSE * longest_m)
     count = _lit(rays, whole, surface, antennas_m, bounces)
@@ -131,8 +138,9 @@ def mirrors_of(
 def trace(
     rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
 ) -> RayTrace:
-    """All hits after up to so many bounces. Both legs to the antennas are clear of the body, by the
-    middles of coarse patches and of faces."""
+    """Trace the rays from all transmitters over the mirrors and on to up to `bounces` faces of the
+    body. Kept are rays whose transmitter sees the mirror's coarse patch and whose last face some
+    receiver sees, both tested at the middles only."""
     surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
     found: list[list[Hits]] = [[] for _ in range(bounces)]
@@ -153,8 +161,8 @@ def trace(
 
 
 def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
-    """Join lists of hits by number of bounces, if a receiver sees their last face (visible
-    [faces]), with equal numbers of columns of faces."""
+    """Join rays, listed by number of reflections, to one table; shorter rows of faces are filled
+    with −1. Rays whose last face no receiver sees (visible [faces]) are left out."""
     padded = []
     for b, some in enumerate(found):
         for hits in (hits.where(visible[hits.faces[:, -1]]) for hits in some):
@@ -165,8 +173,8 @@ def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
-    """Split patches into four until no edge is longer than longest_m: the patches, and the face [m]
-    of each."""
+    """Split triangles into four, again and again, until no edge is longer than longest_m. Returns
+    the parts, and for each the index [m] of the triangle that it comes from."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
     if (
         np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0)
@@ -188,7 +196,7 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
 
 
 def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
-    """Patches by their corners and the unit normals there, both [m, 3, 3]."""
+    """Build patches from the corners of triangles and the unit normals there, both [m, 3, 3]."""
     a, b, c = (corners_m[:, i] for i in range(3))
     return Patches(
         corners_m,
@@ -200,8 +208,8 @@ def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
 
 
 def corner_normals(body: Body) -> np.ndarray:
-    """Unit normals [m, 3, 3] at the corners of each face: the vertex's, or the face's own at the
-    edges of a body."""
+    """Return unit normals [m, 3, 3] at the corners of each face: the smooth normal of the vertex,
+    or the face's own where the body has a sharp edge."""
     flat = unit(face_vectors(body.vertices_m, body.faces))
     smooth = vertex_normals(body)[body.faces]
     crease = np.einsum("mci,mi->mc", smooth, flat) < CREASE
@@ -211,8 +219,9 @@ def corner_normals(body: Body) -> np.ndarray:
 def _lit(
     rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int
 ) -> np.ndarray:
-    """The most bounces [m] after the first at which patches make tubes with some of a few antennas,
-    as far as all of them together count."""
+    """Return for each patch [m] how many reflections after its own matter: the most with which it
+    makes a tube from one of a few antennas. Numbers of reflections from which on all tubes together
+    are weak are not counted; 0: no tube."""
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
     everything = np.arange(len(count))
     few = nodes(antennas_m, TRIAL_M)
@@ -233,8 +242,8 @@ def _lit(
 def first_hits(
     rays: Rays, patches: Patches, antennas_m: np.ndarray, antenna: int, chosen: np.ndarray
 ) -> Hits:
-    """The hits of an antenna, by index, over those of the chosen patches that mirror it onto the
-    body."""
+    """Trace the rays of one antenna (by index) over the chosen patches. Returns those that a patch
+    reflects onto the body, up to the first face that they meet."""
     ways = np.empty((len(chosen), 6), np.float32)
     chosen = chosen[mirror(patches, antennas_m[antenna], chosen, OWN_SURFACE_M, ways)]
     ways = ways[: len(chosen)]

@@ -17,7 +17,8 @@ VACUUM_F_M = 8.8541878128e-12
 
 @dataclass(frozen=True)
 class ColeCole:
-    """ε_r(ω) = ε_∞ + Σ_n Δε_n / (1 + (jωτ_n)^(1−α_n)) + σ/(jωε_0), time e^{+jωt}."""
+    """Cole–Cole model of a dielectric's permittivity, by its parameters: ε_r(ω) = ε_∞ + Σ_n Δε_n /
+    (1 + (jωτ_n)^(1−α_n)) + σ/(jωε_0), with time e^{+jωt}."""
 
     infinity: float
     step: tuple[float, ...]  # Δε
@@ -66,13 +67,15 @@ THIN_M = 15e-6
 
 
 def skin_permittivity(frequencies_hz: np.ndarray, wet: bool = False) -> np.ndarray:
-    """Complex relative permittivity [f] of skin as a whole, e^{+jωt}."""
+    """Return the complex relative permittivity [f] of skin as a whole, for time e^{+jωt}. wet: of
+    moist skin."""
     return (WET if wet else DRY).permittivity(frequencies_hz)
 
 
 def echo_reflection(material: Material, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Echo amplitude of a body's surface over that of metal: complex [f]; of skin, where it is
-    thin. It is −Γ: the forward model's amplitudes are metal's, whose Γ is −1."""
+    """Return the echo amplitude of a material's surface relative to metal, complex [f], at normal
+    incidence; of skin, where it is thin. It is −Γ: the forward model's amplitudes are metal's,
+    whose Γ is −1."""
     if material.kind == "metal":
         return np.ones(len(frequencies_hz), complex)
     if material.kind == "skin":
@@ -81,19 +84,21 @@ def echo_reflection(material: Material, frequencies_hz: np.ndarray) -> np.ndarra
 
 
 def body_reflection(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """The same of a body, whose reflectivity may be known: complex [f]."""
+    """Return the echo amplitude of a body's surface relative to metal, complex [f]: by its
+    reflectivity_db where that is given, else by its material (of skin, where it is thin)."""
     if body.reflectivity_db is None:
         return echo_reflection(body.material, frequencies_hz)
     return np.full(len(frequencies_hz), 10 ** (body.reflectivity_db / 20), complex)
 
 
 def skin_layers_m(material: Material) -> tuple[float, float]:
-    """Thicknesses of the horny layer: thin skin's, then the palm's."""
+    """Return the thickness in metres of the horny layer of thin skin, and of that of the palm."""
     return THIN_M, material.palm_thickness_m
 
 
 def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: float) -> np.ndarray:
-    """−Γ [f] of skin under a horny layer of thickness horny_m (0: the half-space)."""
+    """Return the echo amplitude of skin relative to metal, −Γ, complex [f], at normal incidence.
+    horny_m: thickness of the horny layer on the skin (0: none)."""
     below = skin_permittivity(frequencies_hz, material.wet)
     return -layer_reflection(HORNY.permittivity(frequencies_hz), below, horny_m, frequencies_hz)
 
@@ -104,17 +109,20 @@ def dielectric_permittivity(material: Material) -> complex:
 
 
 def fresnel(permittivity: np.ndarray) -> np.ndarray:
-    """Γ = (1 − n)/(1 + n) from air at normal incidence, n = √ε_r: complex, of any shape."""
+    """Return the reflection Γ = (1 − n)/(1 + n) from air at normal incidence, with n = √ε_r:
+    complex, of the shape of `permittivity`."""
     return interface(1.0, permittivity, 1.0)[0]
 
 
 def interface(
     above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float
 ) -> np.ndarray:
-    """Γ [2, ...] of the surface between two media by their permittivities, at a cosine of incidence
-    in air: of the field across the plane of incidence, then along it. Γ is of the component along
-    the surface, so that both agree at normal incidence; the admittances are √(ε_r − sin²θ) and
-    ε_r/√(ε_r − sin²θ)."""
+    """Return the reflection Γ [2, ...] of a plane wave at the surface between two media, for the
+    electric field across the plane of incidence and then along it.
+
+    above, below: complex relative permittivities; cosine: of the angle of incidence in air. Γ is
+    that of the field's component along the surface, so that both agree at normal incidence; the
+    admittances are √(ε_r − sin²θ) and ε_r/√(ε_r − sin²θ)."""
     upper, lower = (np.asarray(medium, complex) for medium in (above, below))
     normal_u, normal_l = (np.sqrt(medium - 1 + np.square(cosine)) for medium in (upper, lower))
     pairs = (normal_u, normal_l), (upper / normal_u, lower / normal_l)
@@ -124,8 +132,9 @@ def interface(
 def layer_reflection(
     layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray
 ) -> np.ndarray:
-    """Γ [f] from air at normal incidence of a layer on a half-space, permittivities [f], its phase
-    that of the layer's surface."""
+    """Return the reflection Γ, complex [f], from air at normal incidence of a layer on a
+    half-space. layer, below: relative permittivities [f] of both. The phase is that at the layer's
+    surface."""
     return oblique_layer_reflection(layer, below, thickness_m, frequencies_hz, 1.0)[0]
 
 
@@ -136,8 +145,10 @@ def oblique_layer_reflection(
     frequencies_hz: np.ndarray,
     cosine: np.ndarray | float,
 ) -> np.ndarray:
-    """The same for both polarisations, [2, ...]: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jk√(ε₁ −
-    sin²θ)d) (Born & Wolf, Principles of Optics, sec. 1.6.4)."""
+    """Return the reflection Γ [2, ...] from air of a layer on a half-space, for the field across
+    the plane of incidence and then along it: (Γ₁ + Γ₂e)/(1 + Γ₁Γ₂e), e = exp(−2jk√(ε₁ − sin²θ)d)
+    (Born & Wolf, Principles of Optics, sec. 1.6.4). layer, below: relative permittivities; cosine:
+    of the angle of incidence."""
     there_and_back = 4 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S * thickness_m
     turned = np.exp(
         -1j * there_and_back * np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine))
@@ -147,9 +158,11 @@ def oblique_layer_reflection(
 
 
 def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Reflection Γ relative to normal incidence, at `count` even steps of the cosine of incidence
-    from 0 to 1: complex64 [layers, 2, count], the field across the plane of incidence first; layers
-    of skin: `skin_layers_m`. 1 for metal."""
+    """Return the reflection Γ at oblique incidence over that at normal incidence: complex64
+    [layers, 2, count], the field across the plane of incidence first, then along it.
+
+    The last axis has `count` evenly spaced cosines of the angle of incidence from 0 to 1. Skin has
+    two layers, thin skin and the palm; other materials have one. For metal all values are 1."""
     if material.kind == "metal":
         return np.ones((1, 2, count), np.complex64)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]

@@ -37,8 +37,9 @@ IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Si
 
 
 class Samples(NamedTuple):
-    """Samples of a surface: points_m [s, 3], about apart_m apart; corner [3, p]: the three samples
-    around each facet, with barycentric shares [3, p]."""
+    """Points of a surface at which the diffracted field is computed, and how facets interpolate
+    between them. points_m [s, 3], about apart_m apart; corner [3, p]: indices of the three points
+    around each of p facets; share [3, p]: their weights (barycentric coordinates)."""
 
     points_m: np.ndarray
     corner: np.ndarray
@@ -54,9 +55,13 @@ def sight_of(
     array: AntennaArray,
     apart_m: float,
 ) -> tuple[Sight, np.ndarray]:
-    """Compute the sight of facets behind a body (`hiding`; `rays` has all obstacles), for antennas
-    up to apart_m apart, and the mask [p] of the facets that some transmitter and some receiver
-    see."""
+    """Compute which share of each antenna's field reaches the facets of a surface past the outlines
+    of a body. Returns it as `Sight`, and the mask [p] of the facets that some transmitter and some
+    receiver illuminate.
+
+    hiding: the body whose outlines diffract; samples: points of the surface, with the facets'
+    weights; rays: ray caster of all obstacles; apart_m: largest distance of the antennas of a line
+    for which the field is computed; for the others it is interpolated."""
     points_m, corner, share, _ = samples
     turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     edges, roundness = cached_edges(scene, hiding), roundness_of(scene, hiding)
@@ -94,14 +99,16 @@ def sight_of(
 
 
 def _far(table: np.ndarray) -> np.ndarray:
-    """Mask [s] of the rows of a table [s, 3, nodes] that differ from 0 by more than FULL."""
+    """Return the mask [s] of the points at which some coefficient of a table [s, 3, nodes] of
+    shares exceeds 0.05."""
     parts = table.view(np.float32).reshape(len(table), -1)
     return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of antennas [a, 3] up to apart_m apart along each line, and weights [a, nodes] that
-    interpolate to all."""
+    """Choose antennas evenly along each line, at most apart_m apart. Returns their indices, and the
+    weights float32 [a, nodes] with which values at them are interpolated to all antennas [a, 3]
+    (cubic splines)."""
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
@@ -113,8 +120,9 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
 
 
 def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
-    """Sample the surface at the corners of its faces, split in four until their edges are at most
-    samples_m; each facet is assigned to its part by barycentric coordinates."""
+    """Choose the points of a surface at which its field is computed: the corners of its faces,
+    split into four until no edge is longer than samples_m. Each facet gets the three corners of the
+    part that it lies in, with its barycentric coordinates there."""
     around = body.faces[facets.face]
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)
@@ -150,7 +158,8 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
 
 
 def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Coordinates [n, 3] of points [n, 3] in triangles [n, 3, 3]."""
+    """Return the barycentric coordinates [n, 3] of points [n, 3], each in its own triangle
+    (corners_m [n, 3, 3])."""
     a, b, c = (corners_m[:, i] for i in range(3))
     normal = np.cross(b - a, c - a)
     square = np.einsum("ni,ni->n", normal, normal)

@@ -61,13 +61,12 @@ def sphere_echo(
     array: AntennaArray,
     polarisation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of a metal sphere by Mie's series at each channel's bistatic
-    angle.
+    """Return samples complex64 [f, t, r] of a metal sphere, by Mie's series at the bistatic angle
+    of each pair of transmitter and receiver.
 
-    delay_m: extra one-way path (foam). polarisation [3]: the electric field of all antennas; None:
-    unknown, the mean over its directions in the array's plane. Scale and phase are those of
-    `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here.
-    """
+    delay_m: extra one-way path (in foam). polarisation [3]: direction of all antennas' electric
+    field; None: unknown, the mean over its directions in the array's plane. Scale and phase are
+    those of `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here."""
     directions = (
         tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
     )
@@ -93,20 +92,22 @@ def sphere_echo(
 
 
 def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """cos β of each channel [t, r], 2β the angle between transmitter and receiver as the point [3]
-    sees them."""
+    """Return cos β [t, r], with 2β the angle at the point [3] between the directions to transmitter
+    t and receiver r."""
     return np.linalg.norm(path_gradients(point_m, array), axis=2) / 2
 
 
 def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """û_t + û_r [t, r, 3], the gradient of the path length at a point."""
+    """Return the gradient [t, r, 3] of the path from transmitter over the point [3] to receiver:
+    û_t + û_r, the sum of the unit vectors from the antennas to the point."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     return to[:, None] + back[None]
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
-    """Products [2, t, r] of the transmitter's and the receiver's field components across the plane
-    of scattering and in it; each field is `field` without its part along the ray."""
+    """Return, for each pair of transmitter and receiver, the product of both field components
+    across the plane of scattering, and of both in that plane: [2, t, r]. `field` [3]: the antennas'
+    electric field, of which each ray keeps the part across itself."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
@@ -122,8 +123,8 @@ def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.n
 
 
 def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles' cosines [NODES] over the range of cos_beta [t, r], and the matrix complex64 [NODES,
-    t·r] that carries values there to every channel."""
+    """Choose 16 cosines over the range of cos_beta [t, r]. Returns them, and the matrix complex64
+    [16, t·r] that interpolates values at them to all pairs of transmitter and receiver."""
     low, high = float(cos_beta.min()) - 1e-6, float(cos_beta.max()) + 1e-6
     points = chebpts1(NODES)
     place = (2 * cos_beta.ravel() - low - high) / (high - low)
@@ -138,8 +139,9 @@ def ball_echoes(
     delay_m: np.ndarray | None = None,
     pattern: float = 0.0,
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of the scene's bare steel balls by Mie's series. delay_m [n]:
-    extra one-way path of each; pattern: exponent of the antennas' amplitude pattern cosᵠθ."""
+    """Return samples complex64 [f, t, r] of the scene's steel balls by Mie's series, without their
+    foam. delay_m [n]: extra one-way path of each ball's echo (None: 0); pattern: exponent q of the
+    antennas' amplitude pattern cosᵠθ."""
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
     samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
@@ -149,8 +151,9 @@ def ball_echoes(
 
 
 def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
-    """Extra one-way path [n] of each ball's echo, (n − 1)·(R_foam − r_ball): the foam is centred on
-    the ball, so that every ray to the ball's specular point runs along a radius and is not bent."""
+    """Return the extra one-way path in metres [n] of each ball's echo through its foam, (n −
+    1)·(R_foam − r_ball). The foam is centred on the ball, so that a ray to the ball's specular
+    point runs along a radius and is not bent."""
     return np.array(
         [(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls]
     )
@@ -159,8 +162,8 @@ def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
 def foam_echoes(
     balls: Sequence[Ball], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float = 0.0
 ) -> np.ndarray:
-    """Samples complex64 [f, t, r] of the foam's front and back surfaces, without the balls
-    inside."""
+    """Return samples complex64 [f, t, r] of the front and back surfaces of the balls' foam, without
+    the balls inside. pattern: exponent q of the antennas' amplitude pattern cosᵠθ."""
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for ball in balls:
         if has_foam(ball):
@@ -176,7 +179,8 @@ def has_foam(ball: Ball) -> bool:
 
 
 def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray | float:
-    """cosᵠθ of both antennas of each channel towards a point [3]: float32 [t, r]."""
+    """Return the product of both antennas' pattern cosᵠθ towards a point [3], float32 [t, r]; 1.0
+    for `pattern`, the exponent q, of 0."""
     if pattern == 0:
         return 1.0
     cosines = ((point_m - leg.position_m)[:, 2] / leg.lengths_m(point_m) for leg in array.legs)
@@ -218,8 +222,9 @@ def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> n
 
 
 def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Straight path [t, r] over the point at `towards_m` from the centre on each channel's
-    bisector."""
+    """Return the path [t, r] in metres from transmitter to receiver over a point on the bisector of
+    their directions from the sphere's centre, towards_m from that centre (negative: behind it).
+    legs_m: distances of transmitters and of receivers from the centre."""
     to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
     return sum(
         np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)
@@ -228,8 +233,10 @@ def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) ->
 
 
 def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool) -> np.ndarray:
-    """B [t, r] of the rays from transmitter to receiver over the sphere's front, or through it over
-    its back; a ray is (h, θ), θ its true angle also inside (Siegman, Lasers, 1986, ch. 15)."""
+    """Return B [t, r], the element of the ray matrix that gives the spreading of an echo, for rays
+    from transmitter over the sphere's front to receiver or, with `back`, through the sphere over
+    its back. n: refractive index. A ray is (h, θ), θ its true angle also inside (Siegman, Lasers,
+    1986, ch. 15)."""
     mirror = np.array([[1.0, 0.0], [2 / radius_m, 1.0]])  # the front is convex
     if back:
         enter = np.array([[1.0, 0.0], [-(n - 1) / (n * radius_m), 1 / n]])
