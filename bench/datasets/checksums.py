@@ -14,14 +14,14 @@ LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
 def write_checksums(folder: Path) -> None:
-    """Write the checksums of all captures of a set."""
+    """Write checksums.txt into a set's folder: the checksums of the files of all its captures."""
     sums = _sums(folder, folder / CAPTURES)
     write_text(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
 
 
 def require_unchanged(capture: Path) -> None:
-    """Raise a HandbenchError if files of one capture differ from the checksums of its set. Other
-    captures are not read."""
+    """Raise a HandbenchError if files of a capture differ from the checksums of the set that it
+    lies in. Does nothing if there are none."""
     folder = capture.parent.parent
     file = folder / CHECKSUMS
     if capture.parent.name != CAPTURES or not file.is_file():

@@ -33,9 +33,9 @@ DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 
 def open_capture(path: str | Path) -> NativeCapture:
-    """Open the capture in a folder with the adapter that fits. A MAROON capture's path may end in
-    @emptyfiltered. Raises HandbenchError if no adapter fits; the message lists the files it
-    expected."""
+    """Open the capture in a folder, of whatever data set; the files in it decide how it is read.
+    A MAROON capture's path may end in @emptyfiltered: its frames without the empty room. Raises
+    HandbenchError if the folder is no capture; the message lists the files it expected."""
     path = Path(path)
     asked = path.name.endswith(AT_EMPTY_FILTERED)
     folder = require_folder(
@@ -63,10 +63,11 @@ def _adapter(folder: Path) -> type[NativeCapture] | None:
 def captures(
     root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()
 ) -> list[Path]:
-    """The folders of captures below a data set's root, in order. Folders are named ROOT/OBJECT or
-    ROOT/OBJECT/DISTANCE; objects, distances: keep only these (empty: all). Captures with which
-    MAROON registers its sensors are left out, and so are rooms without an object, which have no
-    metadata.json. Raises HandbenchError for a missing object and when nothing is left."""
+    """Find the folders of captures below a data set's root: a sorted list.
+    Folders are named ROOT/OBJECT or ROOT/OBJECT/DISTANCE; objects, distances: keep only these
+    (empty: all). Left out are the captures with which MAROON registers its sensors, and rooms
+    without an object, which have no metadata.json. Raises HandbenchError for a missing object and
+    when nothing is left."""
     root = require_folder(root, "a data set")
     found = sorted(
         _below(root, DEPTH),
@@ -110,9 +111,10 @@ def _in_order(name: str) -> tuple[int, str]:
 
 
 def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
-    """Write a capture of another form as a capture folder, all or nothing: echoes of all frames,
-    the measured mesh or else the photographs, transform, true surface and description. kind: a name
-    of FOREIGN."""
+    """Write a capture of another form as a capture folder of handbench, all or nothing.
+    kind: "maroon" or "mapping". path: the capture; folder: the one to make. It gets the echoes of
+    all frames, the measured mesh or else the photographs, the transform, the true surface and the
+    description. Raises HandbenchError if the capture is of another kind, or mirrored."""
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
         raise HandbenchError(

@@ -29,7 +29,8 @@ MOST_TONES, LARGEST = 100_000, 1e13
 
 
 def import_planar_scan(source: str | Path, folder: str | Path) -> None:
-    """Turn SOURCE/scan.npy and SOURCE/phase.txt into a capture folder."""
+    """Convert the raster scan in SOURCE/scan.npy, with the phase correction in SOURCE/phase.txt, to
+    a capture folder. Raises HandbenchError for files of another form."""
     source = require_folder(source, "scan.npy and phase.txt")
     data, *settings = _read_arrays(source / "scan.npy")
     frequencies_hz, step_m = _settings(source / "scan.npy", *settings[:4])
@@ -71,7 +72,8 @@ def _read_arrays(path: Path) -> list[np.ndarray]:
 def _settings(
     path: Path, first_hz: np.ndarray, last_hz: np.ndarray, count: np.ndarray, step_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The frequencies [f] and the steps along x and y, metres."""
+    """Return the scan's frequencies [f], Hz, and its steps along x and y [2], metres. Raises
+    HandbenchError for implausible numbers; path: named in the message."""
     numbers = first_hz, last_hz, count, step_m
     good = all(
         n.dtype.kind in "iuf" and n.size in (1, 2) and (n > 0).all() and (n < LARGEST).all()
@@ -121,7 +123,8 @@ def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
 def _description(
     frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray
 ) -> CaptureFile:
-    """Settings for this sensor's tones and aperture, in place of the hand radar's."""
+    """Make the capture's description, with method settings for this sensor's tones and aperture.
+    shape: number of positions along x and y; step_m: their distances."""
     lateral = {
         axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
         for axis, n, step in zip("xy", shape, step_m.tolist(), strict=True)

@@ -35,9 +35,11 @@ Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is
 
 
 class GainsMapping(Config):
-    """Data set and layout of complex numbers in the file; as such, the gains by which samples are
-    divided. axes: in the order of the program that wrote the file; reversed: the file has the
-    opposite order, as MATLAB's files do, since MATLAB stores arrays by column."""
+    """Where complex numbers are in another program's file, and how they are laid out; by itself,
+    the channels' gains, by which samples are divided.
+    dataset, or real and imag: names of data sets in the file. axes: in the order of the program
+    that wrote the file. reversed: the file has the opposite order, as MATLAB's files do, since
+    MATLAB stores arrays by column."""
 
     dataset: InFile | None = None
     real: InFile | None = None
@@ -47,12 +49,13 @@ class GainsMapping(Config):
 
     @property
     def datasets(self) -> list[str]:
-        """The data set of complex numbers, or those of the real and the imaginary parts."""
+        """The names of the data sets: one of complex numbers, or those of the real and the
+        imaginary parts."""
         return [name for name in (self.dataset, self.real, self.imag) if name is not None]
 
     @property
     def channels(self) -> set[str]:
-        """The axes that count antennas."""
+        """The axes that count antennas, pairs or positions."""
         return {str(axis) for axis in self.axes} - {"frame", "sweep", "frequency", RE_IM}
 
     @model_validator(mode="after")
@@ -72,8 +75,9 @@ class GainsMapping(Config):
 
 
 class SamplesMapping(GainsMapping):
-    """Data set and layout of the echoes. sign: the sign of j2πf·path/v in the exponent of an echo,
-    and of its gain; sweeps: how the sweeps of a frame are combined."""
+    """Where the echoes are in another program's file, and how they are laid out.
+    sign: the sign of j2πf·path/v in the exponent of an echo, and of its gain. sweeps: whether the
+    sweeps of a frame are averaged ("mean") or become frames."""
 
     sign: Literal["-", "+"]
     sweeps: Literal["mean", "frames"] | None = None
@@ -97,9 +101,9 @@ class FrequenciesMapping(Config):
 
 
 class PositionsMapping(Config):
-    """Data set of the antennas' positions [n, 3] (x, y, z). reversed: as in `GainsMapping`; x:
-    the direction of their x axis for somebody at the array who looks at the target (ours points
-    left)."""
+    """Where the antennas' positions [n, 3] (x, y, z) are in the file.
+    reversed: the file has the axes in opposite order, as MATLAB's files do. x: the direction of
+    their x axis for somebody at the array who looks at the target (handbench's points left)."""
 
     dataset: InFile
     unit: Literal["m", "cm", "mm"]
@@ -108,8 +112,9 @@ class PositionsMapping(Config):
 
 
 class PairsMapping(Config):
-    """Data set of the measured pairs [n, 2] (transmitter, receiver). reversed: as in
-    `GainsMapping`; first: the number of the first antenna, which is 1 in MATLAB."""
+    """Where the list of measured pairs [n, 2] (transmitter, receiver) is in the file.
+    reversed: the file has the axes in opposite order, as MATLAB's files do. first: the number of
+    the first antenna, which is 1 in MATLAB."""
 
     dataset: InFile
     reversed: bool
@@ -187,7 +192,9 @@ class MappedCapture(NativeCapture):
         return self.mapping.capture
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """The first `frames` frames, or all of them, as recorded."""
+        """Read the echoes of the first `frames` frames, or of all, as recorded.
+        Gains that the mapping names are always applied, and `calibrated` has no effect. Raises
+        HandbenchError for a file that does not fit its mapping."""
         mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
         path = require_file(
             inside(self.folder, mapping.file, MAPPING),
@@ -216,8 +223,8 @@ class MappedCapture(NativeCapture):
 
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """Return a function that reads the file's data sets by name. Refuses a file that lacks some of
-    the wanted ones; the message names all that are missing."""
+    """Open the file and yield a function that reads one of its data sets by name.
+    wanted: names that must be there; HandbenchError lists those that are missing."""
     import h5py
 
     matlab = not h5py.is_hdf5(path)
@@ -279,7 +286,8 @@ def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
 
 
 def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what: str) -> np.ndarray:
-    """Real numbers [n, columns] of a data set."""
+    """Read a data set of real numbers [n, columns]. what: for the message, if it has another
+    shape."""
     stored = _real(of, entry.dataset)
     if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
         expected = (
@@ -290,8 +298,9 @@ def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what:
 
 
 def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarray:
-    """Complex numbers with their axes in the order of ORDER; an axis that the file lacks is left
-    out."""
+    """Read complex numbers, with their axes in the order of ORDER; an axis that the file lacks is
+    left out.
+    counts: axis → its expected length, if known."""
     axes: tuple[str, ...] = entry.axes[::-1] if entry.reversed else entry.axes
     parts = {name: of(name) for name in entry.datasets}
     if entry.reversed:  # MATLAB has no last axes of length one
@@ -314,7 +323,8 @@ def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarra
 
 
 def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
-    """Real and imaginary parts as complex numbers."""
+    """Join real and imaginary parts to complex numbers. parts: name → data set, one or two; axes:
+    of these arrays, in order."""
     if len(parts) == 2 or RE_IM in axes:
         given = [_require_real(name, values) for name, values in parts.items()]
         real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)

@@ -77,7 +77,8 @@ class Metadata(Config, extra="ignore"):
 
 @dataclass(frozen=True)
 class MaroonCapture(NativeCapture):
-    """One object at one distance."""
+    """One object at one distance, from MAROON. empty_filtered: use the frames from which the empty
+    room was subtracted."""
 
     empty_filtered: bool = False
 
@@ -97,7 +98,8 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def about(self) -> CaptureFile:
-        """Its description, named OBJECT-DISTANCE. The methods image the box of calibration.json."""
+        """Its description, named OBJECT-DISTANCE, with the box of calibration.json as the methods'
+        image."""
         folder = self.folder.resolve()
         name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
         facts = {
@@ -122,9 +124,9 @@ class MaroonCapture(NativeCapture):
         return found[0]
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """The first `frames` frames, or as many as the first frame counts. MAROON's echoes are
-        always calibrated, so that `calibrated` has no effect. The result has the other sensors that
-        alignment.json names."""
+        """Read the echoes of the first `frames` frames, or of as many as the first frame states.
+        MAROON's echoes are always calibrated, so that `calibrated` has no effect. The result also
+        has the other sensors that alignment.json names."""
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
         read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
@@ -160,8 +162,8 @@ class MaroonCapture(NativeCapture):
         return whole
 
     def transform(self) -> Transform | None:
-        """radar_from_photo in our frame, with a note on its handedness; None without an
-        alignment."""
+        """Return radar_from_photo in handbench's radar frame, with a note on how its handedness was
+        found; None without an alignment.json."""
         file, hand = self.alignment, self.handedness
         return (
             replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
@@ -185,10 +187,11 @@ class MaroonCapture(NativeCapture):
         }
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that MAROON's code scores: on the target and inside
-        mask_bb. erode: also drop the target's edges by metadata.json's `mask_erosion`, as the paper
-        does (MAROON's shipped configuration does not). Raises HandbenchError for an empty box, as
-        in the example of their README."""
+        """Return which pixels [ny, nx] of a depth map MAROON's code scores: on the target and
+        inside metadata.json's box mask_bb.
+        erode: also leave out the target's edges, by a square of a quarter of `mask_erosion` pixels,
+        as the paper does (MAROON's shipped configuration does not). Raises HandbenchError for an
+        empty box, as in the example of their README."""
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
@@ -201,9 +204,9 @@ class MaroonCapture(NativeCapture):
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of all files that a run reads: the first `frames` frames (or all) of
-        the radar and of the other sensors, descriptions, masks, and the mesh or else the
-        photographs. Results of MAROON's own tools do not count."""
+        """Return a hash of all files that a run reads: the first `frames` frames (None: all) of the
+        radar and of the other sensors, descriptions, masks, and the mesh or else the
+        photographs."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
         for sensor in LENSES:
@@ -234,7 +237,8 @@ class MaroonCapture(NativeCapture):
         return of_calibration
 
     def _bounds_m(self, axis: str) -> tuple[float, float]:
-        """Bounds of mask_bb along an axis of their radar frame, with their code's defaults."""
+        """Return the lower and upper bound of mask_bb along an axis of MAROON's radar frame,
+        metres; where it has none, those of their code."""
         about = self.metadata
         near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
         low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))
@@ -251,8 +255,9 @@ class MaroonCapture(NativeCapture):
         return low, high
 
     def _settings(self) -> dict[str, Any]:
-        """Settings by method id: the pixels and voxels of MAROON's box, from calibration.json of
-        the first frame, or the box of their shipped configuration around the object's distance."""
+        """Return the image's pixels and voxels, method id → settings.
+        They are MAROON's box, from calibration.json of the first frame, or the box of their shipped
+        configuration around the object's distance; empty if neither is known."""
         file = self.radar / VOLUMES
         frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
@@ -269,7 +274,8 @@ class MaroonCapture(NativeCapture):
         return dict.fromkeys(PLANES, pixels) | dict.fromkeys(PROJECTIONS, box)
 
     def _axes(self, file: Path, volume: Any) -> dict[str, dict[str, float]]:
-        """Our x, y and z of a `volume` of their calibration.json."""
+        """Convert a box of their calibration.json to start, stop and step along handbench's x, y
+        and z, metres. file: named in messages; volume: the entry."""
         box = volume if isinstance(volume, dict) else {}
         low, high, count = (
             checked_numbers(file, key, box.get(key), [(3,)], 1e4)
@@ -301,8 +307,8 @@ class MaroonCapture(NativeCapture):
 
 @cache
 def _handedness(capture: MaroonCapture, key: str) -> Handedness:
-    """The handedness of a capture, determined once per process for content with this key: by its
-    mesh, or else by another sensor."""
+    """Find the handedness of a capture's radar frame by its mesh, or else by another sensor; kept
+    for the process. key: hash of the content."""
     file, mesh_file = capture.alignment, capture.mesh()
     if file is None:
         return Handedness(True, "")

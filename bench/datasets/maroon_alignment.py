@@ -148,8 +148,8 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
 
 
 class Handedness(NamedTuple):
-    """Handedness of a radar frame. mirrored: its x axis is ours negated; note: how that was
-    determined."""
+    """Handedness of a radar frame. mirrored: its x axis is opposite to handbench's; note: how that
+    was found."""
 
     mirrored: bool
     note: str
@@ -161,8 +161,10 @@ def handedness_of(
     surface: Callable[[], Triangles] | None,
     echoes: Callable[[], RadarCapture],
 ) -> Handedness:
-    """Determine the handedness of an alignment file's radar frame, and print it. surface: the
-    surface that `source` measured, in its frame; None if unknown."""
+    """Find the handedness of an alignment file's radar frame, and print it.
+    The reflection in the file's matrix says it; it is checked by the radar's depth of the surface,
+    as it is and mirrored. path: the file. surface: returns the surface that the sensor `source`
+    measured, in its frame; None if unknown. echoes: returns the capture's echoes."""
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
     note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
     try:
@@ -187,7 +189,8 @@ def handedness_of(
 
 
 def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> tuple[float, float]:
-    """Mean distance of the radar's points from a surface, and from the surface mirrored in x."""
+    """Compute the mean distance, mm, of the radar's 3-FSK points from a surface, and from the
+    surface mirrored in x. Raises HandbenchError if either is empty."""
     from scipy.spatial import KDTree
 
     chosen, middle_m = method("3fsk"), float(np.median(vertices_m[:, 2]))
@@ -207,8 +210,8 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
 
 
 def load_any_transform(file: Path | None) -> Transform:
-    """Read a transform into the radar frame: handbench's form, or MAROON's if the file is named
-    alignment.json. Without a file, the identity, for points that are in the radar frame already."""
+    """Read a transform into the radar frame, in handbench's form, or in MAROON's if the file is
+    named alignment.json. None: the identity, for points that are in the radar frame already."""
     if file is None:
         return identity("radar")
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
@@ -216,14 +219,16 @@ def load_any_transform(file: Path | None) -> Transform:
 
 
 def pictures(folder: Path, sensor: str, kind: str) -> list[Path]:
-    """Paths of a sensor's pictures of one kind ("depth", "mask"), in order."""
+    """List a sensor's pictures of one kind ("depth", "mask"), in order."""
     return sorted((folder / sensor / kind / SIDES.get(sensor, "")).glob("[0-9]*.png"))
 
 
 @dataclass(frozen=True)
 class OtherSensor:
-    """Another sensor of an object's folder. alignment: the file with its matrix; mirrored: called
-    later, returns how to read that matrix."""
+    """Another sensor of an object's folder; called with a pixel grid, it returns the depths that it
+    measured.
+    alignment: the file with its matrix. mirrored: returns whether x of that file's radar frame is
+    opposite to handbench's; called only when needed."""
 
     folder: Path
     name: str
@@ -231,16 +236,17 @@ class OtherSensor:
     mirrored: Callable[[], bool]
 
     def __call__(self, grid: PixelGrid, frame: int = 0) -> np.ndarray:
-        """Depth z [ny, nx] in the radar frame of the surface that the sensor measured: its pixels
-        joined to triangles, on the grid by `depth_on_grid`."""
+        """Return the depth z [ny, nx], metres, in the radar frame, of the surface that the sensor
+        measured, on a pixel grid; NaN where there is none. Raises HandbenchError for a missing
+        frame."""
         points, faces = self.triangles(frame)
         transform = load_alignment(self.alignment, self.name, self.mirrored())
         return depth_on_grid(mesh(transform.points(points), faces), grid.x_m, grid.y_m)
 
     def triangles(self, frame: int = 0) -> Triangles:
-        """Triangles of one frame, in the frame and unit of the sensor's matrix; cut to the object
-        if there is a mask. Raises HandbenchError for a missing frame and for files of another
-        sensor."""
+        """Return the surface of one frame as vertices [n, 3] and faces [m, 3], in the frame and
+        unit of the sensor's matrix; cut to the object if there is a mask. Raises HandbenchError for
+        a missing frame and for files of another sensor."""
         from handbench.groundtruth.photos.photos import read_gray
 
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
@@ -272,8 +278,8 @@ class OtherSensor:
     def _pinhole(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points [n, 3] of the pixels with a depth, and the mask [height, width] of these
-        pixels."""
+        """Compute the points [n, 3], mm, of the pixels with a depth, and which pixels [height,
+        width] these are, for a sensor that is a pinhole camera."""
         lens, (height, width), seen = (
             content[LENSES[self.name]],
             depth_mm.shape,
@@ -288,7 +294,10 @@ class OtherSensor:
     def _kinect(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """As `_pinhole`, with the mask of the colour camera, in the frame of the matrix."""
+        """Compute the Kinect's points [n, 3], mm, and which depth pixels [height, width] they come
+        from.
+        mask: of the colour camera's pixels. The points are in the frame to which the sensor's
+        matrix belongs, of the depth or of the colour camera."""
         from scipy.ndimage import map_coordinates
 
         cameras = {

@@ -42,8 +42,8 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame. samples: complex64 [f, tx, rx] at frequencies_hz [f]; count: number of frames of
-    the capture."""
+    """One radar frame of MAROON. samples: complex64 [f, tx, rx] at frequencies_hz [f]; count:
+    number of frames that the capture has."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -51,8 +51,8 @@ class Frame:
 
 
 def read_frame(file: Path) -> Frame:
-    """Read `calibrated_data/NNNNNN.npy`, with handbench's order of axes. Raises HandbenchError for
-    any other file."""
+    """Read a frame of MAROON, `calibrated_data/NNNNNN.npy`, with axes in handbench's order. Raises
+    HandbenchError for any other file."""
     content = read_dictionary(file)
     frequencies_hz, xr = _frequencies_hz(file, content), _numbers(file, content, "xr")
     expected = ANTENNAS, ANTENNAS, len(frequencies_hz)
@@ -94,8 +94,9 @@ def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
 
 
 def read_dictionary(path: str | Path) -> dict[str, Any]:
-    """Read the dictionary of a .npy file: arrays and scalars of numbers, text, None. Raises
-    HandbenchError for any other content; nothing that the file names is ever called."""
+    """Read the dictionary in a pickled .npy file, without calling anything that the file names.
+    Values may be arrays and scalars of numbers, text, and None. Raises HandbenchError for any other
+    content."""
     content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
         return _unpickle(content)

@@ -64,8 +64,8 @@ def save_capture_file(folder: Path, description: CaptureFile) -> None:
 
 @dataclass(frozen=True)
 class NativeCapture:
-    """One scene's data from a capture folder; adapters to other forms override what differs. A path
-    or a transform is None if the capture has none."""
+    """One capture, read from a capture folder of handbench; subclasses read other forms.
+    A path or a transform is None if the capture has none."""
 
     folder: Path
 
@@ -76,7 +76,8 @@ class NativeCapture:
 
     @cached_property
     def about(self) -> CaptureFile:
-        """The content of its `capture.toml`. Every file that it names must exist."""
+        """The content of its `capture.toml`. Raises HandbenchError if that or a file that it names
+        is missing."""
         folder = require_folder(self.folder, WHAT)
         description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
         for name in description.contains:
@@ -87,8 +88,9 @@ class NativeCapture:
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """The first `frames` frames, or all. calibrated: apply the antennas' calibration, if there
-        is an `array.json` next to the echoes or inside their file, and print one line about it."""
+        """Read the echoes of the first `frames` frames, or of all.
+        calibrated: apply the antennas' calibration, if there is an `array.json` beside the echoes
+        or inside their file, and print a line about it."""
         folder = require_folder(self.folder, WHAT)
         echoes = load_capture(folder / ECHOES)
         if calibrated:
@@ -112,18 +114,19 @@ class NativeCapture:
         return self._lying(TRUTH)
 
     def transform(self) -> Transform | None:
-        """The capture's radar_from_photo."""
+        """Read its radar_from_photo; None if it has none."""
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Pixels [ny, nx] of a depth map that the data set scores, in this form all on the target.
-        erode: without the target's edges, if the data set defines that."""
+        """Return which pixels [ny, nx] of a depth map the data set scores; here all that have a
+        depth.
+        erode: leave out the target's edges, if the data set defines that."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:
-        """Hash of the content of all that a run over the first `frames` frames (None: all) may
-        read; in this form the whole folder."""
+        """Return a hash of everything that a run over the first `frames` frames (None: all) may
+        read; here of the whole folder."""
         return content_hash(self.folder)
 
     def _lying(self, name: str) -> Path | None:

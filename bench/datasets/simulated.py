@@ -36,8 +36,9 @@ JPEG_QUALITY = 96
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
-    """Write a capture folder, all or nothing: echoes (and those of the empty room), photographs,
-    true surface and description. Returns the rows of the effects."""
+    """Simulate a scene into a capture folder, all or nothing; return the list of simulated effects.
+    The folder gets the echoes of `frames` frames (and those of the empty room), photographs, true
+    surface and description."""
     compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
@@ -55,9 +56,10 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
 def write_photos(
     scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
 ) -> tuple[Choice, ...]:
-    """Write everything but the echoes: `photos/` (if the scene has any), `truth.ply` (metres, radar
-    frame), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
-    `capture.toml`. rows: of the echoes' effects; the result also has those of the photographs."""
+    """Write a scene's photographs and everything else of a capture folder but the echoes.
+    That is `photos/` (if the scene has any), `truth.ply` (metres, radar frame),
+    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`. rows:
+    the effects in the echoes; returned with those in the photographs."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
@@ -74,8 +76,8 @@ def write_photos(
 
 
 def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
-    """The content of `capture.toml`. contains: the other files of the folder; rows: those of the
-    effects."""
+    """Return the content of `capture.toml`. contains: names of the folder's other files; rows: the
+    simulated effects."""
     target, pose = scene.file.target, ""
     kind = (
         "hand"
@@ -103,9 +105,9 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
 def write_photographs(
     scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]
 ) -> None:
-    """Write the scene's photographs, with `cameras.json` (intrinsics only), `truth_cameras.json`
-    and `board.toml`. photograph: returns the picture [height, width, 3], 8-bit BGR, of a camera and
-    number."""
+    """Write the scene's photographs, the intrinsics (`cameras.json`), the true cameras
+    (`truth_cameras.json`) and the ArUco board (`board.toml`) into a folder.
+    photograph: takes a camera and its number, returns the picture [height, width, 3], 8-bit BGR."""
     import cv2
 
     load_pycolmap()  # here, not in a thread

@@ -37,10 +37,14 @@ def error_map(
     sigma_m: np.ndarray | None = None,
     met: np.ndarray | None = None,
 ) -> ErrorMap:
-    """Compare depths z_m with reference_z_m, both [ny, nx] on pixel centres x_m [nx], y_m [ny],
-    metres. sigma_m [ny, nx]: standard deviation of the reference along z. met [ny, nx]: whether the
-    ray through the pixel meets any surface, observed or interpolated; without it, pixels outside
-    the reference cannot be judged."""
+    """Compute the signed errors of a depth map, pixel by pixel, and the distances between both
+    surfaces.
+    z_m, reference_z_m [ny, nx]: depths of the map and of the reference, metres, on the pixel
+    centres x_m [nx], y_m [ny]; not finite where there is none.
+    sigma_m [ny, nx]: standard deviation of the reference along z.
+    met [ny, nx]: whether the ray through the pixel meets any surface, observed or interpolated.
+    Without it the distances are None, because a depth beside the reference cannot be judged.
+    Raises HandbenchError for arrays that are not on one grid."""
     for name, given in (
         ("depth map", z_m),
         ("sigma_m", sigma_m),
@@ -63,8 +67,11 @@ def error_map(
 def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [ny, nx]: of each judged point of the map to the reference, and of each point of
-    the reference to the map."""
+    """Compute nearest-point distances between the map's surface and the reference, both [ny, nx],
+    metres.
+    The first array holds, for each of the map's points that can be judged, its distance to the
+    reference; the second, for each point of the reference, its distance to the map. NaN elsewhere.
+    A point can be judged if its ray meets the reference, or no surface at all nearby."""
     from scipy.spatial import KDTree
 
     surface = np.isfinite(reference_z_m)
@@ -82,8 +89,9 @@ def _distances(
 
 @lru_cache(maxsize=4)  # the methods that are compared with one reference share it
 def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
-    """Pixels [ny, nx] that have no surface next to them. met: flags of the pixels whose rays meet
-    one."""
+    """Find the pixels [ny, nx] that are certainly empty: neither they nor their neighbours, nor a
+    closed outline around them, show a surface.
+    met: flags of the pixels whose rays meet a surface, as bytes of a boolean array of `shape`."""
     from scipy.ndimage import binary_dilation, binary_fill_holes
 
     return ~binary_dilation(
@@ -92,9 +100,10 @@ def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
-    """Standard deviation (n − 1) of the depths z_m [n, ny, nx] over n ≥ 2 repeats at each pixel, as
-    an error map: the deviations in place of errors, NaN where a repeat does not observe the pixel.
-    The median of its |error| is the precision."""
+    """Compute each pixel's standard deviation (n − 1) of depth over repeats, z_m [n ≥ 2, ny, nx],
+    metres.
+    Returned as an ErrorMap whose error_m holds the deviations, NaN where a repeat does not observe
+    the pixel. Its median is the precision per pixel."""
     # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
     several = len(z_m) > 1
     deviation_m = (

@@ -23,24 +23,29 @@ FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the commo
 
 
 class TreatedFigures(NamedTuple):
-    """A method's figures of one capture under one treatment. curve_mm [n]: mean absolute error at
-    SHARES_PERCENT, NaN at shares that the method does not reach."""
+    """One method's figures on one capture under one equal treatment (same smoothing for all
+    methods).
+    figures: metric → value. curve_mm [n]: mean absolute error of the strongest pixels that cover
+    each of SHARES_PERCENT of the surface, NaN at shares that the method does not reach."""
 
     figures: Values
     curve_mm: np.ndarray
 
 
 def on_common_pixels(metric: str) -> str:
-    """The words that end a metric's title under equal treatment; empty for a metric that is not
-    formed on common pixels."""
+    """Return the words that end a metric's title under equal treatment; "" for a metric that is not
+    formed on the pixels that all methods observe."""
     return "" if metric in EQUAL_METRICS else " on common pixels"
 
 
 def treated_figures(
     maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
 ) -> dict[str, TreatedFigures]:
-    """The figures of every method against one reference [ny, nx]. maps: all methods' maps on its
-    grid."""
+    """Compute every method's figures on one capture, under one equal treatment: method →
+    TreatedFigures.
+    maps: method → its depths, all on the grid of reference_z_m [ny, nx], metres. Errors count only
+    on the pixels that all methods observe. The area under the risk–coverage curve (aurc_mm) ends at
+    the share of the surface that all methods reach."""
     common = np.isfinite(reference_z_m)
     for depths in maps.values():
         common = common & np.isfinite(depths.z_m)
@@ -62,8 +67,10 @@ def treated_figures(
 
 
 def risk_mm(depths: TreatedDepths, reference_z_m: np.ndarray) -> np.ndarray:
-    """Mean absolute error, mm [n], of the 1, 2, … n strongest pixels on the surface. Pixels of
-    equal amplitude keep the order of the map."""
+    """Compute the risk–coverage curve: mean absolute error, mm [n], of the 1, 2, … n strongest
+    pixels on the surface, by amplitude.
+    reference_z_m [ny, nx]: depths of the surface, metres. Pixels of equal amplitude keep the order
+    of the map."""
     seen = np.isfinite(depths.open_z_m) & np.isfinite(reference_z_m)
     error_mm = 1e3 * np.abs(depths.open_z_m - reference_z_m)[seen]
     order = np.argsort(-depths.open_db[seen], kind="stable")

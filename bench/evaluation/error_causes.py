@@ -22,8 +22,10 @@ NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
 
 
 def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, object]]:
-    """Lines of RELIABILITY for one capture, for all pixels and for those without a flag; none if
-    the map has no σ. The reference's σ, if known, is added in quadrature."""
+    """Yield one capture's lines of the table RELIABILITY: how well the map's σ predicts its errors.
+    Each line has a nominal interval in percent and the share of errors inside it, for all pixels
+    and for those without a wrap flag. σ of the map and of the reference, if known, are added in
+    quadrature. Yields nothing if the map has no σ."""
     if depth.sigma_m is None:
         return
     reference_m = (
@@ -81,8 +83,9 @@ MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "n
 
 
 class Averages:
-    """Tables CAUSES or RELIABILITY over captures, whose lines are added one at a time. Figures are
-    averaged over the captures that have them; pixels are counted over all captures."""
+    """Averages over captures for the tables CAUSES or RELIABILITY.
+    Lines of single captures are added one at a time. A figure is averaged over the captures that
+    have it; pixels are counted over all captures."""
 
     def __init__(self, schema: Schema) -> None:
         self.schema, self.means = schema, [name for name in schema.names if name in MEANS]
@@ -94,7 +97,7 @@ class Averages:
         ] = {}  # of figures; how many have them; pixels; captures with some
 
     def add(self, line: dict[str, Any]) -> None:
-        """Add a capture's line."""
+        """Add one capture's line, a value for each column; its `n_pixels` must be there."""
         values, pixels = np.array([line.get(name) for name in self.means], float), line["n_pixels"]
         known = np.isfinite(values)
         place = self.sums.setdefault(
@@ -103,7 +106,8 @@ class Averages:
         place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
 
     def table(self) -> pd.DataFrame:
-        """The lines that have pixels."""
+        """Return the averaged table; groups of pixels that are empty in every capture are left
+        out."""
         found = []
         for key, summed in self.sums.items():
             if summed[-2]:
@@ -118,7 +122,11 @@ class Averages:
 def cause_lines(
     depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]
 ) -> Iterator[dict[str, object]]:
-    """Lines of CAUSES for one capture, one for each bin. surface: from `surface_causes`."""
+    """Yield one capture's lines of the table CAUSES: the errors' figures in each bin of each cause.
+    Causes are incidence angle, level below the image's maximum, part of the hand, and distance to
+    an edge; BINS has their limits.
+    surface: cause → its value at each pixel [ny, nx], as `surface_causes` computes it from the
+    reference."""
     observed = np.isfinite(errors.error_m)
     error_mm = 1e3 * errors.error_m[observed]
     values = {
@@ -140,7 +148,8 @@ def cause_lines(
 
 
 def _figures(error_mm: np.ndarray) -> dict[str, float]:
-    """Figures of a selection of pixels; NaN if it is empty."""
+    """Compute mean, median, absolute mean and 95th percentile of errors [n], mm, and their number;
+    only the number if there are none."""
     if not len(error_mm):
         return {"n_pixels": 0}
     absolute_mm = np.abs(error_mm)
@@ -153,8 +162,9 @@ def _figures(error_mm: np.ndarray) -> dict[str, float]:
 
 
 def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
-    """The causes that a reference z_m [ny, nx] on x_m [nx], y_m [ny] determines at each pixel, by
-    name [ny, nx], NaN where unknown."""
+    """Compute the possible causes of error that follow from the reference: cause → values [ny, nx].
+    These are incidence angle (degrees), part of the hand (index in PARTS), and distance to an edge
+    (mm); NaN where unknown. z_m [ny, nx]: depths of the reference on x_m [nx], y_m [ny], metres."""
     return {
         "incidence_deg": incidence_deg(x_m, y_m, z_m),
         "part": parts(x_m, y_m, z_m),
@@ -163,9 +173,10 @@ def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[st
 
 
 def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Angle [ny, nx] between the surface's normal, towards the array, and the direction to the
-    array's centre. The slope along x or y is the mean of the slopes to both neighbours, or the one
-    that crosses no edge; NaN if both cross one."""
+    """Compute the incidence angle [ny, nx], degrees: between the surface's normal, towards the
+    array, and the direction to the array's centre, the origin.
+    The slope along x or y is the mean of the slopes to both neighbours, or the one that crosses no
+    edge (a depth jump of more than JUMP_M); NaN if both cross one."""
     x, y = np.meshgrid(x_m, y_m)
     slopes = []
     for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
@@ -182,8 +193,9 @@ def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarr
 
 
 def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Distance [ny, nx] in x and y to the nearest edge; an edge is the point midway between two
-    pixels. Infinite without an edge, NaN outside the reference."""
+    """Compute each pixel's lateral distance [ny, nx], metres, to the nearest edge of the surface.
+    An edge is the point midway between two neighbouring pixels of which one has no depth, or whose
+    depths differ by more than JUMP_M. Infinite without an edge, NaN outside the reference."""
     from scipy.spatial import KDTree
 
     pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
@@ -197,9 +209,10 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
 
 
 def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Index in PARTS [ny, nx]. The palm is what is left of the silhouette, its holes filled, after
-    an opening with a disc of PALM_RADIUS_M. NaN outside the reference, and everywhere if either
-    part has less than LEAST_SHARE of the pixels."""
+    """Split a hand into finger (0) and palm (1): index in PARTS of each pixel [ny, nx].
+    The palm is what remains of the filled silhouette after a morphological opening with a disc of
+    PALM_RADIUS_M. NaN outside the reference, and everywhere if either part has less than
+    LEAST_SHARE of the pixels."""
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     surface = np.isfinite(z_m)

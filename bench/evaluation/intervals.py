@@ -32,10 +32,11 @@ class Interval(NamedTuple):
 
 
 def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Interval of the mean of the figures [n] of captures like these. NaN are left out; None for
-    fewer than FEWEST captures. T = (m − μ)/s is transformed to T + γT²/3 + γ²T³/27 + γ/6n, γ the
-    skewness, which follows Student's distribution to a higher order; the interval's ends are
-    transformed back."""
+    """Compute the 95 % interval of the mean over captures like these, from one figure a capture
+    [n].
+    NaN are left out; None for fewer than FEWEST captures.
+    Student's T = (m − μ)/s is corrected for the skewness γ (Hall 1992): T + γT²/3 + γ²T³/27 + γ/6n
+    follows Student's distribution more closely. The interval's ends are transformed back."""
     from scipy.special import stdtrit
 
     known = np.asarray(values, float)
@@ -53,8 +54,10 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
 
 
 def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
-    """`mean_interval` of a metric's figures, one for each capture, cut to the metric's range.
-    Shares of 0 % or 100 % in every capture have no spread and get no interval."""
+    """Compute the 95 % interval of a metric's mean from one value a capture, cut to the metric's
+    range.
+    None for fewer than FEWEST captures, and for shares that are 0 % or 100 % in every capture,
+    which have no spread."""
     found, facts = mean_interval(values), METRICS[metric]
     if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
         return None
@@ -72,8 +75,10 @@ def note(captures: int) -> str:
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:
-    """Interval, in mm, of `metrics.precision` of these hands; None if that is None. It holds for
-    further repeats of the same hands, which may be correlated with their neighbours.
+    """Compute the 95 % interval, in mm, of the precision (`metrics.precision`).
+    strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
+    metres. None if a hand has fewer than two usable repeats. The interval holds for further repeats
+    of the same hands, whose errors may be correlated with their neighbours in time.
 
     The model is z = μ_h + AR(1) with deviation σ_h and a correlation ρ that all hands share. Given
     ρ, Σ s_h²χ²/ν is simulated with s_h from generalised least squares; ρ has the posterior of a
@@ -112,7 +117,8 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
 
 
 def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
-    """Bootstrap interval of the median of independent `values` [n]; None for fewer than three."""
+    """Compute the 95 % interval of the median of independent `values` [n] by bootstrap; None for
+    fewer than three."""
     if len(values) < 3:
         return None
     generator, rows = np.random.default_rng(seed), max(DRAWN_AT_ONCE // len(values), 1)

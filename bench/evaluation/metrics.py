@@ -24,8 +24,9 @@ BAND = 1.96  # standard deviations that contain 95 % of a normal error
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of merit. better: the direction in which a method improves ("zero": nearer to
-    zero); paper: the paper's figures by method."""
+    """One figure of merit.
+    better: the direction in which a method improves ("zero": nearer to zero). paper: method → the
+    value that the paper states."""
 
     key: str
     title: str
@@ -45,7 +46,8 @@ PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m
 
 
 def _measured_pixels(m: ErrorMap) -> ErrorMap:
-    """The map reduced to one row of the pixels that add anything to the sums."""
+    """Reduce an error map to one row of pixels: those that have an error, a reference or a
+    distance. The others add nothing to the sums."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
     others = (
@@ -56,8 +58,10 @@ def _measured_pixels(m: ErrorMap) -> ErrorMap:
 
 
 def terms(m: ErrorMap) -> Terms:
-    """The term of each pixel [ny, nx] in each sum that the metrics are formed from; NaN:
-    unknown."""
+    """Compute what each pixel adds to the sums from which the metrics follow: name of the sum →
+    [ny, nx].
+    Such sums are the number of observed pixels, of |error|, of error² and of distances. NaN where
+    the needed quantity (σ, distances) is unknown. `figures` turns the sums into metrics."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
     unknown = np.full(m.error_m.shape, np.nan)
     sigma_m, to_reference_m, to_map_m = (
@@ -84,7 +88,9 @@ def terms(m: ErrorMap) -> Terms:
 
 
 def figures(t: Terms) -> Terms:
-    """Metrics from the sums of `terms`, elementwise; NaN or infinite if undefined."""
+    """Compute the metrics from sums over pixels: metric → value, in the metric's unit.
+    t: the sums of the arrays of `terms` over any pixels, numbers or arrays of one shape, treated
+    elementwise. NaN or infinite where a metric is undefined."""
     # without one there is nothing to be found
     surface = np.where(t["surface"] > 0, t["surface"], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -111,8 +117,9 @@ def figures(t: Terms) -> Terms:
 
 
 def pool(maps: Sequence[ErrorMap]) -> Values:
-    """Metrics over the pixels of all `maps` together (a mean over pixels, not a mean of means);
-    None if undefined."""
+    """Compute the metrics over the pixels of all `maps` together: metric → value, None if
+    undefined.
+    Each pixel counts once (a mean over pixels, not a mean of the maps' means)."""
     totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
     for m in map(_measured_pixels, maps):
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
@@ -132,8 +139,10 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
 
 
 def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
-    """Figures over a capture's frames, from each frame's mean and largest absolute error [n]; none
-    for a single frame, or if a frame observes nothing."""
+    """Compute how a capture's error varies over its frames: mean, standard deviation and largest
+    value.
+    mae_mm, max_mm [n]: mean and largest absolute error of each frame. Empty for a single frame, or
+    if a frame observes nothing."""
     if len(mae_mm) < 2 or not np.isfinite([mae_mm, max_mm]).all():
         return {}
     found: Values = {"frames_largest_mm": float(np.max(max_mm))}
@@ -146,17 +155,19 @@ def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
 
 
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
-    """The metrics of each capture's map, one line per capture; NaN if undefined."""
+    """Compute the metrics of each capture's error map: a DataFrame with one line per map, one
+    column per metric; NaN if undefined."""
     import pandas as pd
 
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
 
 
 def mean_figures(captures: pd.DataFrame) -> Values:
-    """The figures of `of_captures` averaged over the captures that have them, as in the paper's
-    table; pooled figures and the number of pixels are those of all captures together. The floor
-    (column `floor_mm`) is known if every capture that observes anything has one. None if
-    undefined."""
+    """Average the metrics over captures, as in the paper's table: metric → mean, None if undefined.
+    captures: one line per capture, from `of_captures`. A metric is averaged over the captures that
+    have it; `pooled_…` figures and the number of pixels are those of all captures' pixels together.
+    The mean of `floor_mm`, if that column is there, needs one of every capture that observes
+    anything."""
     pixels = captures.n_observed.sum()
     values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
@@ -180,11 +191,11 @@ AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the cap
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Depth of the strongest scatterer in each repeat [n], from depths and linear amplitudes [n,
-    ny, nx]. One pixel is used for all repeats: the one with the largest mean amplitude of those
-    observed, with depth and amplitude, in every repeat. (The strongest pixel of each repeat may
-    jump between glints of nearly equal strength, and would measure the distance between them.) NaN
-    if there is no such pixel."""
+    """Return the depth [n], metres, of the strongest scatterer in each repeat, for the precision.
+    z_m, amplitude [n, ny, nx]: depths, metres, and linear amplitudes. One pixel is used for all
+    repeats: the one with the largest mean amplitude of those observed in every repeat. (The
+    strongest pixel of each repeat may jump between glints of nearly equal strength, and would
+    measure the distance between them.) NaN if there is no such pixel."""
     steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
     if not steady.any():
         return np.full(len(z_m), np.nan)
@@ -193,8 +204,10 @@ def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarra
 
 
 def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
-    """Precision from each hand's strongest depths [n_repeats], metres; None without
-    `usable_repeats`."""
+    """Compute the precision, mm, and the relative precision, %: standard deviation over repeats.
+    strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
+    metres. Deviations are averaged over the hands. Both are None if a hand has fewer than two
+    usable repeats."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return {"precision_mm": None, "relative_precision_percent": None}
@@ -214,8 +227,9 @@ def deviation(values: np.ndarray) -> float:
 
 
 def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Each hand's depths without repeats that are NaN (nothing imaged). Empty if a hand keeps fewer
-    than two, because a mean over fewer hands would be another figure."""
+    """Remove the repeats in which nothing was imaged (NaN) from each hand's depths [n_repeats].
+    Returns an empty list if a hand keeps fewer than two, because a mean over fewer hands would be
+    another figure."""
     hands = [
         z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
     ]
@@ -223,8 +237,10 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Mean over hands of the standard deviation of their depths [n_repeats], mm, and its degrees of
-    freedom ν = (Σ s)² / Σ (s²/ν_hand) (Welch–Satterthwaite). None without `usable_repeats`."""
+    """Average the standard deviation of depth, mm, over the hands; returned with its degrees of
+    freedom.
+    strongest_z_m: for each hand, its depths [n_repeats], metres. ν = (Σ s)² / Σ (s²/ν_hand)
+    (Welch–Satterthwaite). None if a hand has fewer than two usable repeats."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
@@ -236,7 +252,8 @@ def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] |
 
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
-    """Metric → "definition [unit]; lower is better", as written to results and metric files."""
+    """Return metric → "definition [unit]; lower is better", as written to results and metric
+    files."""
     return {
         k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))
     }

@@ -17,7 +17,8 @@ from handbench.support.errors import HandbenchError
 
 
 class Difference(NamedTuple):
-    """B − A with its 95 % interval and the uncorrected p-value of no difference. NaN: unknown, or
+    """The result of a test of two methods or results: B − A in the metric's unit, its 95 %
+    interval, and the p-value of no difference, not corrected for further tests. NaN: unknown, or
     too few captures for a test."""
 
     difference: float
@@ -27,8 +28,10 @@ class Difference(NamedTuple):
 
 
 def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Student's paired t-test of figures a, b [n] of the same captures, which cancels the captures'
-    own differences. Captures with NaN in either are left out."""
+    """Test B − A by Student's paired t-test, from figures a, b [n] of the same captures in one
+    order.
+    Pairing cancels what a capture adds to both. Captures with NaN in either are left out. With
+    fewer than FEWEST captures only the difference is known."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
@@ -47,7 +50,9 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Welch's t-test (1947) of two independent samples of captures."""
+    """Test B − A by Welch's t-test (1947), from figures a [n], b [m] of two independent sets of
+    captures.
+    NaN are left out. With fewer than FEWEST captures on a side only the difference is known."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
         return Difference(np.nan)
@@ -65,9 +70,10 @@ def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Difference:
-    """F test of two precisions, mm, from each hand's strongest depths [n_repeats] in metres. It
-    treats all repeats as independent, which is cautious if both methods image the same echoes. The
-    interval is that of the ratio, times A's precision."""
+    """Test the difference of two precisions, mm, by the F test of their variances.
+    hands_a, hands_b: for each hand, the depth of its strongest scatterer in every repeat
+    [n_repeats], metres. All repeats count as independent, which is cautious if both methods image
+    the same echoes. The interval is that of the ratio, applied to A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Difference(np.nan)
@@ -89,10 +95,13 @@ def compare(
     titles: Mapping[str, str] | None = None,
     treatment: str = "",
 ) -> pd.DataFrame:
-    """Compare every pair of methods by one metric; returns the table COMPARISONS. figures: method →
-    metric of its captures [n], the same captures in the same order; treatment: one of `TREATMENTS`,
-    or "" for each method as it is. Methods without a figure are left out. Raises HandbenchError for
-    different captures and for metrics without a direction."""
+    """Compare every pair of methods by one metric: the table COMPARISONS, one line a pair.
+    figures: method → the metric on each capture [n], the same captures in the same order. reference
+    and treatment (one of TREATMENTS, or "" for each method as it is) are noted in the lines;
+    titles: method → its name in the sentences. p-values are corrected for all pairs (Holm). Methods
+    without a figure are left out.
+    Raises HandbenchError for unequal numbers of captures and for metrics of which neither lower nor
+    higher is better."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
@@ -144,7 +153,8 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
-    """A difference ≥ 0 with its interval in words, rounded to its significant digits."""
+    """Write a difference ≥ 0 with its interval, as "0.42 mm [0.31, 0.53]", to its significant
+    digits."""
     places = _places(difference)
     return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace(
         "-", "−"
@@ -152,7 +162,7 @@ def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
 
 
 def amount_text(difference: float, unit: str) -> str:
-    """A difference in words."""
+    """Write a difference with its unit, to its significant digits; % become "percentage points"."""
     shown = "percentage points" if unit == "%" else unit
     return f"{difference:.{_places(difference)}f} {shown}".replace("-", "−")
 
@@ -164,8 +174,8 @@ def _places(difference: float) -> int:
 def _ordered(
     pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str
 ) -> tuple[str, str]:
-    """The pair with the better method first, by the captures that both have; equal ones keep their
-    order."""
+    """Return the pair with the better method first, by the mean over the captures that both have;
+    equal ones keep their order."""
     first, second = pair
     gained = (
         np.nanmean(figures[second] - figures[first])
@@ -183,8 +193,9 @@ def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
 
 
 def holm_corrected(p: Sequence[float]) -> list[float]:
-    """p-values corrected for the number of tests (Holm 1979): the k-th smallest of m times m − k +
-    1, never falling, at most 1. Unknown values stay unknown and do not count as tests."""
+    """Correct p-values for the number of tests (Holm 1979): a list in the same order.
+    The k-th smallest of m is multiplied by m − k + 1; the results never fall from one to the next
+    and are at most 1. NaN stay NaN and do not count as tests."""
     given = np.asarray(p, float)
     found, known = given.copy(), np.flatnonzero(np.isfinite(given))
     order = known[np.argsort(given[known], kind="stable")]

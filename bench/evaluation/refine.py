@@ -53,9 +53,11 @@ DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share. pixel [n]: their index on the grid; place_m [2, n]: x
-    and y; distance_m [n]: e; jacobian [n, 6]: n·dp by [τ, ω·radius_m], in metres; centre_m [3],
-    radius_m: their centre and extent."""
+    """The n pixels that radar and mesh share.
+    pixel [n]: flat index on the grid; place_m [2, n]: x and y; distance_m [n]: e, the radar's
+    distance from the mesh along its normal; jacobian [n, 6]: how a motion [τ, ω·radius_m] changes
+    n·dp, all in metres; centre_m [3], radius_m: centre and root-mean-square extent of the
+    points."""
 
     pixel: np.ndarray
     place_m: np.ndarray
@@ -66,8 +68,9 @@ class _Pixels(NamedTuple):
 
 
 def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
-    """`refine` from files; the result names the depth map. Without a start, the mesh is in the
-    radar frame."""
+    """Align a mesh file to a depth map's file by `refine`: the Transform into the radar frame.
+    start: the transform to begin from; without one, the mesh is in the radar frame. The result's
+    `refined` also names the depth map."""
     transform = refine(
         read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar")
     )
@@ -76,17 +79,19 @@ def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = No
 
 def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     """Find the mesh's transform into the radar frame, near `start`, for which its depth fits the
-    radar's; the scale is kept.
+    radar's. The scale is kept.
 
-    The result's `refined` records: reason, pixels, left_out (outliers), blocks, rms_before_mm and
-    rms_after_mm (of e, over the pixels that the fit kept), translation_mm [3] and rotation_deg [3]
-    (a vector) about centre_mm, uncertainty, held and free directions in words, start.
+    The result's `refined` records: the reason; the numbers of pixels, of left_out ones (outliers)
+    and of blocks of 15 × 15 mm that the pixels cover; rms_before_mm and rms_after_mm of the
+    distances; the motion translation_mm [3] and rotation_deg [3] (a vector) about centre_mm [3];
+    the uncertainty; the held directions (motions that the surface determines) and the free ones
+    (that it does not), in words; and the start.
 
     The covariance (6×6, for the given scale) contains the scatter of the distances and the typical
     bias of a radar on a hand (BIAS_M). Along free directions it is the start's; there is none if
     the start has none. A larger bias, for example from a wrong delay, is not included. Raises
-    HandbenchError if both share too few pixels, if the iteration does not converge, or if it leaves
-    the capture range (15 mm, 10°).
+    HandbenchError if both share too few pixels, if the iteration does not converge, or if the mesh
+    moves further than 15 mm or 10°.
     """
     matrix, walk, left = start.matrix, list[np.ndarray](), np.inf
     while True:
@@ -144,9 +149,10 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
 
 
 def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _Pixels:
-    """Distances and their derivatives at the pixels where both have a depth. Left out: pixels whose
-    phase may have wrapped, steep surface, and silhouettes, where the slope (a central difference)
-    is undefined or a jump."""
+    """Find the pixels where mesh and depth map both have a depth; return their distances and
+    derivatives.
+    Left out are pixels whose phase may have wrapped, steep surface, and silhouettes, where the
+    slope (a central difference) is undefined or a jump. Raises HandbenchError if too few remain."""
     if min(depth.z_m.shape) < 3:
         raise HandbenchError(
             f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more"
@@ -180,17 +186,19 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
 
 
 def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tukey's weights ψ(e)/e and slopes ψ'(e), both [n], with the scale from the median of |e|. The
-    median is taken about zero, so that a distant start loses no pixels."""
+    """Compute Tukey's weights ψ(e)/e and slopes ψ'(e) of distances [n], metres; both [n].
+    Their scale is 1.4826 times the median of |e| about zero, so that a distant start loses no
+    pixels."""
     scale_m = max(1.4826 * float(np.median(np.abs(distance_m))), FINEST_M)
     u2 = np.minimum((distance_m / (TUKEY * scale_m)) ** 2, 1)
     return (1 - u2) ** 2, (1 - u2) * (1 - 5 * u2)
 
 
 def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvectors [6, 6] of the normal matrix, in metres of the pixels' motion, and their
-    conditions [6] (largest eigenvalue divided by theirs) in rising order. The surface determines
-    the directions with a condition of at most CONDITION."""
+    """Find which motions the surface determines: eigenvectors [6, 6] of the normal matrix, in
+    columns, and their conditions [6] in rising order.
+    A condition is the largest eigenvalue divided by the vector's own; up to CONDITION the surface
+    determines the motion. Motions are measured by how far they move the pixels, metres."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     return vector, value[0] / np.maximum(value, 1e-12 * value[0])
@@ -247,10 +255,11 @@ def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
 
 
 def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
-    """Remaining motion of the iteration, in standard deviations, extrapolated from its steps [k]:
-    after motions a, then b, there remain |b|²/(|a| − |b|) (Aitken). Motions are single steps, or
+    """Estimate how far the iteration still has to go, in standard deviations, from its steps so
+    far.
+    After motions a, then b, there remain |b|²/(|a| − |b|) (Aitken). Motions are single steps, or
     sums of ROUND steps, which detects an iteration that circles because pixels at outlines come and
-    go. 0 once a step is below STILL_M."""
+    go. scatter: covariance of the fit, the unit. 0 once a step is below STILL_M."""
     left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
     for stride in (1, ROUND):
         if len(walk) >= 2 * stride:
@@ -268,8 +277,10 @@ def _covariance(
     free: np.ndarray,
     start: np.ndarray | None,
 ) -> np.ndarray | None:
-    """Covariance [6, 6] of [translation, rotation] about the origin: the scatter [k, k] along the
-    determined directions [6, k], the start's along the free ones; None if the start has none."""
+    """Compute the covariance [6, 6] of [translation, rotation] about the origin.
+    Along the motions that the surface determines, held [6, k], it is the fit's `scatter` [k, k];
+    along the others, free [6, 6 − k], that of the start; None if it is needed and the start has
+    none."""
     if free.shape[1] and start is None:
         return None
     # from [τ, ω·radius_m]
@@ -301,7 +312,8 @@ def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Number, from 0, of the block of BLOCK_M × BLOCK_M [n] that contains each place (x, y) [n]."""
+    """Number the square of BLOCK_M × BLOCK_M that contains each place (x, y): [n], from 0. A single
+    −1 if there are no places."""
     if not len(x_m):
         return np.full(1, -1)
     cell = np.stack([np.floor((axis - axis.min()) / BLOCK_M + 1e-9) for axis in (y_m, x_m)])

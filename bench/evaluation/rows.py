@@ -25,8 +25,9 @@ def accuracy_rows(
     protocol: Protocol = PAPER,
     floor: Interval | None = None,
 ) -> pd.DataFrame:
-    """The protocol's metrics of one method against one reference, from `of_captures` of its maps,
-    which have `floor_mm` if the floor is known. floor: the floor's interval."""
+    """Make the lines of TABLE with one method's accuracy against one reference.
+    captures: the figures of each capture, from `of_captures`, with a column `floor_mm` if the floor
+    is known. protocol: which metrics are shown. floor: the interval of the ground-truth floor."""
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
     values = {"floor_mm": None} | mean_figures(captures)
     known = {key: value for key, value in values.items() if key in protocol.metrics}
@@ -36,8 +37,8 @@ def accuracy_rows(
 def frame_rows(
     method: str, reference: str, captures: Sequence[Values], protocol: Protocol = PAPER
 ) -> pd.DataFrame:
-    """The protocol's figures over all frames, from each capture's `over_frames`; none unless all
-    captures have them."""
+    """Make the lines of TABLE with the figures over all frames, averaged over the captures.
+    captures: each capture's `over_frames`. A figure that any capture lacks is left out."""
     shared = set.intersection(*map(set, captures)) if captures else set()
     found = {
         key: np.array([figures[key] for figures in captures], float)
@@ -55,9 +56,10 @@ def precision_rows(
     strongest_z_m: Sequence[np.ndarray],
     pixels_mm: Sequence[float] = (),
 ) -> pd.DataFrame:
-    """The precision from each hand's strongest depths [n_repeats] and, if known, the precision per
-    pixel from each hand's median deviation in mm. It needs no reference and is repeated under each
-    one."""
+    """Make the lines of TABLE with a method's precision, and its precision per pixel if known.
+    strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
+    metres. pixels_mm: each hand's median over the pixels of their standard deviation, mm. The
+    precision needs no reference; the lines are repeated under each one."""
     values, key = precision(strongest_z_m), "pixel_precision_mm"
     intervals: Intervals = {"precision_mm": precision_interval(strongest_z_m)}
     if len(pixels_mm):
@@ -72,7 +74,8 @@ def precision_rows(
 def time_rows(
     method: str, reference: str, seconds: Sequence[float] | np.ndarray, seed: int = 0
 ) -> pd.DataFrame:
-    """The time per frame from each frame's imaging time, repeated under each reference."""
+    """Make the line of TABLE with the time per frame: the median of `seconds`, with a bootstrap
+    interval. It does not depend on the reference and is repeated under each one."""
     frames_s = np.asarray(seconds, dtype=np.float64)
     value = float(np.median(frames_s)) if len(frames_s) else None
     return _rows(
@@ -81,7 +84,7 @@ def time_rows(
 
 
 def _rows(method: str, reference: str, values: Values, intervals: Intervals) -> pd.DataFrame:
-    """Lines for the figures that are registered metrics, in the registry's order."""
+    """Make a line of TABLE for each figure that is a known metric, in the order of METRICS."""
     rows = []
     for key in (key for key in METRICS if key in values):
         low, high = intervals.get(key) or (None, None)

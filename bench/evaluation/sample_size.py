@@ -24,9 +24,10 @@ POWER = 0.8  # the chance of showing a difference that there is
 
 
 class Components(NamedTuple):
-    """Standard deviations: between captures, of the interaction of method and capture, and between
-    repeats of one method on one capture; the last is NaN without repeats, and the second then
-    includes it. Negative estimates of a variance become 0."""
+    """Standard deviations of the variance components of a metric, and the number of captures used.
+    capture: between captures; interaction: of method and capture; residual: between repeats of one
+    method on one capture, NaN without repeats (the interaction then includes it). Negative
+    estimates of a variance become 0."""
 
     capture: float
     interaction: float
@@ -35,9 +36,10 @@ class Components(NamedTuple):
 
 
 def components(figures: np.ndarray) -> Components:
-    """Variance components of figures [captures, methods] or [captures, methods, repeats] by the
-    two-way analysis of variance with random captures. Captures that lack a figure are left out.
-    Raises HandbenchError for fewer than LEAST captures or two methods."""
+    """Estimate the variance components of a metric by the two-way analysis of variance, captures
+    random.
+    figures: [captures, methods] or [captures, methods, repeats]. Captures that lack a figure are
+    left out. Raises HandbenchError for fewer than LEAST captures or two methods."""
     cells = figures[..., None] if figures.ndim == 2 else figures
     cells = cells[np.isfinite(cells).all(axis=(1, 2))]
     n, k, r = cells.shape
@@ -61,8 +63,9 @@ def components(figures: np.ndarray) -> Components:
 
 
 def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """`components` as plain values for a result's facts. figures: method → metric of the same
-    captures [n]. Empty for too few captures; without the residual if that is unknown."""
+    """Return the variance components of a metric by name, as plain numbers for result.json.
+    figures: method → the metric on the same captures [n]. Empty for too few captures; the residual
+    is left out if it is unknown."""
     try:
         found = components(np.stack(list(figures.values()), axis=1))._asdict()
     except HandbenchError:
@@ -71,14 +74,16 @@ def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:
-    """Power of the two-sided paired t-test of n captures whose differences have this standard
-    deviation."""
+    """Compute the power of the two-sided paired t-test of n captures at level alpha.
+    effect: true mean difference; spread: standard deviation of the captures' differences, in the
+    same unit."""
     return _power(effect * np.sqrt(n) / spread, n - 1, alpha) if spread else 1.0
 
 
 def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: float = ALPHA) -> float:
-    """Power of Welch's two-sided test of n captures of each of two methods with these standard
-    deviations, by the noncentral t with the degrees of freedom of the true variances."""
+    """Compute the power of Welch's two-sided test of two groups of n captures each, at level alpha.
+    effect: true difference of the means; spreads: standard deviation in each group. Uses the
+    noncentral t with the degrees of freedom of the true variances."""
     a, b = (spread**2 / n for spread in spreads)
     return (
         _power(effect / np.sqrt(a + b), (a + b) ** 2 * (n - 1) / (a**2 + b**2), alpha)
@@ -98,17 +103,21 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
-    """The smallest number of captures, from 2 on, with at least this power; None above MOST."""
+    """Find the smallest number of captures, from 2 on, with at least this power; None above MOST.
+    power_of: number of captures → power of the test."""
     few = bisect_left(range(2, MOST + 1), power, key=power_of) + 2
     return few if few <= MOST else None
 
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
-    """Number of captures that show this difference of means at level alpha with a power of POWER.
+    """Find the number of captures that show this difference of means at level alpha with a power of
+    POWER.
 
     spreads: one standard deviation, of the differences of pairs (paired t-test; the number is of
-    pairs), or two, of each group (Welch's test; the number is of each group). At least FEWEST, the
-    smallest sample that is tested. None: there is no difference, or more than MOST are needed."""
+    pairs), or two, of each group (Welch's test; the number is of each group). The result is at
+    least FEWEST, the smallest sample that is tested. None: there is no difference, or more than
+    MOST are needed.
+    """
     if not difference or not np.isfinite(difference):
         return None
     if len(spreads) == 1:

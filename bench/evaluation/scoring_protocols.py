@@ -17,7 +17,10 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Protocol:
-    """A way of scoring a benchmark; scoring_protocols.toml explains the fields."""
+    """A way of scoring a benchmark: which pixels count, against which reference, by which metrics.
+    metrics: those in the table; compared: those by which methods are compared; masks, erodes:
+    whether the data set's mask is applied, and its edges are left out. scoring_protocols.toml
+    explains all fields."""
 
     id: str
     version: int
@@ -57,7 +60,7 @@ PAPER = PROTOCOLS["paper"]
 
 
 def protocol(name: str) -> Protocol:
-    """The protocol of this name; an unknown one is a HandbenchError."""
+    """Return the protocol of this name. Raises HandbenchError for an unknown one."""
     if name not in PROTOCOLS:
         raise HandbenchError(f"protocol: unknown '{name}'; {suggest(name, list(PROTOCOLS))}")
     return PROTOCOLS[name]

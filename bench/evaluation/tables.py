@@ -47,11 +47,12 @@ FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no 
 
 @dataclass(frozen=True)
 class Column:
-    """One column. unit: of its numbers, if it is the same in every line; optional: older files may
-    lack the column; counts: lines whose `unit` is this hold whole numbers.
+    """One column of a table, with its meaning and the kind of its values.
+    unit: of its numbers, if it is the same in every line. optional: older files may lack the
+    column. counts: if a line's column `unit` has this value, the number is a whole one.
 
     For readers: heading: with the unit (empty: the column is only in files); scale: factor on the
-    value; form: its format (or FORMS).
+    value; form: its format string, or a name in FORMS.
     """
 
     name: str
@@ -86,7 +87,8 @@ class Schema:
 
 
 def declared_tables(module: str) -> dict[str, Schema]:
-    """The tables that a module's TOML file of the same name declares. module: its `__file__`."""
+    """Read the tables that a module declares in the TOML file beside it: table → Schema. module:
+    the module's `__file__`."""
     known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
     return {
         table: Schema(tuple(_column(*entry) for entry in columns.items()))
@@ -111,16 +113,18 @@ RANKING = SCHEMAS["ranking"]
 def frame(
     schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()
 ) -> pd.DataFrame:
-    """A DataFrame from lines, each a mapping by column or values in the order of the columns; None:
-    unknown."""
+    """Make a DataFrame with a schema's columns from lines.
+    rows: one entry a line, either a mapping from column to value or the values in the order of the
+    columns; None: unknown."""
     import pandas as pd
 
     return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """The table with the columns and dtypes of its schema; missing optional columns are filled
-    in."""
+    """Return the table with the columns and dtypes of its schema.
+    Unknown values in optional columns are filled in; ValueError for unknown values in other columns
+    that cannot hold them."""
     import pandas as pd
 
     typed = {}
@@ -137,8 +141,11 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
 
 
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
-    """Method → figures of the first frames of its captures: one line per capture, one column per
-    metric, both in the order of the scores; NaN if undefined."""
+    """Arrange the scores against one reference: method → DataFrame, one line per capture, one
+    column per metric.
+    treatment: one of the equal treatments, or "" for each method as it is. Only the first frame of
+    each capture counts. Captures and metrics keep the order of the scores; NaN where there is no
+    value."""
     lines = scores[
         (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
     ]
@@ -157,15 +164,15 @@ def each(table: pd.DataFrame) -> Iterator[Any]:
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The lines of a table as plain values; None: unknown."""
+    """Convert a table to a list of dictionaries by column, with None for unknown values."""
     lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
     return lines
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
-    """Read a CSV file of `write`. Raises HandbenchError for other columns, and for the first cell
-    of a wrong kind, naming its line. An older file may lack the last columns, if these are
-    optional."""
+    """Read a table from a CSV file that `write` has made.
+    An older file may lack the last columns, if these are optional. Raises HandbenchError for other
+    columns, and for the first cell of a wrong kind, naming its line."""
     import pandas as pd
 
     try:

@@ -11,9 +11,11 @@ OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 
 class TreatedDepths(NamedTuple):
-    """A method's depths of one capture under one treatment, all [ny, nx]: z_m above the method's
-    own threshold and open_z_m above OPEN_DB, NaN elsewhere; open_db: the amplitudes that order the
-    pixels of open_z_m."""
+    """A method's depths on one capture under one equal treatment (thresholds and smoothing the same
+    for all methods), all [ny, nx].
+    z_m: depths above the method's own threshold; open_z_m: depths above the lower threshold
+    OPEN_DB; metres, NaN elsewhere. open_db: amplitudes by which the pixels of open_z_m are
+    ordered."""
 
     z_m: np.ndarray
     open_z_m: np.ndarray

@@ -26,7 +26,8 @@ class ImagingTask:
     echoes: RadarCapture
 
     def image(self, frame: int = 0) -> Reconstruction:
-        """Image one frame; the depth map has no uncertainty yet."""
+        """Image one frame: the depth map, still without uncertainty, with what else the method
+        gives."""
         return self.method.run(self.echoes, self.settings, frame)
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
@@ -43,18 +44,19 @@ def prepare(
     frame: int = 0,
     every_nth_antenna: int = 1,
 ) -> ImagingTask:
-    """Check that a method can image a capture's frames 0 to `frame`.
+    """Check that a method can image a capture's frames 0 to `frame`, and return the task that does
+    it.
 
     Args:
         echoes: of these frames at least.
         chosen: the method.
-        settings: its configuration, see `configuration`.
+        settings: its configuration, from `configuration`.
         frame: the last frame that is needed.
-        every_nth_antenna: of transmitters and receivers, in the order of the file; the others are
-            left out.
+        every_nth_antenna: keep every n-th transmitter and receiver, in the order of the file.
 
     Raises:
-        HandbenchError: the capture lacks the frame or a tone, or has antennas in millimetres.
+        HandbenchError: the capture lacks the frame or a tone, or has an antenna implausibly far
+        away (positions in millimetres).
     """
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
@@ -67,7 +69,9 @@ def prepare(
 
 
 def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0) -> DepthMap:
-    """Image one frame of a capture, see `prepare`; the depth map has its uncertainty."""
+    """Image one frame of a capture by a method: the depth map with its standard deviations, flags
+    and p_gross (the probability of a gross error). Raises HandbenchError if the method cannot image
+    it."""
     from handbench.radar.warmup import compile_kernels
 
     task = prepare(echoes, chosen, settings, frame)
@@ -76,8 +80,8 @@ def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0
 
 
 def require_near(echoes: RadarCapture) -> RadarCapture:
-    """Return the capture; HandbenchError if an antenna is further away than
-    HANDBENCH_FARTHEST_M."""
+    """Return the capture unchanged; raise HandbenchError if an antenna is further than
+    HANDBENCH_FARTHEST_M from the origin, which suggests positions in millimetres."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
@@ -91,14 +95,17 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for the capture in a folder, see `configured`."""
+    """Return a method's complete configuration for the capture in a folder.
+    The method's defaults are overridden by the settings in the capture's description, these by
+    `config`."""
     return configured(open_capture(capture).about, method_id, config)
 
 
 def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
-    """The method's configuration for a capture: its defaults, overridden by the settings of the
-    capture's description (for this method, or for the method that it is a variant of), then by the
-    user's."""
+    """Return a method's complete configuration for a capture with this description.
+    The method's defaults are overridden by the settings in the description (for this method, or for
+    the method that it is a variant of), these by `config`. Raises HandbenchError for an unknown
+    method or setting."""
     of_sensor = about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over

@@ -20,8 +20,8 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Scores:
-    """Signed errors of a depth map's pixels, and figures: metric → value in the metric's unit, None
-    if undefined."""
+    """A scored depth map: the signed errors of its pixels, and its figures: metric → value in the
+    metric's unit, None if undefined."""
 
     errors: ErrorMap
     figures: Values
@@ -33,8 +33,9 @@ def score(
     protocol: Protocol = PAPER,
     recorded: NativeCapture | None = None,
 ) -> Scores:
-    """Compare a depth map with a reference on its grid: `pixel_errors`, and the figures from
-    them."""
+    """Compare a depth map with a reference on its grid: signed errors, and the metrics from them.
+    protocol: which pixels are scored. recorded: the capture that was imaged, needed if the protocol
+    applies the data set's own mask (HandbenchError without it)."""
     errors = pixel_errors(depth, reference, protocol, recorded)
     return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
 
@@ -45,13 +46,13 @@ def pixel_errors(
     protocol: Protocol = PAPER,
     recorded: NativeCapture | None = None,
 ) -> ErrorMap:
-    """Signed errors of the pixels that a protocol scores.
+    """Compute the signed errors of the pixels that a protocol scores.
 
     Args:
         depth: the map.
         reference: the surface's depths [ny, nx] on the map's pixels.
         protocol: says whether the data set's own mask is applied.
-        recorded: the capture that was imaged, whose mask that is.
+        recorded: the capture that was imaged; its data set defines the mask.
 
     Raises:
         HandbenchError: the protocol masks, and there is no capture.
@@ -61,7 +62,8 @@ def pixel_errors(
 
 
 def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:
-    """Depths [ny, nx] of the pixels that a protocol scores; NaN elsewhere."""
+    """Return the depths [ny, nx], metres, of the pixels that a protocol scores; NaN elsewhere.
+    Raises HandbenchError if the protocol needs the data set's mask and no capture is given."""
     if not protocol.masks:
         return depth.z_m
     if recorded is None:
@@ -75,8 +77,10 @@ def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | No
 def reference_of_surface(
     surface: Surface, radar_from_mesh: Transform, grid: PixelGrid
 ) -> Reference:
-    """Depth of a surface on a pixel grid of the radar. transform: carries the surface to the radar
-    frame."""
+    """Cast a surface onto a pixel grid of the radar: its depths, with their uncertainty, as a
+    Reference.
+    radar_from_mesh: carries the surface into the radar frame; HandbenchError if it leads
+    elsewhere."""
     radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
@@ -84,8 +88,9 @@ def reference_of_surface(
 def reference_of_file(
     mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
 ) -> Reference:
-    """As `reference_of_surface`, for a mesh file. exact: the surface has no error, as a simulator's
-    has."""
+    """Cast a mesh file's surface onto a pixel grid of the radar: its depths, with uncertainty.
+    radar_from_mesh: carries the mesh into the radar frame. exact: surface and transform have no
+    error, as in a simulation."""
     surface = read_surface(mesh_file)
     if exact:
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))

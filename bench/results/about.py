@@ -44,9 +44,10 @@ def metric_facts() -> dict[str, MetricFacts]:
 
 
 class CaptureFacts(Config):
-    """One capture. measures: "accuracy" (scored pixel by pixel against `references`), "precision"
-    (by repeats), or both; effects: for a simulated capture, the effects' rows of its capture.toml:
-    on or off, size and cost."""
+    """One capture of a result.
+    measures: "accuracy" (scored pixel by pixel against `references`), "precision" (by the scatter
+    over repeats), or both. effects: for a simulated capture, the simulated effects: on or off, size
+    and cost of each."""
 
     name: Name
     measures: tuple[Measure, ...] = MEASURES
@@ -75,7 +76,8 @@ class MethodFacts(Config):
 
 
 class Failure(Config):
-    """A stage that failed, and why. method: empty if the capture fails for every method."""
+    """A stage that failed, and why. method: empty if the failure concerns all methods of the
+    capture."""
 
     capture: str
     method: str = ""
@@ -92,8 +94,10 @@ class Failure(Config):
 
 
 class About(Config):
-    """Content of result.json. inputs: file → SHA-256; captures, methods: those in the table; facts:
-    known values about noise and ground truth; failures: what was left out, and why."""
+    """Content of result.json.
+    inputs: capture → hash of its content. captures, methods: those in the table. facts: what else
+    is known, as the noise, the intervals and the ground truth's uncertainty. failures: what was
+    left out, and why."""
 
     schema_version: Literal[1] = 1
     name: str
@@ -109,8 +113,9 @@ class About(Config):
 
 
 def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
-    """Read and check result.json, or a file like it; another schema_version than the model's is a
-    HandbenchError."""
+    """Read and check result.json, or a file like it, as a `model`.
+    what, remedy: for messages: what the file is, and what to do if its version is another. Raises
+    HandbenchError for another schema_version or wrong content."""
     content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
     version = content.get("schema_version") if isinstance(content, dict) else None
     ours = model.model_fields["schema_version"].default

@@ -8,8 +8,8 @@ difference between two runs.
 
 `handbench compare` writes
 
-compare.json  both sides, the captures compared, every difference, times and provenance compare.csv
-one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
+compare.json  both sides, the captures compared, every difference, times and provenance
+compare.csv   one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
 """
 
 from collections.abc import Sequence
@@ -58,8 +58,9 @@ NONE = (None, None)
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One of the two results. captures: its scored captures; gemm_gflops: its machine's rate of
-    float32 matrix products."""
+    """One of two compared results, A or B.
+    captures: names of those that are scored; gemm_gflops: the machine's measured rate of float32
+    matrix products, to judge the times by."""
 
     folder: str
     name: str
@@ -69,8 +70,9 @@ class ComparedResult:
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """The comparison of two results. basis: sentences on the captures compared; differences, times,
-    changes: tables of `bench.evaluation.tables`."""
+    """The comparison of two results, A and B.
+    basis: a sentence for each reference on which captures were compared. differences, times,
+    changes: tables; `bench.evaluation.tables` explains their columns."""
 
     a: ComparedResult
     b: ComparedResult
@@ -90,7 +92,9 @@ def write_compared(folder: Path, compared: Compared) -> None:
 
 @dataclass(frozen=True)
 class CommonCaptures:
-    """The captures of A and of B that are compared against one reference."""
+    """The captures of A and of B that are compared against one reference.
+    paired: they are the same, in the same order; else two independent samples. sentence: says so in
+    words."""
 
     reference: str
     a: tuple[str, ...]
@@ -100,9 +104,10 @@ class CommonCaptures:
 
 
 def compare_results(a: Result, b: Result) -> Compared:
-    """Compare every method that both results have, by the protocol's compared metrics, the
-    precision and the time. Raises HandbenchError for results of different protocols or definitions,
-    or without a method and a reference in common."""
+    """Compare two results: B's figures minus A's, with confidence, for every method that both have.
+    Compared are the protocol's metrics, the precision, and (without a test) the time. Raises
+    HandbenchError for results of different protocols or definitions, or without a method and a
+    reference in common."""
     require_comparable(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
@@ -152,8 +157,8 @@ def require_comparable(a: Result, b: Result) -> None:
 
 
 def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
-    """The captures that both results have; without any, all captures of each. None if a result has
-    no capture with this reference."""
+    """Choose the captures to compare against one reference: those that both results have, or, if
+    there are none, all of each. None if a result has no capture with this reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
     if not ours or not theirs:
         return None
@@ -175,8 +180,8 @@ def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
-    """True if a capture shows the same hand in the same place in both results: the same input, or
-    references that coincide."""
+    """Return whether a capture shows the same hand in the same place in both results: its input has
+    the same hash, or the references coincide."""
     if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
@@ -193,8 +198,8 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
 def _accuracy(
     method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
 ) -> list[dict[str, Any]]:
-    """One line per metric, with an uncorrected p. a, b: the captures' figures, one column per
-    metric."""
+    """Compare one method by every metric: a line each, with p not yet corrected.
+    a, b: figures of A and of B, one line per capture, one column per metric."""
     lines = []
     for metric in map(str, a):
         samples, test = (
@@ -212,15 +217,15 @@ def _accuracy(
 
 
 def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
-    """Standard deviation of the captures' differences, or of each side's figures; none with fewer
-    than LEAST captures."""
+    """Return the standard deviations from which the needed number of captures follows: one, of the
+    paired differences, or two, of A's and of B's figures; none with fewer than LEAST captures."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
-    """The line of the precision; none if a result has no precision."""
+    """Compare the precision of one method: a single line; none if a result has no precision."""
     repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
     hands = [
         [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
@@ -241,8 +246,10 @@ def _line(
     intervals: Sequence[Any],
     tested: Difference,
 ) -> dict[str, Any]:
-    """A line with the figures of A and B, their intervals, their numbers of captures, and the test
-    between them. By default it has no reference and is not paired."""
+    """Make a line with the figures of A and B, their intervals, numbers of captures, and the test
+    of the difference.
+    samples, values, intervals: a pair each, A's and B's. The line has no reference and is not
+    paired, unless the caller changes that."""
     facts = METRICS[metric]
     line: dict[str, Any] = {
         "method": method.name,
@@ -256,8 +263,8 @@ def _line(
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """The table DIFFERENCES: the lines with p corrected over all tests, the better side, and a
-    sentence."""
+    """Make the table DIFFERENCES from all lines: with p corrected over all tests (Holm), the better
+    side, the number of captures needed, and a sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
@@ -278,7 +285,8 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
-    """Number of captures that would show this difference; NaN: unknown, or too many."""
+    """Return the number of captures that would show this difference at level alpha; NaN if unknown
+    or too many. spreads: from `_spreads`."""
     return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
@@ -313,7 +321,8 @@ def _gemm(result: Result) -> float | None:
 
 
 def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
-    """A line of `TIMES`."""
+    """Make a method's line of the table TIMES: both times per frame, their ratio, and a
+    sentence."""
     rows = [result.time(method.name) for result in (a, b)]
     figures = [
         end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))

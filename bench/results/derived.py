@@ -51,13 +51,14 @@ STRONGEST = "strongest_z_m"
 
 
 def repeats(result: Result) -> pd.DataFrame:
-    """The table REPEATS: the strongest scatterer's depth in every repeat."""
+    """Compute the table REPEATS: the depth of the strongest scatterer in every repeat."""
     lines = result.scores[result.scores.metric == STRONGEST]
     return conform(lines.rename(columns={"frame": "repeat", "value": "z_m"}), REPEATS)
 
 
 def compared_metrics(protocol: dict[str, Any]) -> list[str]:
-    """The metrics by which the protocol in a result compares methods without equal treatment."""
+    """Return the metrics by which methods are compared as they are, without equal treatment.
+    protocol: the entry of result.json."""
     named = protocol.get("compared", COMPARED)
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
     return (
@@ -68,9 +69,10 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
 def equal_treatment_scores(
     scores: pd.DataFrame, captures: Sequence[CaptureFacts]
 ) -> tuple[str, dict[str, ByMethod]]:
-    """The reference with the most surface among those of all captures; and, against it, treatment →
-    `by_method` of the methods that have every treatment for every capture. Empty for fewer than two
-    such methods."""
+    """Select the scores under equal treatment (all methods with the same thresholds and smoothing).
+    Returns the reference that covers the most surface among those that all captures have; and
+    treatment → method → figures by capture and metric, for the methods that have every treatment on
+    every capture. Empty for fewer than two such methods."""
     having = (
         name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
     )
@@ -87,7 +89,8 @@ def equal_treatment_scores(
 
 
 def equal(result: Result) -> pd.DataFrame:
-    """The table EQUAL: the figures under equal treatment, averaged over the captures."""
+    """Compute the table EQUAL: the methods' figures under equal treatment, averaged over the
+    captures."""
     reference, treated = equal_treatment_scores(result.scores, result.scored())
     rows = []
     for treatment, methods in treated.items():
@@ -102,8 +105,9 @@ def equal(result: Result) -> pd.DataFrame:
 
 
 def comparisons(result: Result) -> pd.DataFrame:
-    """The table COMPARISONS of every pair of methods: as they are, by the protocol's compared
-    metrics against each reference; and under equal treatment."""
+    """Compute the table COMPARISONS of every pair of methods.
+    As they are, methods are compared by the protocol's metrics, against each reference; under equal
+    treatment, against the reference with the most surface."""
     titles = {method.name: method.title for method in result.about.methods}
     reference, treated = equal_treatment_scores(result.scores, result.scored())
     found = [frame(COMPARISONS)]
@@ -122,12 +126,14 @@ def comparisons(result: Result) -> pd.DataFrame:
 
 
 def causes(result: Result) -> pd.DataFrame:
-    """The table CAUSES: errors by cause."""
+    """Compute the table CAUSES: errors by incidence angle, amplitude, part of the hand, distance to
+    an edge."""
     return _cause_tables(result)[0]
 
 
 def reliability(result: Result) -> pd.DataFrame:
-    """The table RELIABILITY: coverage and likelihood of the methods' σ."""
+    """Compute the table RELIABILITY: how often the methods' σ contains their errors, and how likely
+    the errors are under it."""
     return _cause_tables(result)[1]
 
 
@@ -163,8 +169,9 @@ def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def scores(result: Result) -> pd.DataFrame:
-    """`SCORES` for a folder of version 0.2: the captures' figures from their maps of errors, the
-    figures under equal treatment from captures.csv, and the repeats from repeats.csv."""
+    """Compute the table SCORES for a folder of version 0.2, which has none.
+    Figures of the captures come from their error maps, those under equal treatment from
+    captures.csv, repeats from repeats.csv."""
     rows: list[tuple[Any, ...]] = []
     for capture, method in product(result.scored(), result.about.methods):
         for reference in capture.references:

@@ -18,8 +18,9 @@ ORIENTATION = 0x0112  # EXIF's tag
 
 @dataclass(frozen=True)
 class SurfaceMap:
-    """A depth map to draw: z_m [ny, nx] at x_m [nx], y_m [ny], metres; NaN without a surface.
-    sigma_m [ny, nx]: a reference's standard deviation along z, by mesh and registration together
+    """A depth map to draw: z_m [ny, nx] at the pixel centres x_m [nx], y_m [ny], metres; NaN
+    without a surface.
+    sigma_m [ny, nx]: a reference's standard deviation along z, from mesh and registration together
     (None: not given; NaN: unknown)."""
 
     x_m: np.ndarray
@@ -29,12 +30,13 @@ class SurfaceMap:
 
 
 def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
-    """Path of a map of signed errors."""
+    """Return the path of a file with signed errors. Raises HandbenchError for a name that cannot be
+    part of a file's name."""
     return _path(folder / "errors", ".npz", capture, method, reference)
 
 
 def depth_path(folder: Path, capture: str, source: str) -> Path:
-    """Path of the depth map of a method, or of a reference."""
+    """Return the path of a depth map. source: a method, or a reference."""
     return _path(folder / "depth", ".npz", capture, source)
 
 
@@ -56,7 +58,7 @@ def write_errors(folder: Path, capture: str, method: str, reference: str, errors
 
 
 def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMap) -> None:
-    """Write a reference's depth map (a method's is written by `radar`, to `depth_path`)."""
+    """Write a reference's depth map. (A method's map is a DepthMap, saved to `depth_path`.)"""
     write_npz(depth_path(folder, capture, reference), **_arrays(surface))
 
 
@@ -91,8 +93,9 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Read the arrays `names` [ny, nx] of a map, and those of `optional` that it has, with its x_m
-    [nx] and y_m [ny]. Raises HandbenchError for any other content."""
+    """Read arrays of a map: name → array, with x_m [nx] and y_m [ny].
+    names: arrays [ny, nx] that must be there; optional: further ones, read if they are. Raises
+    HandbenchError for other shapes or kinds."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():

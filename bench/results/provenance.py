@@ -14,8 +14,9 @@ HASH_CHARACTERS = 12  # enough to distinguish two hashes
 
 
 def changes(a: Result, b: Result) -> pd.DataFrame:
-    """The table CHANGES: every key whose values differ, or that only one of them has (the other
-    value is empty)."""
+    """List in the table CHANGES what differs between two results besides their figures:
+    configuration, methods' settings, versions, machine, inputs.
+    A line has A's and B's value of one key; a value is empty if that side lacks the key."""
     kinds = (
         ("configuration", _configuration(a), _configuration(b)),
         ("settings", _settings(a, b), _settings(b, a)),
@@ -41,8 +42,8 @@ def _configuration(result: Result) -> dict[str, Any]:
 
 
 def _settings(result: Result, other: Result) -> dict[str, str]:
-    """The resolved settings of the methods that both have; every value, if captures differ in
-    it."""
+    """Return the complete settings of the methods that both results have: "method.key" → value; all
+    values, if captures differ in it."""
     shared = {method.name for method in other.about.methods}
     values: dict[str, list[str]] = {}
     for method in result.about.methods:
@@ -57,7 +58,7 @@ def _inputs(result: Result) -> dict[str, str]:
 
 
 def _flat(value: Any) -> dict[str, Any]:
-    """Leaves of nested tables and of lists of tables, by dotted key."""
+    """Flatten nested tables and lists of tables: dotted key → value."""
     return dict(_leaves(value, ""))
 
 

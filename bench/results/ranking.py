@@ -22,10 +22,11 @@ OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps avera
 
 
 def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
-    """Return the table RANKING, the best method first, and a sentence on the captures. The rank of
-    a method is one more than the number of methods that are shown to be better on the same captures
-    (95 %, Holm); 0: too few captures for a test. Raises HandbenchError for results without a
-    capture and reference in common, and for different protocols."""
+    """Rank the methods of several results on the captures that all have: the table RANKING, best
+    first, and a sentence on the captures.
+    A method's rank is one more than the number of methods that are shown to be better (95 %, Holm);
+    0 if there are too few captures for a test. Raises HandbenchError for results without a capture
+    and reference in common, and for different protocols."""
     for result in results[1:]:
         require_comparable(results[0], result)
     reference, captures = _common(results)
@@ -67,8 +68,8 @@ def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
 
 
 def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
-    """The reference with the most surface among those of all results, and the captures that have it
-    in all of them."""
+    """Choose the reference with the most surface of those that all results share; return it and the
+    captures that have it in all. Raises HandbenchError if there are none."""
     for reference in ("completed", *REFERENCES):
         names = [_captures(result, reference) for result in results]
         if common := [name for name in names[0] if all(name in other for other in names)]:

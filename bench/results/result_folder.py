@@ -38,8 +38,8 @@ UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """A table that `bench.results.derived` computes on first reading, unless the folder has it as a
-    file."""
+    """Make a property of Result that returns a table: from its file if the folder has one, else
+    computed on first reading."""
 
     def table(result: Result) -> pd.DataFrame:
         from handbench.bench.results import derived  # with pandas and scipy
@@ -51,11 +51,12 @@ def _derived(name: str) -> cached_property[pd.DataFrame]:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A complete result folder. Maps and photographs are read on demand.
+    """A complete result folder that has been read. Maps and photographs are read on demand.
 
-    table, tasks and the properties scores, curves, repeats, comparisons, equal, causes,
-    reliability: as `bench.evaluation.tables` declares them. files: the other tables that the folder
-    has as files: scores and curves; in version 0.2 all but the scores.
+    about: content of result.json. table, tasks: the main table, and one line for each step of the
+    run. config: text of config.toml. files: further tables that the folder has as files. The
+    properties scores, curves, repeats, comparisons, equal, causes and reliability are tables too,
+    computed if there is no file. `bench.evaluation.tables` declares the columns of all.
     """
 
     folder: Path
@@ -85,23 +86,25 @@ class Result:
         return next(each(found[found.reference == reference]), None)
 
     def time(self, method: str) -> Any:
-        """The line of the method's time per frame, which is the same under every reference; None if
-        unknown."""
+        """Return the table's line with a method's time per frame, which is the same under every
+        reference; None if unknown."""
         found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
         return next(each(found[found.value.notna()]), None)
 
     def title(self, metric: str) -> str:
-        """The metric's title."""
+        """Return a metric's title for readers; its key if the result does not define it."""
         facts = self.about.metrics.get(metric)
         return facts.title if facts else metric
 
     def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """The methods that no method is shown to beat under one treatment ("": each as it is); ()
-        if nothing was compared."""
+        """Return the methods that no other is shown to beat, by one metric against one reference;
+        () if nothing was compared.
+        treatment: one of the equal treatments, or "" for each method as it is."""
         return best(self.compared(treatment), metric, reference)
 
     def compared(self, treatment: str = "") -> pd.DataFrame:
-        """The comparisons under one treatment."""
+        """Return the lines of `comparisons` under one equal treatment, or with "" those of each
+        method as it is."""
         return self.comparisons[self.comparisons.treatment == treatment]
 
     def scored(self) -> tuple[CaptureFacts, ...]:
@@ -113,16 +116,17 @@ class Result:
         return tuple(c for c in self.about.captures if "precision" in c.measures)
 
     def errors(self, capture: str, method: str, reference: str) -> ErrorMap:
-        """Signed errors of one depth map."""
+        """Read the signed errors of a method's depth map of one capture, against one reference."""
         return read_errors(self.folder, capture, method, reference)
 
     def surface(self, capture: str, source: str) -> SurfaceMap:
-        """The depth map of a method, or of a reference ("truth", "photogrammetry")."""
+        """Read a depth map of one capture. source: a method, or a reference, as "truth" or
+        "photogrammetry"."""
         return SurfaceMap(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
-        """The methods whose frames were timed while other work took BUSY or more cores on average,
-        with the number of cores."""
+        """Return the methods whose times were disturbed: method → mean number of cores that other
+        work took meanwhile, if at least BUSY."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
             "method", sort=False
@@ -131,8 +135,8 @@ class Result:
         return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
 
     def unsettled(self) -> dict[str, float]:
-        """The methods whose time per frame has an interval wider than UNSETTLED up or down, with
-        that relative width."""
+        """Return the methods whose time per frame is uncertain: method → half the interval's width
+        over the time, if above UNSETTLED."""
         times = self.table[
             (self.table.metric == "seconds") & (self.table.value > 0)
         ].drop_duplicates("method")
@@ -150,13 +154,15 @@ class Result:
 
 
 def shown(comparisons: pd.DataFrame) -> pd.Series:
-    """For each line, whether the difference is significant at 5 % over all pairs of the metric."""
+    """Return for each line of comparisons whether the difference is significant at 5 %, corrected
+    for all pairs of the metric."""
     return comparisons.p_corrected < 1 - LEVEL
 
 
 def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
-    """The method with the best figure and all methods that are not shown to be worse, in order of
-    appearance; () if nothing was tested, so that no figure is highlighted."""
+    """Return the method with the best figure and all methods that are not shown to be worse.
+    comparisons: lines of the table COMPARISONS. Methods are in order of appearance; () if nothing
+    was tested, so that no figure is highlighted."""
     lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
     lines = lines[lines.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
@@ -188,7 +194,8 @@ def write_config(folder: Path, toml: str) -> None:
 
 
 def load(folder: str | Path) -> Result:
-    """Read and check a result folder. Raises HandbenchError for a missing, partial or newer one."""
+    """Read and check a result folder. Raises HandbenchError if it is missing, incomplete, or of a
+    newer version."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
@@ -216,8 +223,8 @@ def load(folder: str | Path) -> Result:
 
 
 def _require_figures(path: Path, scores: pd.DataFrame) -> None:
-    """Refuse two values of one figure, and figures that would fill the memory as one table of
-    captures by metrics."""
+    """Raise a HandbenchError if the scores have two values of one figure, or so many captures,
+    methods and metrics that arranging them would fill the memory."""
     if scores.duplicated(SCORES.names[:-1]).any():
         raise HandbenchError(f"{path}: has two lines of one figure; run the benchmark again")
     captures, methods, metrics = (

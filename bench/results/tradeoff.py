@@ -2,8 +2,9 @@
 
 tradeoff.json   schema_version, name, sections (metric, unit, which time is counted, reference
                 setting), claims, captures, inputs, versions, machine, facts
-tradeoff.csv    one line per setting: see `Setting` config.toml     the benchmark with its sweep,
-resolved settings/       NAME.toml: each imaging setting as a benchmark for `handbench run`
+tradeoff.csv    one line per setting: see `Setting`
+config.toml     the benchmark with its sweep, resolved
+settings/       NAME.toml: each imaging setting as a benchmark for `handbench run`
 """
 
 import json
@@ -22,8 +23,8 @@ from handbench.support.files import require_folder, write_json
 
 @dataclass(frozen=True)
 class Setting:
-    """One line of tradeoff.csv, with the columns of `bench.evaluation.tables.SETTINGS`; None:
-    unknown."""
+    """One setting of a trade-off, with its error and its time: a line of tradeoff.csv.
+    `bench.evaluation.tables.SETTINGS` explains the columns; None: unknown."""
 
     section: str
     name: str
@@ -51,7 +52,7 @@ class Setting:
 
     @property
     def method(self) -> str:
-        """The method among its knobs; empty in sections without methods."""
+        """The method's id among the setting's parameters; empty in sections without methods."""
         try:
             knobs = json.loads(self.knobs)
         except ValueError:
@@ -60,8 +61,8 @@ class Setting:
 
 
 class Section(Config):
-    """One stage's settings: their metric and its definition, which seconds are counted, and the
-    reference setting of the ratios."""
+    """One stage whose settings are compared: the metric, its unit and definition, which time is
+    counted (seconds), and the setting to which the ratios of times refer."""
 
     name: Literal["imaging", "groundtruth", "simulation", "registration"]
     title: str
@@ -73,7 +74,8 @@ class Section(Config):
 
 
 class Claim(Config):
-    """A statement of the paper on time, next to the counted and the measured factor."""
+    """A statement of the paper on how many times faster one method is. paper: the stated factor;
+    counted: by numbers of operations; measured: by times here."""
 
     text: str
     paper: float
@@ -106,7 +108,7 @@ class Tradeoff:
     settings: tuple[Setting, ...]
 
     def section(self, name: str) -> tuple[Setting, ...]:
-        """The settings of one section, in the order of the sweep."""
+        """Return the settings of one section, in the order of the file."""
         return tuple(setting for setting in self.settings if setting.section == name)
 
 

@@ -39,8 +39,8 @@ Persons = Annotated[
 
 
 class Origin(Config):
-    """A scene file to simulate or a capture folder, relative to the benchmark file. photos = false
-    leaves out a scene's photographs."""
+    """A capture: a scene file to simulate, or a capture folder, relative to the benchmark file.
+    photos = false: do not render a scene's photographs."""
 
     scene: str | None = None
     path: str | None = None
@@ -54,10 +54,10 @@ class Origin(Config):
 
 
 class Source(Origin):
-    """A capture of the benchmark. measures: the accuracy, by its first frame against a reference;
-    the precision, by the benchmark's `repeats` frames, without a reference or photographs. persons:
-    numbers of people; the scene becomes one capture per person, with that person's hand and
-    placement (`SceneFile.of_person`)."""
+    """A capture of the benchmark, and what is measured on it.
+    measures: "accuracy", by its first frame against a reference; "precision", by the scatter over
+    the benchmark's `repeats` frames, without a reference or photographs. persons: numbers of
+    people; the scene becomes one capture per person, with that person's hand and placement."""
 
     measures: Measures = MEASURES
     persons: Persons | None = None
@@ -69,17 +69,18 @@ class Source(Origin):
         return self
 
     def each(self) -> "tuple[Source, ...]":
-        """Its captures, one per person."""
+        """Return its captures, one per person; only itself if it names no persons."""
         return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (
             self,
         )
 
 
 class DataSet(Config):
-    """All captures below a folder, relative to the benchmark file, or those of some objects
-    (ROOT/OBJECT) and distances (ROOT/OBJECT/DISTANCE), in order; at most `limit`. empty_filtered:
-    use MAROON's frames with the empty room subtracted; measures: as in `Source`, for each
-    capture."""
+    """Captures of a data set: all below a folder, or those of some objects and distances.
+    path: the folder, relative to the benchmark file, with captures in ROOT/OBJECT or
+    ROOT/OBJECT/DISTANCE. objects, distances: keep only these (empty: all), at most `limit`, in
+    order. empty_filtered: use MAROON's frames with the empty room subtracted. measures: "accuracy"
+    or "precision" or both, for each capture."""
 
     path: str
     objects: tuple[str, ...] = ()
@@ -89,7 +90,8 @@ class DataSet(Config):
     measures: Measures = MEASURES
 
     def sources(self, base: Path) -> tuple[Source, ...]:
-        """Its captures as sources; paths start from `base`."""
+        """Return its captures as entries of a benchmark file that lies in the folder `base`. Raises
+        HandbenchError if there are none."""
         root = inside(base, self.path, "dataset.path")
         folders = captures(root, self.objects, self.distances)[: self.limit]
         suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
@@ -104,14 +106,14 @@ class GroundTruth(Config):
 
 
 class MethodEntry(Config):
-    """A method and the settings that it changes. precision = true: measure its precision too;
-    every_nth_antenna: of transmitters and receivers, in the order of the file (see
-    `radar.data.capture.thin_antennas`).
+    """A method and the settings that it changes.
+    precision = true: measure its precision too. every_nth_antenna: use only every n-th transmitter
+    and receiver, in the order of the file.
 
-    A foreign method (`bench.run.foreign`) has either `maps`, the folder of its depth maps
-    CAPTURE.npz, relative to the benchmark file; or `command`, a command line with the placeholders
-    {capture} and {depth} that makes one, with limits for each capture: seconds, and megabytes of
-    address space (0: none).
+    A foreign method, which is not part of handbench, has either `maps`, the folder of its depth
+    maps CAPTURE.npz, relative to the benchmark file; or `command`, a command line with the
+    placeholders {capture} and {depth} that makes one. limit_s, limit_mb: seconds, and megabytes of
+    address space (0: no limit), for each capture.
     """
 
     id: str
@@ -236,14 +238,15 @@ class BenchFile(Config):
         return self
 
     def frames_of(self, source: Source) -> int:
-        """Number of a capture's frames that the methods image."""
+        """Return the number of a capture's frames that are needed, the larger of those for accuracy
+        and for precision."""
         frames = self.frames if "accuracy" in source.measures else 1
         repeated = "precision" in source.measures and any(entry.precision for entry in self.method)
         return max(frames, self.repeats) if repeated else frames
 
 
 def embedded_benchmarks() -> dict[str, Path]:
-    """The embedded benchmarks by name: the embedded files that list methods."""
+    """Find the benchmarks that come with handbench: name → file."""
     return {
         path.stem: path
         for path in sorted(EMBEDDED.glob("*.toml"))
@@ -252,7 +255,8 @@ def embedded_benchmarks() -> dict[str, Path]:
 
 
 def find_benchmark(name: str) -> Path:
-    """The path of a benchmark file, given by path or by the name of an embedded one."""
+    """Return the path of a benchmark file, given by its path or by the name of one that comes with
+    handbench. Raises HandbenchError for an unknown name."""
     path = Path(name)
     if path.suffix == ".toml" or path.is_file():
         return path
@@ -265,8 +269,10 @@ def find_benchmark(name: str) -> Path:
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """Read a benchmark file and check it, down to every method's configuration; data sets and
-    persons are expanded into captures. Also returns the folder that its paths start from."""
+    """Read and check a benchmark file, by path or name; return it and the folder that its paths
+    start from.
+    Every method's configuration is checked; data sets and persons are expanded into single
+    captures. Raises HandbenchError for anything wrong."""
     path = find_benchmark(name)
     bench = load(BenchFile, path, "a benchmark description")
     bench = bench.model_copy(

@@ -18,8 +18,9 @@ REGISTRATION = "radar_from_photo.json"
 
 
 def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
-    """Write REGISTRATION from captures of one target, each with the file of its photographs' point
-    cloud."""
+    """Register camera and radar, and write radar_from_photo.json into a stage's folder.
+    captures: folders that show one calibration target; clouds: for each, the file of its
+    photographs' point cloud."""
     made = register_captures(
         [Path(capture) for capture in captures], [Cloud.load(Path(file)) for file in clouds]
     )
@@ -29,9 +30,10 @@ def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
 def register_captures(
     captures: Sequence[Path], clouds: Sequence[Cloud], array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute radar_from_photo from captures of one target, each with its point cloud in the photo
-    frame. Several captures are combined; the rig must not move between them. array: the antennas'
-    calibration, used in place of the captures' own. Raises HandbenchError for different targets."""
+    """Compute radar_from_photo from captures of one calibration target.
+    clouds: for each capture, the point cloud of its photographs, in the photo frame. Several
+    captures are combined; the rig must not move between them. array: the antennas' calibration,
+    used in place of the captures' own. Raises HandbenchError for different targets."""
     target = common_target(captures)
     measured, names = [], []
     for capture, cloud in zip(captures, clouds, strict=True):
@@ -50,7 +52,8 @@ def register_captures(
 
 
 def common_target(captures: Sequence[Path]) -> Target:
-    """The target that all captures show. Raises HandbenchError if they differ."""
+    """Return the description of the calibration target that all captures show. Raises
+    HandbenchError if their descriptions differ."""
     targets = {capture: load_target(capture / TARGET) for capture in captures}
     for capture, target in targets.items():
         if target != targets[captures[0]]:

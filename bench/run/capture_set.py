@@ -1,6 +1,7 @@
 """A benchmark's captures as a folder to distribute.
 
-bench.toml      the benchmark of these captures, for `handbench run` captures/NAME   capture folders
+bench.toml      the benchmark of these captures, for `handbench run`
+captures/NAME   capture folders
 checksums.txt   checksums of every capture's files; a run compares them
 """
 
@@ -24,8 +25,11 @@ BENCH = "bench.toml"
 
 
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
-    """Simulate all scenes of a benchmark (a file, or an embedded one's name) into a folder; returns
-    their number. A repeated call keeps the captures of an interrupted one."""
+    """Simulate all scenes of a benchmark into a folder that can be distributed; return their
+    number.
+    name: a benchmark file, or the name of one that comes with handbench. A repeated call keeps what
+    an interrupted one has made. Raises HandbenchError if the benchmark names captures that are no
+    scenes, or if the folder holds something else."""
     bench, base = load_benchmark(name)
     sources: list[Origin] = [*bench.capture, *bench.calibration]
     scenes: dict[str, tuple[SceneFile, Path, int]] = {}
@@ -56,7 +60,8 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
 
 
 def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
-    """The benchmark with these captures in place of its scenes."""
+    """Return the text of the benchmark file with capture folders in place of scenes. captures:
+    their names. Raises HandbenchError for a benchmark with a foreign method."""
     if any(entry.foreign for entry in bench.method):
         raise HandbenchError(
             f"{name}: has a method with maps or a command; add it to the file that is written "

@@ -57,8 +57,8 @@ class LocalExecutor(Executor):
     """Runs jobs in this process; each has ended when `submit` returns."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function. A HandbenchError becomes the future's exception, any other is
-        raised."""
+        """Call the function at once; return a finished future. A HandbenchError becomes its
+        exception; any other error is raised here."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*args, **kwargs))
@@ -86,7 +86,7 @@ class ProcessExecutor(ThreadPoolExecutor):
         self._alone, self._ended = threading.Lock(), False
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function in one of the processes."""
+        """Have one of the processes call the function; return its future."""
         return super().submit(
             self._call, partial(elsewhere, self._machine, function, *args, **kwargs)
         )
@@ -107,7 +107,8 @@ class ProcessExecutor(ThreadPoolExecutor):
         )
 
     def _call(self, job: Callable[[], Any]) -> Any:
-        """Have an idle process do the job; runs in a thread."""
+        """Have an idle process do the job, and wait for its result. If the process dies, try once
+        more while all others are idle; HandbenchError if it dies again."""
         try:
             return self._tried(self._idle.get(), job)
         except BrokenProcessPool:
@@ -145,7 +146,7 @@ class DaskExecutor(Executor):
         self._client = client
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function on one of the workers."""
+        """Have one of the cluster's workers call the function; return its future."""
         future: Future[Any] = Future()
         sent = self._client.submit(elsewhere, {}, function, *args, pure=False, **kwargs)
         sent.add_done_callback(partial(_pass_on, future))
@@ -170,8 +171,10 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
 def elsewhere(
     machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage
 ) -> Any:
-    """Do a job in another process, or on another machine. machine: facts of this machine, if
-    measured already."""
+    """Do a stage in this process on behalf of another one; return what `function` returns.
+    machine: facts of this machine, if measured already, so that they are not measured again. root:
+    the folder of all stages. An error that could not be sent back is raised as a RuntimeError with
+    its traceback."""
     cost.CALIBRATED |= machine
     try:
         with _ALONE:
@@ -187,8 +190,8 @@ def elsewhere(
 
 
 def _require_same(root: Path, stage: Stage) -> None:
-    """Raise a HandbenchError if this machine does not see the store, or has other code than the
-    client."""
+    """Raise a HandbenchError if this machine does not see the result folder, or has other code or
+    libraries than the machine that sends the stage."""
     if not root.is_dir():
         raise HandbenchError(
             f"{root}: is not there on this machine; expected the result folder, shared by all "
@@ -205,9 +208,10 @@ def _require_same(root: Path, stage: Stage) -> None:
 def assigned(
     executor: Executor, root: Path, stages: Sequence[Stage]
 ) -> list[tuple[Executor, list[int]]]:
-    """Distribute stages: executors, each with the numbers of its stages, to be used one after the
-    other. Processes get stages if two or more have to be made whose time is not a result; imaging
-    runs in this process, with nothing else at work."""
+    """Decide where stages are carried out: a list of executors, each with the indices of its
+    stages, to be used one after the other.
+    Processes get the stages without a method that are not done yet, if there are two or more.
+    Imaging runs in this process with nothing else at work, because its time is a result."""
     numbers = list(range(len(stages)))
     if not isinstance(executor, ProcessExecutor):
         return [(executor, numbers)]
@@ -219,8 +223,8 @@ def assigned(
 
 
 def room(bytes_: float = 0.0) -> int:
-    """Number of processes for which there are cores and free memory. bytes_: memory of one stage,
-    if more than usual. 1 if this process may not start others."""
+    """Return the number of processes for which there are cores and free memory.
+    bytes_: memory of one stage, if more than usual. 1 if this process may not start others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
@@ -231,9 +235,11 @@ def room(bytes_: float = 0.0) -> int:
 def executor(
     scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0
 ) -> Iterator[Executor]:
-    """Yield the executor: a Dask cluster, if `scheduler` is an address, tcp://host:port; else
-    processes of this machine, if core_s, the expected processor time, is worth them; else this
-    process."""
+    """Yield the executor for a run.
+    scheduler: address of a Dask scheduler, tcp://host:port, whose workers are then used. Without
+    it, processes of this machine are used if core_s, the predicted processor time, is worth
+    starting them; else this process. bytes_: memory of one stage. Raises HandbenchError if no
+    scheduler answers, or if it goes away."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
         with ProcessExecutor(count) if count > 1 else LocalExecutor() as found:

@@ -60,8 +60,8 @@ sys.exit(code if code >= 0 else 128 - code)
 
 
 def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
-    """The pixel grid that foreign depth maps of a capture must have: that of the first own method,
-    or else the paper's."""
+    """Return the pixel grid that a foreign method's depth map of this capture must have.
+    It is that of the benchmark's first method of handbench, or else the paper's grid."""
     own = next((entry for entry in methods if not entry.foreign), None)
     config = PixelsConfig() if own is None else configured(about, own.id, own.config)
     grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
@@ -69,15 +69,15 @@ def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
 
 
 def words(command: str, base: Path) -> list[str]:
-    """The words of a command line. Names of files in the benchmark's folder, `base`, become
+    """Split a command line into words; names of files in the benchmark's folder, `base`, become
     paths."""
     split = shlex.split(command)
     return [str(base / word) if os.path.isfile(base / word) else word for word in split]
 
 
 def program_key(command: str, base: Path) -> list[str]:
-    """The values on which a command's depth maps depend: the command line, and the content of its
-    files."""
+    """Return the values that identify a command: the line itself, and the hash of each file that it
+    names. base: the benchmark's folder."""
     return [
         command,
         *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word)),
@@ -87,8 +87,9 @@ def program_key(command: str, base: Path) -> list[str]:
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
-    """Check a depth map and copy it, with the seconds that it records, into the folder of a
-    stage."""
+    """Check a foreign depth map and store it in a stage's folder, with the seconds that it records.
+    file: the .npz; x_m, y_m: the pixel centres that it must have, metres. Raises HandbenchError for
+    a map that cannot be scored."""
     depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
     _save(folder, depth, [] if seconds is None else [seconds])
 
@@ -103,9 +104,12 @@ def run(
     limits: tuple[float, int],
     config: Any,
 ) -> None:
-    """Have a program image the capture's first frame into the folder of a stage. The recorded
-    seconds are those of the entire command. limits: seconds, and megabytes of address space (0:
-    none)."""
+    """Have a foreign program image a capture's first frame, and store the depth map in a stage's
+    folder.
+    command: the words, with placeholders {capture} and {depth}. x_m, y_m: the pixel centres that
+    the map must have, metres. limits: seconds, and megabytes of address space (0: none). The
+    recorded time is that of the entire command. Raises HandbenchError if the program fails, takes
+    too long, or writes no usable map."""
     data = open_capture(capture)
     with tempfile.TemporaryDirectory(prefix="handbench-foreign-") as temporary:
         room = Path(temporary)
@@ -129,8 +133,8 @@ def run(
 
 
 def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
-    """Write the files that a method of handbench writes. Pixels that the method has averaged stay
-    averaged."""
+    """Write a foreign map to a stage's folder as handbench's own methods do, also under equal
+    treatment. Averaging that the foreign method has done cannot be undone."""
     write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
     depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": seconds})
@@ -187,8 +191,9 @@ def _last_line(output: Path) -> str:
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
-    """Read a foreign method's depth map on the required grid, float32, and its `seconds`, if the
-    file has them. Raises HandbenchError for maps that cannot be scored."""
+    """Read a foreign method's depth map; return it as float32, and its `seconds` (None if not
+    recorded).
+    grid: the pixels that it must have. Raises HandbenchError for a map that cannot be scored."""
     content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
         if content[name].shape != expected.shape or not _same(content[name], expected):

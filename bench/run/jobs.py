@@ -48,8 +48,10 @@ Clouds = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's p
 def opening(
     bench: BenchFile, base: Path, source: Origin, frames: int, photos: bool = True
 ) -> Stage:
-    """The stage that hashes a capture folder, or simulates a scene into one. Paths start from
-    `base`. photos: whether anything needs the scene's photographs."""
+    """Return the stage that makes a capture available: it hashes a capture folder, or simulates a
+    scene.
+    base: folder from which paths start. frames: number of frames that are needed. photos: whether
+    anything needs the scene's photographs."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
         given = {"folder": str(folder), "frames": frames}
@@ -63,7 +65,8 @@ def opening(
 
 
 def content_key(root: Path, stage: Stage) -> str:
-    """Hash of the content of a capture's folder: the stage that `opening` returns for one."""
+    """Compute the hash of a capture folder's content; carries out the stage that `opening` returns
+    for it. Raises HandbenchError if the files differ from their recorded checksums."""
     folder = Path(stage.arguments["folder"])
     key = open_capture(folder).key(stage.arguments["frames"])
     require_unchanged(folder)
@@ -71,7 +74,8 @@ def content_key(root: Path, stage: Stage) -> str:
 
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
-    """The scene that a benchmark names, and its file; paths start from `base`."""
+    """Read the scene that a benchmark names, with the benchmark's changes (person, phase noise,
+    photographs); return it and its file. base: folder from which paths start."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
     if isinstance(source, Source) and source.persons:
@@ -90,14 +94,16 @@ def inspection(capture: RunCapture) -> Stage:
 
 
 def clouds(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds:
-    """The stages that reconstruct the capture's photographs. Raises HandbenchError if it has
-    none."""
+    """Return the stages that reconstruct a capture's photographs: sparse, dense and mesh.
+    work: folder of all stages. Raises HandbenchError if the capture has no photographs."""
     photos, options = photographs(capture.folder, bench.groundtruth.quality, bench.seed)
     return pipeline.stages(work, photos, options, [capture.key], capture=capture.name)
 
 
 def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> Stage:
-    """The stage that registers the sensors by captures of one target, from their point clouds."""
+    """Return the stage that registers camera and radar (radar_from_photo).
+    targets: captures of one calibration target; dense: for each, the stage that makes the point
+    cloud of its photographs; work: folder of all stages."""
     given = {
         "captures": [str(target.folder) for target in targets],
         "clouds": [str(each.folder(work) / CLOUD) for each in dense],
@@ -107,8 +113,9 @@ def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> St
 
 
 def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
-    """The stages that turn the capture's photographs into a mesh; None if it has a mesh, or if no
-    transform carries it into the radar frame."""
+    """Return the stages sparse, dense and mesh that turn a capture's photographs into a mesh.
+    None if it has no photographs, already has a mesh, or if nothing will carry the mesh into the
+    radar frame."""
     data = open_capture(capture.folder)
     carried = bool(bench.calibration) or data.transform() is not None
     return (
@@ -119,8 +126,9 @@ def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
 
 
 def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> list[Stage]:
-    """The stages that image the capture by one method: for the accuracy, the benchmark's frames;
-    for the precision, if the method measures it, all repeats. Paths start from `base`."""
+    """Return the stages that image a capture by one method: the benchmark's `frames` for the
+    accuracy, and all `repeats` for the precision, if both the capture and the method measure it.
+    base: folder from which paths start."""
     if entry.foreign:
         return [_foreign(bench, base, capture, entry)] if "accuracy" in capture.measures else []
     given = {
@@ -176,8 +184,11 @@ def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEnt
 def references(
     capture: RunCapture, registration: Transform | None, made: Path | None, found: Outcome
 ) -> dict[str, tuple[Path, Transform]]:
-    """Reference name → mesh file and the transform that carries it into the radar frame. made: the
-    folder with the mesh of the capture's photographs."""
+    """Find what a capture's depth maps are compared with: reference → mesh file, and the transform
+    that carries it into the radar frame.
+    registration: radar_from_photo of the benchmark's calibration, for captures without their own.
+    made: folder with the mesh of the capture's photographs, if one was made. found: gets notes on
+    the transforms. Raises HandbenchError if there is no reference."""
     available: dict[str, tuple[Path, Transform]] = {}
     data = open_capture(capture.folder)
     transform, mesh = data.transform() or registration, data.mesh()
@@ -209,8 +220,8 @@ def scoring(
     maps: dict[str, Path],
     references: dict[str, tuple[Path, Transform]],
 ) -> Stage:
-    """The stage that compares the capture's depth maps (files of stages, by method) with its
-    references."""
+    """Return the stage that compares a capture's depth maps with its references.
+    maps: method → file of its depth map. references: name → mesh file and transform."""
     given = {
         "capture": str(capture.folder),
         "maps": maps,

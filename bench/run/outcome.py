@@ -23,8 +23,8 @@ Line = tuple[Any, ...]  # of a table, in the order of its columns
 
 @dataclass
 class RunCapture:
-    """A capture of the run: its folder, the hash of its content, its description, and what it
-    measures."""
+    """A capture of the run: its folder, the hash of its content (key), its description (about), and
+    what it measures, "accuracy" or "precision" or both."""
 
     folder: Path
     key: str
@@ -39,10 +39,13 @@ class RunCapture:
 
 @dataclass
 class Outcome:
-    """Everything that the stages of a run found. Keys are names of captures and ids of methods;
-    tasks, repeats: lines of `TASKS` and `REPEATS`; maps: files of depth maps; deviations, scores:
-    folders of the stages `repeat` and `score`; machines: facts of the machines that did the work,
-    by name."""
+    """Everything that the stages of a run found. Keys are names of captures, or pairs of capture
+    and method id.
+    tasks, repeats: lines of the tables TASKS and REPEATS. references: name → mesh file and
+    transform. configs: the methods' complete settings. maps: files of depth maps. seconds: times of
+    the frames. deviations, scores: folders of the stages that measured the precision and the
+    errors. views: photographs to show. inputs: hashes of the captures. machines: facts of the
+    machines that did the work, by name."""
 
     bench: BenchFile
     captures: list[RunCapture]
@@ -66,8 +69,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class CommonSubset:
-    """The captures and methods of a table: every method on the same captures. repeated: captures of
-    the precision."""
+    """The captures and methods that a result's table contains, such that every method has every
+    capture.
+    captures: those of the accuracy; repeated: those of the precision; text: a sentence on what was
+    left out."""
 
     captures: tuple[RunCapture, ...]
     methods: tuple[MethodEntry, ...]
@@ -76,7 +81,7 @@ class CommonSubset:
 
     @property
     def all_captures(self) -> tuple[RunCapture, ...]:
-        """The captures of the accuracy, then those that only measure the precision."""
+        """The captures of the accuracy, then those that measure only the precision."""
         return (
             *self.captures,
             *(capture for capture in self.repeated if capture not in self.captures),
@@ -87,8 +92,9 @@ class CommonSubset:
 def recorded_failure(
     failures: list[Failure], capture: str, stage: str, method: str = ""
 ) -> Iterator[None]:
-    """Record a HandbenchError in the block as a failure of the capture (of one method, if named)
-    and print it; the run goes on."""
+    """Catch a HandbenchError in the block: print it and append it to `failures`, so that the run
+    goes on.
+    capture, stage, method: where it happened; method "" if the capture fails for all methods."""
     try:
         yield
     except HandbenchError as error:
@@ -133,7 +139,7 @@ def common_subset(outcome: Outcome) -> CommonSubset:
 def _finished(
     outcome: Outcome, captures: list[RunCapture], methods: Sequence[MethodEntry]
 ) -> dict[str, set[str]]:
-    """Method → names of the captures for which it finished every stage."""
+    """Return for each method the names of the captures for which it finished every stage."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}
     return {
         entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}}
@@ -142,7 +148,9 @@ def _finished(
 
 
 def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
-    """The methods that remain, and the captures that all of them finished."""
+    """Choose the methods that stay in the table, and return them with the captures that all of them
+    finished.
+    finished: method → names of the captures that it finished."""
     most = max(map(len, finished.values()), default=0)
     kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
     while kept and not set.intersection(*(finished[id] for id in kept)):
@@ -165,14 +173,14 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
 def errors(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[ErrorMap]:
-    """Iterate over a method's error maps of some captures, with one in memory at a time."""
+    """Yield a method's error maps on some captures, one in memory at a time."""
     return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
 def surfaces(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[Reference]:
-    """Iterate over the references that belong to `errors`."""
+    """Yield the references with which the maps of `errors` were compared, in the same order."""
     for name in captures:
         _, transform = outcome.references[name][reference]
         yield read_reference(outcome.scores[name], name, method, reference, transform)

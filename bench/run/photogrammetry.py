@@ -17,8 +17,9 @@ from handbench.support.errors import HandbenchError
 
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
-    """The folder of a capture's photographs, and the options of their reconstruction: those of
-    `handbench groundtruth`, within the capture's box. Raises HandbenchError if there are none."""
+    """Return the folder of a capture's photographs, and the options of their reconstruction.
+    quality: as in `handbench groundtruth --quality`. Only points in the capture's box are kept.
+    Raises HandbenchError if it has no photographs."""
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
@@ -29,8 +30,8 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
 
 
 def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
-    """The array's calibration from the first capture of a target, whose echoes are read as
-    recorded."""
+    """Estimate the antennas' calibration from the echoes of a known target, in the first of the
+    captures, read as recorded."""
     [capture, *_] = captures
     recorded = open_capture(capture)
     return estimate_array(
@@ -41,8 +42,10 @@ def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
 def calibrate_captures(
     captures: Sequence[Path], quality: str, seed: int, array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute radar_from_photo from captures of one target, photographs and echoes, without a
-    store."""
+    """Compute radar_from_photo from the photographs and echoes of captures of one target.
+    quality, seed: of the reconstruction of the photographs; array: the antennas' calibration, used
+    in place of the captures' own. No intermediate results are kept. Raises HandbenchError for
+    different targets."""
     common_target(captures)  # what differs is refused before the work
     clouds = [reconstruct_cloud(*photographs(capture, quality, seed)) for capture in captures]
     return register_captures(captures, clouds, array)

@@ -37,28 +37,31 @@ VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 
 
 class Work(NamedTuple):
-    """Predicted cost. core_s: processor time; bytes_: peak memory."""
+    """Predicted cost of some work. core_s: processor time on one core, s; bytes_: peak memory."""
 
     core_s: float
     bytes_: float = BASE_BYTES
 
 
 def one_after_another(parts: Iterable[Work]) -> Work:
-    """The cost of several parts in sequence."""
+    """Add the costs of several parts done in sequence: the sum of their times, the largest
+    memory."""
     times_s, sizes = zip(Work(0.0), *parts, strict=True)
     return Work(sum(times_s), max(sizes))
 
 
 def of_run(bench: BenchFile, base: Path) -> Work:
-    """The cost of all stages of a benchmark whose paths start from `base`."""
+    """Predict the cost of a benchmark: processor time and peak memory. base: folder from which its
+    paths start."""
     return one_after_another(
         _of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration)
     )
 
 
 def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
-    """The cost of a trade-off's captures and of its imaging settings in timed rounds. Exact volumes
-    count like others, because only a plane of them is summed."""
+    """Predict the cost of a trade-off's captures and of its imaging settings, each timed `rounds`
+    times.
+    Exact volumes count like others, because only a few planes of them are summed."""
     configs = [
         (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
         for s in settings
@@ -72,8 +75,10 @@ def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], r
 def imaging(
     settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True
 ) -> Work:
-    """The cost of imaging and scoring `frames` frames of `channels` channels by a method's
-    settings. exact: as the settings say."""
+    """Predict the cost of imaging and scoring `frames` frames of one capture by a method's
+    settings.
+    channels: number of antenna pairs. exact: count the settings' exact sums, if they ask for these;
+    False: only a small part of them is done."""
     asked = requested_tones_hz(settings)
     tones = TONES if asked is None else len(asked)
     shape, samples = (
@@ -92,8 +97,8 @@ def imaging(
 
 
 def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
-    """The cost of a capture's stages; zero for one that cannot be opened, because opening it
-    reports the error."""
+    """Predict the cost of all stages of one capture; zero if it cannot be opened, because opening
+    it reports the error."""
     measures = source.measures if isinstance(source, Source) else ()
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
@@ -123,15 +128,16 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
 
 
 def inspecting(folder: Path | None) -> float:
-    """Processor time to inspect the capture in a folder, or a simulated one, which has a
-    surface."""
+    """Predict the processor time, s, to inspect a capture for mistakes. None: a simulated capture,
+    which has a surface."""
     capture = open_capture(folder) if folder else None
     return FITTED_S if capture is None or capture.truth or capture.mesh() else FOCUSED_S
 
 
 def _recorded(folder: Path) -> tuple[float, int, float]:
-    """Cost of simulating a recorded capture, which is zero; number and megapixels of its
-    photographs, if it has no mesh, each taken to be as large as the first."""
+    """Return, for a recorded capture: 0 s of simulation, and the number and total megapixels of the
+    photographs that must be reconstructed (none if it has a mesh), each taken to be as large as the
+    first."""
     capture = open_capture(folder)
     pictures = (
         sorted(capture.photos.glob("*.[jJpPtT]*"))
@@ -145,7 +151,8 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
 
 
 def _simulated(base: Path, source: Origin) -> tuple[float, int, float]:
-    """Processor time to simulate a scene, and the number and megapixels of its photographs."""
+    """Return, for a scene: the processor time to simulate it, s, and the number and total
+    megapixels of its photographs."""
     scene = load(
         SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description"
     )

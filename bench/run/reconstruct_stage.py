@@ -35,8 +35,11 @@ def reconstruct(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Image frame 0 → DEPTH, and again for equal treatment → TREATED; depths of all frames →
-    FRAMES; time of each → TIMING. All on the client's device."""
+    """Image a capture by one method into a stage's folder, and measure the time of each frame.
+    Writes the depth map of frame 0 with its uncertainty (DEPTH), its maps under equal treatment
+    (TREATED), the depths of all frames (FRAMES, if several), and the times (TIMING).
+    device: name of the device that images; every_nth_antenna: use only every n-th transmitter and
+    receiver; frames: how many are imaged."""
     from handbench.radar.methods.projection import cached_peaks
 
     kept: dict[Any, Any] = {}
@@ -62,9 +65,11 @@ def reconstruct(
 
 
 class Images(NamedTuple):
-    """Results of the frames. seconds: from echoes in memory to each depth map, with the engine's
-    plan made already; plan_s: time of the plan, if known; image_error: largest relative error of
-    frame 0's images by their certificate, if the engine made them."""
+    """Results of the frames that were imaged.
+    seconds: from echoes in memory to each depth map, without the preparation (plan) of the fast
+    imaging, which depends only on the geometry. plan_s: time of that preparation, if known.
+    image_error: bound of the relative error of frame 0's images by the fast imaging; None if it
+    made none."""
 
     results: list[Reconstruction]
     seconds: list[float]
@@ -73,7 +78,9 @@ class Images(NamedTuple):
 
 
 class Imager:
-    """Images the first frames of a capture by one method, and measures the time."""
+    """Images the first frames of a capture by one method, and measures the time.
+    config: settings that differ from the defaults; every_nth_antenna: use only every n-th
+    transmitter and receiver. Raises HandbenchError if the method cannot image the capture."""
 
     def __init__(
         self,
@@ -92,10 +99,11 @@ class Imager:
         compile_kernels()
 
     def images(self) -> Images:
-        """Image every frame. The first image of a geometry plans the engine's skeletons, which a
-        radar does only once, so the times of the other frames count; with a single frame and a
-        method that may plan, the first frame is imaged again. The extra time of the first image is
-        that of the plan and of its certificate."""
+        """Image every frame; return the results and the times.
+        The first image of a geometry also prepares (plans) the fast imaging, which a radar does
+        only once. So the times of the other frames count; with a single frame, it is imaged again
+        unless it took long. The extra time of the first image is that of the plan and of its error
+        bound."""
         from handbench.radar.imaging.certificate import certified
 
         task, times, results = self.task, list[float](), list[Reconstruction]()
@@ -114,8 +122,8 @@ class Imager:
         )
 
     def until_settled(self, seconds: list[float]) -> list[float]:
-        """The frames' times, with repetitions in turns until their median has settled or SETTLE_S
-        have passed."""
+        """Repeat imaging until the median time is known well enough, or SETTLE_S seconds have
+        passed. Returns the given times of the frames and those of the repetitions, seconds."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
             with timed(found):
@@ -132,7 +140,8 @@ def timed(seconds: list[float]) -> Iterator[None]:
 
 
 def settled(seconds: list[float]) -> bool:
-    """True if the median's 95 % interval, between two order statistics, is within SETTLED of it."""
+    """Return whether the median of the times is known well: its 95 % interval, between two order
+    statistics, is within a share of SETTLED of it."""
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
@@ -150,8 +159,10 @@ THRESHOLD = "threshold_db"
 def write_treated(
     folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
 ) -> None:
-    """Write the maps of every treatment → TREATED. image: makes the capture's depth map by a
-    configuration of the method; own: the map by the method's own `settings`."""
+    """Write the depth maps under every equal treatment (same thresholds and smoothing for all
+    methods) to the file TREATED.
+    image: makes the capture's depth map by a given configuration of the method. settings, own: the
+    method's own configuration, and the map that it made."""
     # imports numba, which readers of the maps do not need
     from handbench.radar.methods.fsk import masked_mean
 
@@ -178,7 +189,8 @@ def write_treated(
 
 
 def read_treated(folder: Path) -> dict[str, TreatedDepths] | None:
-    """The maps by treatment; None if none were made."""
+    """Read the depth maps under equal treatment: treatment → depths; None if the folder has
+    none."""
     if not (folder / TREATED).exists():
         return None
     kept = read_npz(

@@ -25,8 +25,11 @@ def repeat(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Write REPEATS: the strongest scatterer's depth in each frame, and every pixel's deviation
-    over them, imaged on the client's device; the frames' times → TIMING."""
+    """Image a capture's repeats by one method, to measure the scatter of its depths, into a stage's
+    folder.
+    Writes the depth of the strongest scatterer in each frame and every pixel's standard deviation
+    (REPEATS), and the frames' times (TIMING). device: name of the device that images;
+    every_nth_antenna: use only every n-th transmitter and receiver."""
     with use_device(device), others() as busy:
         found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in found.results]
@@ -45,13 +48,14 @@ def repeat(
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
-    """Depth of the strongest scatterer in each of a capture's repeats: [n]."""
+    """Return the depth [n], metres, of the strongest scatterer in each of a capture's repeats; the
+    same pixel in all."""
     amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
     return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
-    """Read REPEATS: the strongest scatterer's depths [n], and every pixel's deviation as an error
-    map."""
+    """Read what `repeat` has written: the strongest scatterer's depths [n], metres, and the pixels'
+    standard deviations as an ErrorMap."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
     return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

@@ -44,9 +44,13 @@ def run(
     scheduler: str | None = None,
     command: str | None = None,
 ) -> results.Result:
-    """Run a benchmark into a result folder; its paths start from `base`. Stages that the folder has
-    already are reused. scheduler: address of a Dask scheduler whose workers find both folders under
-    the same paths; None: run here. command: the command that repeats the run, for the report."""
+    """Run a benchmark into a result folder, and return the result read from it.
+    base: folder from which the benchmark's paths start. Finished steps that the folder already has
+    are reused. overwrite: replace the results of another configuration. scheduler: address of a
+    Dask scheduler whose workers find both folders under the same paths; None: run on this machine.
+    command: the command that repeats the run, for the report.
+    Raises HandbenchError if the folder is another benchmark's, the predicted time is too long, or
+    every capture fails."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
@@ -85,9 +89,10 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
 
 
 class StageOutcome(NamedTuple):
-    """The outcome of a stage. key: hash of the stage's inputs and code; failure: an error that the
-    user can mend, if any; task: its line of `TASKS`, and machine: the machine that made it, if a
-    folder was made."""
+    """What came of one stage (a step of the run, as simulating, imaging or scoring one capture).
+    key: hash of the stage's inputs and code. failure: the error, if it failed for a reason that the
+    user can mend. task: its line of the table TASKS, and machine: facts of the machine that did it;
+    None if the stage made no folder."""
 
     key: str = ""
     failure: Failure | None = None
@@ -96,9 +101,11 @@ class StageOutcome(NamedTuple):
 
 
 class Run:
-    """A running benchmark; its methods are the steps, in the order of `run`. Paths start from
-    `base`; the stages' folders are in `work`. found: what the steps found; targets: the
-    calibration's captures."""
+    """A benchmark that is being run; its methods are the steps, in the order in which `run` calls
+    them.
+    Paths start from `base`; each stage has a folder in `work`. found: everything that the steps
+    found so far; targets: the captures of the calibration target; meshes: capture → folder of the
+    mesh of its photographs."""
 
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
@@ -108,8 +115,10 @@ class Run:
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
     def open(self) -> None:
-        """Open or simulate the captures: those of the benchmark, where failures are recorded, and
-        all of the calibration's."""
+        """Open the capture folders and simulate the scenes, of the benchmark and of its
+        calibration.
+        A capture of the benchmark that fails is recorded and left out; one of the calibration
+        raises HandbenchError, and so do two captures of one name."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with recorded_failure(self.found.failures, source.scene or source.path or "", "open"):
@@ -145,8 +154,8 @@ class Run:
                 self.targets.append(RunCapture(folder, done.key, about))
 
     def inspect(self) -> None:
-        """Check the captures for mistakes. Warnings are printed when found and recorded as a fact
-        of the result."""
+        """Check the captures for likely mistakes; warnings are printed and recorded in the result's
+        facts."""
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
         files = {
@@ -159,8 +168,9 @@ class Run:
             self.found.facts["doubts"] = warnings
 
     def photographed(self) -> list[Stage]:
-        """Run the photographs' rounds, sparse and dense. Returns the stages that then register the
-        sensors, which must not fail, and make the meshes."""
+        """Reconstruct cameras and dense point clouds from all photographs that need it.
+        Returns the stages that remain to be done: the registration of camera and radar, then the
+        meshes. Raises HandbenchError if the photographs of a calibration capture fail."""
         clouds, targets = (
             [plan.clouds(self.bench, target, self.work) for target in self.targets],
             len(self.targets),
@@ -183,7 +193,8 @@ class Run:
         return calibration + [mesh for _, _, mesh in clouds[targets:]]
 
     def imaging(self) -> list[Stage]:
-        """The stages that image every capture by every method."""
+        """Return the stages that image every capture by every method; they are not yet carried
+        out."""
         stages: list[Stage] = []
         for capture, entry in product(self.found.captures, self.bench.method):
             with recorded_failure(self.found.failures, capture.name, "reconstruct", entry.id):
@@ -191,7 +202,10 @@ class Run:
         return stages
 
     def collect(self, stages: list[Stage], ended: list[StageOutcome]) -> None:
-        """Collect the results of the stages of `photographed` and `imaging` from their folders."""
+        """Note the results of the stages of `photographed` and `imaging` in `found`, from their
+        folders.
+        ended: the outcomes, in the order of the stages. Raises HandbenchError if the calibration
+        failed."""
         for stage, done in zip(stages, ended, strict=True):
             folder = stage.folder(self.work)
             if stage.name == "calibrate":
@@ -215,8 +229,8 @@ class Run:
             self.found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
     def _register(self, transform: Transform) -> None:
-        """Take radar_from_photo from the benchmark's target captures; its distance from the true
-        one, if known, is recorded as a fact."""
+        """Take over radar_from_photo from the calibration. Its residuals are recorded as facts of
+        the result, and also its error at the hand, mm, if the true transform is known."""
         self.registration = transform
         self.found.inputs |= {f"calibration {target.name}": target.key for target in self.targets}
         self.found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
@@ -228,7 +242,8 @@ class Run:
             )
 
     def find_references(self) -> None:
-        """Find the references of the captures' depth maps."""
+        """Find for each capture the surfaces that its depth maps are compared with: mesh files and
+        transforms. A capture that has none is recorded as a failure."""
         without = {failure.capture for failure in self.found.failures if not failure.method}
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
             with recorded_failure(self.found.failures, name, "references"):
@@ -257,9 +272,10 @@ class Run:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
     def perform(self, stages: list[Stage]) -> list[StageOutcome]:
-        """Carry out stages that do not depend on each other; their outcomes are returned and
-        recorded in the order of the list. Executors get a few jobs at a time, so that no side holds
-        the entire run."""
+        """Carry out stages that do not depend on each other, and return their outcomes in the same
+        order.
+        Failures, times and machines are recorded in `found`. Each executor gets a few jobs at a
+        time, so that no process holds the entire run in memory."""
         ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}

@@ -1,10 +1,10 @@
-"""The stage that scores a capture, its depth maps against its references; and readers of its files:
+"""The stage that scores a capture, its depth maps against its references, and readers of its files:
 
-errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder references/
-REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with the covariance of
-              its registration
-scores.csv    the capture's lines of `SCORES` curves.npz    methods [method]; REFERENCE__TREATMENT:
-`TreatedFigures.curve_mm` of each
+errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
+references/   REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with the
+              covariance of its registration
+scores.csv    the capture's lines of `SCORES`
+curves.npz    methods [method]; REFERENCE__TREATMENT: `TreatedFigures.curve_mm` of each
               [method, share]
 """
 
@@ -47,9 +47,11 @@ def make(
     references: Mapping[str, tuple[Path, Transform]],
     protocol: str,
 ) -> None:
-    """Compare a capture's depth maps, by method, with its references, each a mesh file and the
-    transform that carries it into the radar frame, by a protocol. Raises HandbenchError for a
-    reference that cannot be read."""
+    """Score one capture: compare its depth maps with its references, and write the files listed
+    above.
+    maps: method → file of its depth map. references: name → mesh file, and the transform that
+    carries it into the radar frame. protocol: id of the scoring protocol. Raises HandbenchError for
+    a reference that cannot be read."""
     chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
     name, scores = data.about.name, list[Line]()
     on_grid: dict[
@@ -97,7 +99,7 @@ def make(
 
 
 def curve_name(reference: str, treatment: str) -> str:
-    """The name of an array in CURVES."""
+    """Return the name of the array in curves.npz with the curves of one reference and treatment."""
     return f"{reference}__{treatment}"
 
 
@@ -109,7 +111,7 @@ def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Ite
 def _on_grid(
     references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid
 ) -> dict[str, Reference]:
-    """The depth of every reference on a grid, in the references' order."""
+    """Cast every reference onto a pixel grid: name → its depths, in the order of the references."""
     found = {
         name: reference_of_file(*files, grid, exact=name == "truth")
         for name, files in references.items()
@@ -121,7 +123,7 @@ def _on_grid(
 
 
 def completed_by(reference: Reference, truth: Reference) -> Reference:
-    """The reference, with its missing surface filled in from the true one, which has no error."""
+    """Fill the missing surface of a reference from the true one, which has no error."""
     own = np.isfinite(reference.z_m)
     met = truth.met if reference.met is None or truth.met is None else reference.met | truth.met
     return reference._replace(
@@ -137,8 +139,9 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
 def _further_frames(
     depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
 ) -> Iterator[np.ndarray]:
-    """The depths [ny, nx] that the protocol scores, of every frame after the first. depth: the
-    first frame's map."""
+    """Yield the scored depths [ny, nx], metres, of every frame after the first.
+    depth: the first frame's map; folder: the imaging stage's folder; chosen: the protocol, which
+    says what is scored."""
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
@@ -147,8 +150,9 @@ def _further_frames(
 def read_reference(
     folder: Path, capture: str, method: str, reference: str, transform: Transform
 ) -> Reference:
-    """Read the reference that `make` compared with a method's depth map. transform: the one that
-    carried it to the radar frame."""
+    """Read the reference that a method's depth map was compared with, on that map's grid.
+    folder: of the scoring stage. transform: the one that carried the reference to the radar frame;
+    its covariance is taken from the file."""
     grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
@@ -159,7 +163,8 @@ def read_reference(
 
 
 def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:
-    """Write a reference on the grid with this `grid_name`."""
+    """Write a reference's depths on a pixel grid into a scoring stage's folder. grid: name of the
+    grid, from `grid_name`."""
     known = reference.registration
     uncertain = (
         (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)
@@ -169,7 +174,7 @@ def write_reference(folder: Path, name: str, grid: str, reference: Reference) ->
 
 
 def grid_name(x_m: np.ndarray, y_m: np.ndarray) -> str:
-    """A name for the pixel centres x_m [nx], y_m [ny]."""
+    """Return a name that identifies a pixel grid: a hash of its centres x_m [nx], y_m [ny]."""
     return sha256(
         b"|".join(np.asarray(axis_m, np.float64).tobytes() for axis_m in (x_m, y_m))
     ).hexdigest()[:16]

@@ -12,7 +12,8 @@ CAPTURE = "capture"
 
 
 def simulate(folder: Path, scene: dict[str, Any], base: str, frames: int) -> None:
-    """Simulate a scene into the capture folder CAPTURE. base: the folder of the files that it
-    names."""
+    """Simulate a scene into a capture folder, named CAPTURE, in a stage's folder.
+    scene: the content of its file; base: folder where the files that it names are; frames: how
+    many."""
     file = parse(SceneFile, scene, f"scene of {base}")
     simulate_capture(build(file, Path(base)), folder / CAPTURE, frames)

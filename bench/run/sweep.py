@@ -41,7 +41,9 @@ DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 @dataclass(frozen=True)
 class ImagingSetting:
-    """One setting: a method with the settings that it changes. varied: the knobs in its name, as in
+    """One setting of the imaging sweep: a method with its configuration and its share of the
+    antennas.
+    varied: the parameters whose values tell it from others and form its name, as in
     broadband-tolerance-1e-3."""
 
     name: str
@@ -53,8 +55,10 @@ class ImagingSetting:
 
 
 class ImagingEntry(Config):
-    """Settings of one method. every_nth_antenna: alternatives, each for transmitters and
-    receivers."""
+    """The settings of one method that are swept: all combinations of the listed values.
+    config: parameters that are the same in all. sweep: parameter → alternative values; a key may
+    name several parameters, separated by commas, that change together. every_nth_antenna:
+    alternatives; n keeps every n-th transmitter and receiver."""
 
     method: str
     title: str = ""
@@ -79,9 +83,10 @@ class ImagingEntry(Config):
 
 
 class GroundTruthKnobs(Config):
-    """Knobs of the reconstruction. views: number of photographs, evenly chosen; long_px: their
-    longer side after shrinking (they are never enlarged); quality: of the depth maps, as in
-    `handbench groundtruth --quality`."""
+    """The parameters of the photographs' reconstruction that are swept.
+    views: number of photographs, evenly chosen; long_px: their longer side after shrinking, pixels
+    (they are never enlarged); quality: of the depth maps, as in `handbench groundtruth
+    --quality`."""
 
     views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
     long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
@@ -89,14 +94,16 @@ class GroundTruthKnobs(Config):
 
 
 class SimulationKnobs(Config):
-    """Knobs of the simulation. scenes: of bench/scenes/finger_scenes.py, with dipoles along the
-    cylinders.
+    """The parameters of the simulation that are swept, on scenes of parallel cylinders (fingers,
+    palm).
+    scenes: names in bench/scenes/finger_scenes.py.
 
     facets_per_wavelength, mirrors_per_wavelength: how many edges of facets and of mirrors, at
-    least, fit into the shortest wavelength; nodes_apart: spacing of the antennas for which two
+    least, fit into the shortest wavelength. nodes_apart: spacing of the antennas for which two
     bounces are traced, relative to other simulations. without: lists of effects that are left out
-    of all scenes; [] leaves out none. tolerance_mm: of `effects = "auto"`. The first value of each
-    knob is combined with the first of the others, and facets with every entry of `without`.
+    of all scenes; [] leaves out none. tolerance_mm: of automatically chosen effects (`effects =
+    "auto"`). The first value of each parameter is combined with the first of the others, and facets
+    with every entry of `without`.
     """
 
     scenes: tuple[str, ...] = Field(
@@ -126,8 +133,9 @@ class SimulationKnobs(Config):
 
 
 class RegistrationKnobs(Config):
-    """Knobs of the registration. captures: how many are combined; trials: number of rigs, each with
-    a target drawn within its tolerances."""
+    """The parameters of the registration that are swept.
+    captures: how many captures of the target are combined; trials: number of rigs, each with a
+    target drawn within its tolerances."""
 
     captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
         default=(1, 2, 4), min_length=1
@@ -136,10 +144,11 @@ class RegistrationKnobs(Config):
 
 
 class TradeoffSweep(Config):
-    """The entire table. repeats: timed rounds, in turns over all settings; step_s: the sensor's
-    time for one tone of all antennas, from which acquisition times follow; reference: the imaging
-    setting of the ratios (none: the first); exact_planes: number of planes of the volume that are
-    summed exactly and scaled to all."""
+    """The table [tradeoff] of a benchmark file: which stages are swept, and over which parameters.
+    repeats: timed rounds, in turns over all settings; step_s: the sensor's time for one tone of all
+    antennas, from which acquisition times follow; reference: the imaging setting to which ratios of
+    times refer (none: the first); exact_planes: number of planes of the volume that are summed
+    exactly and scaled to all."""
 
     repeats: int = Field(default=3, ge=1, le=100)
     step_s: float = Field(default=1e-3, ge=0)
@@ -153,8 +162,8 @@ class TradeoffSweep(Config):
 
 
 def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
-    """The sweep with missing parts filled in: without imaging entries those of the default sweep,
-    and their reference."""
+    """Return the sweep with missing parts filled in: without imaging entries it gets those of the
+    default sweep, and their reference. None: the default sweep."""
     if sweep is None:
         return default()
     if sweep.imaging:
@@ -166,16 +175,18 @@ def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
 
 @cache
 def default() -> TradeoffSweep:
-    """The sweep of benchmarks that declare none."""
+    """Return the sweep of benchmarks that declare none."""
     return load(TradeoffSweep, DEFAULT, "a sweep")
 
 
 def imaging_settings(
     sweep: TradeoffSweep, known: dict[str, dict[str, Any]]
 ) -> list[ImagingSetting]:
-    """All settings of the imaging section, checked. known: method → settings of the benchmark's own
-    entry, which apply unless the sweep overrides them. Raises HandbenchError for a setting that the
-    method does not have."""
+    """List all settings of the imaging sweep, each with its checked configuration and a name of its
+    own.
+    known: method → settings of the benchmark's own entry, which apply unless the sweep overrides
+    them. Raises HandbenchError for a setting that the method does not have, or that is listed
+    twice."""
     settings: list[ImagingSetting] = []
     for setting in (
         s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))
@@ -202,7 +213,8 @@ def imaging_settings(
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:
-    """Method → settings of the benchmark's own entry."""
+    """Return the benchmark's own configuration of each method: method id → parameters that it
+    sets."""
     return {entry.id: entry.config for entry in entries}
 
 
@@ -239,8 +251,10 @@ def _checked(name: str) -> str:
 
 
 def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]) -> dict[str, Any]:
-    """The configuration with one parameter changed; a partial table is completed from `resolved`,
-    which has all defaults."""
+    """Return the configuration with one parameter changed.
+    key: the parameter, with dots into tables, as z.step_m. The table around it is taken whole from
+    `resolved`, the configuration with all values. Raises HandbenchError if the key leads into no
+    table."""
     first, *inner = key.split(".")
     if not inner:
         return {**config, key: value}
@@ -260,8 +274,8 @@ def _words(knob: tuple[str, Any]) -> str:
 
 
 def _abbreviated(keys: str, value: Any) -> tuple[str, str]:
-    """A knob and its value in short form, as z.step 2mm; several that change together, as
-    xyz.step."""
+    """Shorten a parameter and its value for names, as ("z.step", "2mm"); several that change
+    together become one, as xyz.step."""
     names = [key.strip() for key in keys.split(",")]
     leaf = names[0].rpartition(".")[2]
     together = len(names) > 1 and all(name.endswith(f".{leaf}") for name in names)

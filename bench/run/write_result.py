@@ -57,8 +57,10 @@ PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score everything, then write the result folder. Earlier results are replaced only when the
-    new ones are complete; result.json, which marks the folder as complete, is written last."""
+    """Score all captures and methods of the table, and write the result folder.
+    Earlier results are replaced only when the new ones are complete; result.json, which marks the
+    folder as complete, is written last. config: the text of config.toml. Raises HandbenchError if
+    every capture failed."""
     on = common_subset(outcome)
     if outcome.failures:
         say(f"the table is made of {on.text}")
@@ -99,9 +101,10 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
-    """`SCORES` of the captures and methods of the table: the scores of each capture's stage; for
-    the precision, each repeat's depth and each capture's median deviation of a pixel; and the time
-    of each image."""
+    """Collect the table SCORES of the captures and methods that the result contains.
+    It has each capture's figures, from its scoring stage; for the precision, each repeat's depth of
+    the strongest scatterer and each capture's median deviation of a pixel; and the time of each
+    image."""
     methods, repeated = (
         [entry.id for entry in on.methods],
         [capture.name for capture in on.repeated],
@@ -128,7 +131,8 @@ def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
 
 
 def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.DataFrame:
-    """The result's `TABLE`, one block per reference."""
+    """Make the result's main table, TABLE: each method's figures with intervals, against one
+    reference after the other. scores: from `scores`."""
     rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
     values: dict[Any, pd.DataFrame] = {
@@ -169,7 +173,8 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
 def _over_frames(
     values: dict[Any, pd.DataFrame], method: str, reference: str
 ) -> list[dict[str, Any]]:
-    """Each capture's `over_frames`. values: lines of `SCORES` by method and metric."""
+    """Return for each capture its `over_frames`: how its error varies over the frames. values:
+    (method, metric) → lines of SCORES."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
@@ -181,8 +186,9 @@ def _over_frames(
 def mean_curves(
     outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
 ) -> list[tuple[Any, ...]]:
-    """Lines of `CURVES`: means of the captures' curves, up to the share that all of them reach.
-    treated: see `equal_treatment_scores`."""
+    """Make the lines of the table CURVES: the risk–coverage curve of each method, averaged over
+    captures, up to the share of the surface that the method reaches in all of them.
+    treated: treatment → methods with figures under it, from `equal_treatment_scores`."""
     lines: list[tuple[Any, ...]] = []
     for treatment, methods in treated.items():
         key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
@@ -219,7 +225,10 @@ def about(
     captures: tuple[CaptureFacts, ...],
     treated: dict[str, ByMethod],
 ) -> About:
-    """Content of result.json. treated: see `equal_treatment_scores`."""
+    """Make the content of result.json: protocol, inputs, machine, captures, methods, facts,
+    failures.
+    captures: from `capture_facts`. treated: treatment → figures of the methods under it, from
+    `equal_treatment_scores`."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(
@@ -264,8 +273,8 @@ def about(
 
 
 def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Variance components of the figures compared under equal treatment; empty for too few
-    captures."""
+    """Compute the variance components of the metrics that are compared under equal treatment:
+    "metric, treatment" → components. Those with too few captures are left out."""
     found = {
         f"{metric}, {treatment}": variance_facts(
             {method: of[metric].to_numpy() for method, of in methods.items()}

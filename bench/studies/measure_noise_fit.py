@@ -41,8 +41,8 @@ COLUMNS = (
 
 
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
-    """The fixed-point iteration over a benchmark's scenes of the precision: one case, a record a
-    step."""
+    """Make the study that finds the phase noise at which 2-FSK has the precision `precision_mm` on
+    a benchmark's scenes. repeats: draws of the noise per scene (None: the benchmark's)."""
     return Study(
         "noise-fit",
         [benchmark],
@@ -52,8 +52,11 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
 
 
 def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
-    """The steps, each with the precision that it has, and last the fitted noise. A benchmark of
-    which no scene measures the precision is a HandbenchError."""
+    """Find the phase noise, rad, at which 2-FSK has the wanted precision: a record for each
+    iteration, then the fitted noise.
+    benchmark: file or name; its scenes that measure the precision are used. repeats: draws of the
+    noise per scene (None: the benchmark's). Raises HandbenchError if no scene measures the
+    precision."""
     config = TwoToneConfig()
     bench, base = load_benchmark(benchmark)
     scenes = []
@@ -80,7 +83,8 @@ def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
 def precision_mm(
     scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: float, repeats: int
 ) -> float:
-    """Precision of 2-FSK over the scenes at this noise, mm."""
+    """Simulate scenes `repeats` times with this phase noise, and return the precision of 2-FSK, mm,
+    as the benchmark measures it."""
     hands = []
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
@@ -91,7 +95,8 @@ def precision_mm(
 
 
 def main() -> None:
-    """Fit, write the files of a study, print the steps."""
+    """Fit the phase noise at which 2-FSK has a given precision on a benchmark's scenes; write and
+    print noise and precision of each iteration."""
     options = parser("measure_noise_fit", "the phase noise at which 2-FSK has a given precision")
     benchmark = "benchmark file, or the name of an embedded one"
     options.add_argument("benchmark", metavar="BENCH.toml", help=benchmark)

@@ -39,7 +39,9 @@ JPEG_QUALITY = 95
 
 @dataclass(frozen=True)
 class SurveyCase:
-    """Photographs by name, shrunk by a whole number; known: K is given; seed: of both."""
+    """Photographs to reconstruct: their names, shrunk by a whole number.
+    choice: in words, how they were chosen. known: whether the intrinsics K are given. seed: of both
+    reconstructions."""
 
     names: tuple[str, ...]
     choice: str
@@ -53,8 +55,11 @@ class SurveyCase:
 
 
 def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
-    """Each count of photographs, first ones or evenly spread, at each resolution, with K and
-    without."""
+    """Make the study: ours and plain COLMAP's camera positions on the same photographs, against a
+    survey.
+    photos: folder with images/, K.txt and cameras/. Cases are all combinations of counts of
+    photographs, shrinks, choices (first, last, spread; each a list separated by commas), K given or
+    not, and seeds."""
     centres_m = surveyed_centres_m(photos / "cameras")
     images = require_folder(photos / "images", "photographs")
     named = sorted(path.name for path in images.iterdir() if path.name in centres_m)
@@ -85,8 +90,8 @@ def _chosen(names: list[str], count: int, choices: str) -> Iterator[tuple[str, t
 
 
 def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
-    """Projection centres by photograph from Strecha's *.camera files: K, distortion, R (rows),
-    centre, size."""
+    """Read the surveyed projection centres from Strecha's *.camera files: photograph → [3],
+    metres."""
     files = sorted(require_folder(folder, "surveyed *.camera files").glob("*.camera"))
     return {
         file.name.removesuffix(".camera"): np.array(file.read_text().split(), float)[CENTRE]
@@ -97,8 +102,8 @@ def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
 def centre_errors_m(
     model: pycolmap.Reconstruction, surveyed_m: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Distance [n] of each registered camera's centre from the surveyed one, after one
-    similarity."""
+    """Compute the distance [n], metres, of each registered camera's centre from the surveyed one,
+    after the best similarity transform of all centres."""
     ours = np.array([image.projection_center() for image in registered_images(model)])
     theirs = np.array([surveyed_m[image.name] for image in registered_images(model)])
     matrix = umeyama(ours, theirs, with_scale=True)
@@ -108,8 +113,10 @@ def centre_errors_m(
 def measure(
     case: SurveyCase, photos: Path, centres_m: dict[str, np.ndarray], work: Path
 ) -> list[Record]:
-    """Both ways' errors; plain COLMAP without K once with one camera, and once with its default,
-    one a photograph. The shrunk photographs are kept in `work`."""
+    """Reconstruct one case by handbench and by plain COLMAP, and return the errors: one record
+    each.
+    Without K, plain COLMAP runs twice: with one camera for all photographs, and with one for each,
+    its default. Shrunk photographs are kept in `work`. centres_m: photograph → surveyed centre."""
     K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
     intrinsics = (K[0], K[4], K[2], K[5]) if case.known else None
     kept = work / f"1-{case.shrink}"
@@ -140,7 +147,8 @@ def _shrunk(pictures: Path, names: list[str], shrink: int, folder: Path) -> None
 
 
 def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Reconstruction:
-    """The sparse model as `handbench groundtruth --unscaled` makes it."""
+    """Reconstruct the cameras of a folder of photographs as `handbench groundtruth --unscaled`
+    does: a sparse model. intrinsics: fx, fy, cx, cy in pixels, or None."""
     inputs, options = gather(folder, SparseOptions(intrinsics=intrinsics, unscaled=True, seed=seed))
     return register(inputs, options).model
 
@@ -148,7 +156,10 @@ def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Rec
 def plain(
     folder: Path, database: Path, intrinsics: Intrinsics | None, shared: bool, seed: int
 ) -> pycolmap.Reconstruction:
-    """The largest model of pycolmap's own steps."""
+    """Reconstruct the cameras of a folder of photographs by pycolmap's own steps; return the model
+    with the most photographs.
+    database: file that COLMAP makes. intrinsics: fx, fy, cx, cy in pixels, or None. shared: one
+    camera for all photographs, or one for each."""
     pycolmap.set_random_seed(seed)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     reader = pycolmap.ImageReaderOptions()
@@ -192,7 +203,8 @@ def _record(
 
 
 def main() -> None:
-    """Measure, write the files of a study, print the table."""
+    """Measure the error of camera positions against a survey, by handbench and by plain COLMAP, for
+    several numbers, sizes and choices of photographs; write and print the table."""
     options = parser("measure_survey", "cameras against a survey, ours and plain COLMAP's")
     holds = "holds images/, K.txt and cameras/NAME.camera"
     options.add_argument("photos", type=Path, metavar="FOLDER", help=holds)

@@ -37,8 +37,9 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Table:
-    """Records with the columns that they are written by; by: a column whose values get a table
-    each; shown: in the terminal, and not in the files alone; note: what stands below."""
+    """Records to be written as one table, with their columns.
+    by: a column; the terminal shows one table for each of its values. shown: False: only in the
+    files, not in the terminal. note: text below the table."""
 
     name: str
     columns: Sequence[Column]
@@ -49,11 +50,11 @@ class Table:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The records by their columns, missing values NaN."""
+        """The records as a DataFrame, one column for each declared one; missing values are NaN."""
         return pd.DataFrame(self.records, columns=[column.name for column in self.columns])
 
     def markdown(self) -> str:
-        """The table for a terminal: columns that no record fills are left out."""
+        """Return the table as Markdown text, without the columns that no record fills."""
         groups = dict.fromkeys(record.get(self.by) for record in self.records)
         parts = [self._part([r for r in self.records if r.get(self.by) == g], g) for g in groups]
         return "\n".join([*parts, *filter(None, [self.note])])
@@ -76,8 +77,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """A study. name: of its files; measure: a case's record or records; tables: of all records, the
-    first one for the CSV file; label: a case in words."""
+    """A study: cases that are measured one after the other, and the tables that the results make.
+    name: of its files. measure: case → record (values by column) or records. tables: all records →
+    tables, the first of which becomes the CSV file. label: case → its name in words."""
 
     name: str
     cases: Sequence[Any]
@@ -88,14 +90,16 @@ class Study:
 
 
 def parser(module: str, purpose: str) -> argparse.ArgumentParser:
-    """A study's options; module: below this package."""
+    """Return the parser of a study's command line. module: the script's name below
+    `bench.studies`."""
     return argparse.ArgumentParser(prog=f"python -m {__package__}.{module}", description=purpose)
 
 
 def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name: str) -> None:
-    """Parse the command line, measure, write the files into -o (default runs/NAME), and print the
-    tables. The parser's options are the arguments of `study` after the folder for its work. Known
-    errors and failed cases are one line and exit code 2."""
+    """Run a study's script: parse the command line, measure, write the files, print the tables.
+    parser: with the script's own options, which are passed to `study` after the folder for its
+    work. Files go to the folder of -o (default runs/NAME). A known error, and failed cases, end the
+    program with one line and exit code 2."""
     default = Path("runs") / name
     parser.add_argument("-o", "--out", type=Path, default=default, help=f"default {default}")
     holding = "the cases whose name holds TEXT"
@@ -119,11 +123,12 @@ def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name:
 def run(
     study: Study, out: Path, command: str = "", only: str = ""
 ) -> tuple[list[Table], dict[str, str]]:
-    """Measure the cases whose label holds `only`, and write the files: `out` is a folder, or the
-    JSON file that the others stand beside. A case that fails is printed, and the others go on.
+    """Measure the cases whose label contains `only`, and write the study's files.
+    out: a folder, or the path of the JSON file, beside which the CSV file then stands. command:
+    recorded in the files. A case that fails is printed, and the others go on.
 
-    Returns the tables, and the messages of failed cases by label. Raises HandbenchError where every
-    case fails.
+    Returns the tables, and label → message of the failed cases. Raises HandbenchError if no case is
+    chosen or every case fails.
     """
     start, load = time.perf_counter(), os.getloadavg()
     compile_kernels()
@@ -160,7 +165,8 @@ def run(
 
 
 def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
-    """Write the files."""
+    """Write STEM.csv, the first table, and STEM.json: facts, the columns' meanings, and all
+    tables."""
     stem = out.with_suffix("") if out.suffix == ".json" else out / study.name
     with atomic_path(stem.with_suffix(".csv")) as temporary:
         tables[0].frame.to_csv(temporary, index=False, lineterminator="\n")
@@ -176,5 +182,5 @@ def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
-    """L2 of the difference over that of the exact values."""
+    """Compute the relative L2 error: the norm of found − exact, divided by the norm of exact."""
     return float(np.linalg.norm(found.astype(np.complex128) - exact) / np.linalg.norm(exact))

@@ -44,9 +44,11 @@ Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny,
 
 
 def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
-    """Reconstruct the first capture with photographs and a true surface by every setting. A refused
-    setting has no error and no time. Settings that differ only in quality share the cameras' poses,
-    whose time counts for each. Raises HandbenchError if there is no such capture."""
+    """Reconstruct photographs by every setting, and measure the surface's distance from the true
+    one.
+    The first capture with photographs and a true surface is used; HandbenchError if there is none.
+    A setting whose reconstruction is refused has no error and no time. Settings that differ only in
+    quality share the cameras' poses, whose time counts for each."""
     for recorded in (open_capture(each.folder) for each in inputs.captures):
         pictures, surface, transform = (
             recorded.photos,
@@ -116,9 +118,10 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
 def radar_side(
     surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
 ) -> Grid:
-    """First intersections of rays along +z with the true surface, in the radar frame, one for each
-    cell of a grid: x_m [nx], y_m [ny], z_m [ny, nx]. NaN outside the surface and outside the crop
-    box [2, 3] of the photo frame."""
+    """Sample the side of the true surface that the radar sees, by rays along +z on a grid of steps
+    GRID_M.
+    Returns x_m [nx], y_m [ny] and the depth of the first intersection z_m [ny, nx], radar frame;
+    NaN outside the surface and outside the crop box box_m [2, 3] of the photo frame."""
     low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
     z_m = depth_on_grid(surface, x_m, y_m)
@@ -132,8 +135,8 @@ def radar_side(
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """`count` of the photographs, evenly spaced in their order, which on a rig goes around the
-    target."""
+    """Choose `count` of the photographs, evenly spaced in their order, which on a rig goes around
+    the target."""
     return tuple(photos[i * len(photos) // count] for i in range(count))
 
 
@@ -168,8 +171,10 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:
-    """Distances of a reconstruction's observed points (radar frame) to the true surface, as an
-    error map in place of errors along z."""
+    """Compute the distances of a reconstruction's points from the true surface, metres, as an
+    ErrorMap whose error_m holds them.
+    surface: the reconstruction, radar frame. truth: the true surface, for ray casting. side: from
+    `radar_side`, which says where the true surface is seen."""
     x_m, y_m, z_m = side
     found_m = reference_on_grid(surface, x_m, y_m).z_m
     points_m = np.stack([*np.meshgrid(x_m, y_m), found_m], axis=-1)

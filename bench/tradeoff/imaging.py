@@ -63,8 +63,10 @@ TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
 
 def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
-    """Time and score all settings. Failures are left out as in a run's table: captures are common
-    to all settings that remain. Raises HandbenchError if nothing remains."""
+    """Measure the error and the time of every imaging setting, on the captures that all of them can
+    image.
+    Settings and captures that fail are left out as in a run's table. Raises HandbenchError if
+    nothing remains."""
     sweep, scored = inputs.sweep, protocol(inputs.bench.protocol)
     settings = {s.name: s for s in imaging_settings(sweep, known_configs(inputs.bench.method))}
     failures = list(inputs.found.failures)
@@ -116,10 +118,10 @@ def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
-    """Time a frame as the runner does: image it once to make the plan, then again. Returns the
-    depth map and: seconds, and the imaging among them, with the plan made already; plan_s: the
-    extra time of the first image; memory_mb: by how much the first image raised the resident memory
-    at most; terms and tones of the images."""
+    """Image a capture's first frame twice by a setting; return its depth map and its times by name.
+    The first image also prepares (plans) the fast imaging. seconds: of the second image; imaging_s:
+    those of them spent on the images themselves; plan_s: extra time of the first one; memory_mb: by
+    how much the first one raised the resident memory; terms, tones: numbers of the images' sums."""
     config = configuration(capture.folder, setting.method, setting.config)
     echoes = open_capture(capture.folder).echoes(1)
     task = prepare(
@@ -145,9 +147,10 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
 def _line(
     about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: set[str], step_s: float
 ) -> Setting:
-    """One setting's line, from the median over the captures `names` in each round; the medians of
-    the parts add up to the median of the total. Captures may share a plan or need one each; the
-    longest plan of a round counts."""
+    """Make a setting's line from the lines of its frames.
+    names: captures that count. Times are the median over the captures in each round, then over the
+    rounds; step_s: time to record one tone. The longest plan of a round counts, since captures may
+    share a plan."""
     used = frames[frames.capture.isin(names)]
     rounds = used.groupby("round")
     part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
@@ -190,10 +193,11 @@ def _claims(
     capture: RunCapture,
     inputs: TradeoffInputs,
 ) -> tuple[Claim, ...]:
-    """How many times the time of 3-FSK broadband backprojection takes: with exact sums for both,
-    with the engine for both, and with the engine for 3-FSK only. Empty if the sweep lacks one of
-    the methods. Exact sums are timed alternately on one capture, for the volume on its middle
-    planes, scaled to all."""
+    """Measure how many times as long broadband backprojection takes as 3-FSK, which the paper
+    states.
+    There is a claim with exact sums for both, with the fast engine for both, and with the engine
+    for 3-FSK only; none if the sweep lacks one of the methods. Exact sums are timed in turns on one
+    capture; those of the volume on its middle planes, and scaled to all."""
     chosen = {id: s for id in (FSK, VOLUME) if (s := _most_accurate(settings, id)) is not None}
     if len(chosen) < 2:
         return ()
@@ -251,14 +255,14 @@ def _claims(
 
 
 def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSetting | None:
-    """The method's setting with all antennas, the fewest knobs and, among these, the finest
-    tolerance."""
+    """Return a method's setting with all antennas, the fewest varied parameters and then the finest
+    tolerance; None if it has none."""
     own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
     return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)
 
 
 def counted_factor(volume: BroadbandConfig, fsk: ThreeToneConfig) -> float:
-    """Number of operations of a volume's plain sum, divided by that of the paper's 3-FSK with every
-    pixel above the threshold: 2 passes of 2 tones, then 3 tones."""
+    """Count how many times as many operations a volume's plain sum needs as the paper's 3-FSK with
+    every pixel above the threshold: 2 passes of 2 tones, then 3 tones."""
     images = 2 * PASSES + 3 * fsk.fine_refinements
     return len(volume.tones_hz()) * prod(volume.grid().shape) / (images * prod(fsk.grid().shape))

@@ -65,9 +65,12 @@ def run(
     sections: tuple[str, ...] | None = None,
     overwrite: bool = False,
 ) -> Tradeoff:
-    """Sweep a benchmark whose paths start from `base` into a trade-off folder. A folder with the
-    same trade-off of the same inputs and versions is read, not measured again, unless
-    `overwrite`."""
+    """Measure a trade-off, error against time of many settings, into a folder, and return it.
+    bench: the benchmark with its sweep, whose paths start from `base`. sections: only these. A
+    folder that holds the same trade-off, of the same inputs and versions, is only read. overwrite:
+    measure anew, and replace another trade-off.
+    Raises HandbenchError if the folder holds something else, the predicted time is too long, or all
+    sections fail."""
     sweep = complete_sweep(bench.tradeoff)
     if sections is not None:
         sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
@@ -96,8 +99,8 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """True if the folder has this configuration. Refuses the trade-off of another configuration,
-    and a run's results."""
+    """Return whether the folder already has this configuration. Raises HandbenchError if it has
+    another one (unless `overwrite`) or a run's results."""
     if (folder / "result.json").exists():
         raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
     before = folder / "config.toml"
@@ -111,10 +114,11 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
 
 
 def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
-    """Open or simulate the captures, as a run without methods does. Photographs become meshes only
-    if they are needed for scoring, which is if a capture has no true surface. If all captures are
-    scenes, which have one, only the first is photographed, and only if ground truth is swept.
-    Raises HandbenchError if no capture can be scored."""
+    """Open or simulate the captures of a trade-off and find the surfaces that they are scored
+    against.
+    Photographs become meshes only if a capture has no true surface. If all captures are scenes,
+    which have one, only the first is photographed, and only if the ground truth is swept. work:
+    folder of the run's steps. Raises HandbenchError if no capture can be scored."""
     assert bench.tradeoff is not None
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
@@ -152,8 +156,8 @@ def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
 
 
 def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], dict[str, Any]]:
-    """Measure and rank the sections in order; returns them with facts about them. A section that
-    fails is reported and recorded; if all fail, a HandbenchError is raised."""
+    """Measure the sections one after the other; return them, with the front marked, and facts about
+    them. A section that fails is reported and recorded; if all fail, a HandbenchError is raised."""
     found: list[MeasuredSection] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
@@ -190,8 +194,8 @@ def _write(
     measured: list[MeasuredSection],
     facts: dict[str, Any],
 ) -> None:
-    """Write the folder. Earlier figures are removed only when the new ones are complete;
-    tradeoff.json is written last."""
+    """Write the trade-off folder. Earlier figures are removed only when the new ones are complete;
+    tradeoff.json is written last. config: text of config.toml."""
     drop(folder, FILES)
     write_config(folder, config)
     for one in measured:
@@ -248,8 +252,10 @@ def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSecti
 def _link_captures(
     captures: Iterable[RunCapture], into: Path, inputs: TradeoffInputs
 ) -> tuple[Source, ...]:
-    """Link the captures into a folder. A recorded capture keeps its path, from which some data sets
-    take names; a simulated one gets its name."""
+    """Put the captures into a folder, as hard links or copies; return them as entries of a
+    benchmark file.
+    A recorded capture keeps its path, from which some data sets take names; a simulated one gets
+    its name."""
     sources = []
     for capture in captures:
         folder = capture.folder.resolve()

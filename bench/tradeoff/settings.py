@@ -39,10 +39,11 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class TradeoffInputs:
-    """Inputs of every section. bench: the benchmark, with its sweep, whose paths start from `base`;
-    work: the store's folder; found: captures, references and failures of a run without methods;
-    reference: the name of the reference; targets: the calibration's captures, if photographs are
-    scored against."""
+    """What every section of a trade-off starts from.
+    bench: the benchmark, with its sweep; base: folder from which its paths start; work: folder of
+    the run's steps. found: captures, references and failures of a run without methods. reference:
+    name of the surface that errors refer to. targets: captures of the calibration target, if
+    photographs are scored against."""
 
     bench: BenchFile
     base: Path
@@ -69,8 +70,9 @@ class TradeoffInputs:
 
 @dataclass(frozen=True)
 class MeasuredSection:
-    """A section with the lines of its settings; for imaging also: facts on what was left out,
-    claims, and the settings that can be run."""
+    """A measured section of a trade-off: one stage, with a line for each of its settings.
+    For imaging also: facts on what was left out, the paper's claims on time, and the settings as
+    benchmarks that can be run."""
 
     section: Section
     lines: list[Setting]
@@ -80,7 +82,9 @@ class MeasuredSection:
 
 
 def section(name: SectionName, reference: str, words: dict[str, Any]) -> Section:
-    """The section of sections.toml. words: values for its definition."""
+    """Read a section's title, metric and definition from sections.toml.
+    reference: the setting to which ratios of times refer. words: name → text, filled into the
+    definition."""
     about = tomllib.loads(Path(__file__).with_name("sections.toml").read_text("utf-8"))[name]
     about["definition"] = about["definition"].format(**words)
     return Section(name=name, reference=reference, **about)
@@ -96,14 +100,14 @@ def in_rounds(
     equally.
 
     Args:
-        settings: by name.
-        rounds: how often.
-        measure: returns a setting's lines, one or several (of captures, for instance), or none if
-            it is refused.
+        settings: name → setting.
+        rounds: how often each is measured.
+        measure: takes a setting, returns its lines (dictionaries): one, several (of captures, for
+        instance), or none if it is refused.
         title: of the progress.
 
     Returns:
-        The lines of each setting, with their `round`.
+        name → the setting's lines, each with its `round`, from 0.
     """
     lines: dict[str, list[dict[str, Any]]] = {name: [] for name in settings}
     for number in range(rounds):
@@ -113,14 +117,15 @@ def in_rounds(
 
 
 def timed(work: Callable[[], Value]) -> tuple[Value, float]:
-    """Call `work`; returns its result and its seconds."""
+    """Call `work`; return its result and the seconds that it took."""
     start = time.perf_counter()
     return work(), time.perf_counter() - start
 
 
 @contextmanager
 def added_memory() -> Iterator[Cost]:
-    """Measure the cost of a block; its memory is what the block added to the resident memory."""
+    """Yield the cost of a block, known at its end; its memory is what the block added to the
+    resident memory at most, MB."""
     before_mb = Process().memory_info().rss / 1e6
     with measured() as cost:
         yield cost
@@ -137,8 +142,10 @@ def line(
     seconds: Sequence[float] = (),
     **known: float | None,
 ) -> Setting:
-    """A setting's line. A single time has no range; without times it has none. `rank` fills in its
-    rank."""
+    """Make a setting's line from its error and its times.
+    knobs: the setting's parameters. interval: of the error. seconds: a time for each round; their
+    median, and with several also their range, are recorded. known: further columns. Ratio and front
+    are filled in by `rank`."""
     low, high = interval or (None, None)
     times = {"seconds": float(np.median(seconds)) if len(seconds) else None}
     if len(seconds) > 1:
@@ -149,8 +156,8 @@ def line(
 
 
 def dominates(one: Setting, other: Setting) -> bool:
-    """True if `one` is at least as fast, accurate and complete as `other`, and better in one of
-    these; False if either lacks an error or a time."""
+    """Return whether `one` is at least as fast, accurate and complete as `other`, and better in one
+    of these; False if either lacks an error or a time."""
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     if None in (*ours, *theirs) or ours == theirs:
         return False
@@ -158,8 +165,8 @@ def dominates(one: Setting, other: Setting) -> bool:
 
 
 def front(settings: Iterable[Setting]) -> list[Setting]:
-    """The settings that no other dominates, fastest first, without those that have no error or no
-    time."""
+    """Return the settings that no other dominates (is at least as fast, accurate and complete, and
+    better in one), fastest first. Settings without error or time are left out."""
     known = [s for s in settings if s.error is not None and s.seconds is not None]
     return sorted(
         (s for s in known if not any(dominates(t, s) for t in known)),
@@ -168,8 +175,9 @@ def front(settings: Iterable[Setting]) -> list[Setting]:
 
 
 def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
-    """Fill in ratio (to the reference's seconds), on_front, on_method_front and dominated_by of one
-    section's settings. If several settings dominate one, the most accurate one on the front is
+    """Return one section's settings with their time relative to the reference's (ratio) and their
+    place: on the front of all settings, on the front of their method, or dominated by which one.
+    reference: name of the setting. If several dominate one, the most accurate one on the front is
     named."""
     best = front(settings)
     own = [
@@ -189,7 +197,7 @@ def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
 
 
 def with_acquisition(settings: Iterable[Setting]) -> list[Setting]:
-    """The settings with a known acquisition time, which is added to their seconds."""
+    """Return the settings whose acquisition time is known, with it added to their seconds."""
     known = [(s, s.acquisition_s) for s in settings if s.acquisition_s is not None]
     times = ("seconds", "seconds_low", "seconds_high")
     return [
@@ -204,10 +212,11 @@ def answer(
     max_seconds: float | None = None,
     count_acquisition: bool = False,
 ) -> tuple[Setting, str]:
-    """The imaging setting for a largest error (the cheapest), a longest time (the most accurate),
-    or both (the cheapest), and the question in words. If acquisition is counted, it is part of
-    the setting's seconds. Raises HandbenchError if no setting keeps to the limits, naming the
-    nearest."""
+    """Choose an imaging setting for a largest error, a longest time, or both; return it, and the
+    question in words.
+    With a largest error it is the cheapest that keeps to the limits, with only a longest time the
+    most accurate. count_acquisition: the time to record the echoes counts too. Raises
+    HandbenchError if no setting keeps to the limits, naming the nearest."""
     settings = [
         s for s in tradeoff.section("imaging") if s.error is not None and s.seconds is not None
     ]

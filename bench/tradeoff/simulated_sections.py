@@ -47,8 +47,9 @@ NEAR_M = 0.03  # depths are compared as far along the cylinders, where their end
 
 @dataclass(frozen=True)
 class SimulationVariant:
-    """One way to simulate: the samplings, and the effects, either by those left out or by "auto"
-    with a tolerance."""
+    """One way to simulate: how finely surfaces and antennas are sampled, and which effects are
+    simulated. Effects are chosen by those left out (`without`), or automatically with a tolerance
+    in mm."""
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
@@ -58,7 +59,7 @@ class SimulationVariant:
 
     @property
     def words(self) -> str:
-        """The sampling, if it is not the default, and the effects."""
+        """The sampling, where it is not the default, and the effects, in words."""
         words = {
             "facets_per_wavelength": "{:g} facets per wavelength",
             "mirrors_per_wavelength": "{:g} mirrors per wavelength",
@@ -82,7 +83,7 @@ class SimulationVariant:
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """Values that are not the defaults."""
+        """Parameter → value, of those that are not the defaults."""
         return {
             key: value
             for key, value in asdict(self).items()
@@ -90,7 +91,7 @@ class SimulationVariant:
         }
 
     def simulate(self, target: Body) -> RadarCapture:
-        """Simulate the echoes of one frame."""
+        """Simulate the echoes of one frame of a target before the array."""
         scene = EchoScene(
             qar50(),
             TONES_HZ,
@@ -103,7 +104,7 @@ class SimulationVariant:
         return simulate_scene(scene, self.choices(scene)).capture
 
     def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
-        """Rows of the effects."""
+        """Return for each effect whether it is simulated in a scene, and why."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
         left = [
@@ -117,8 +118,9 @@ class SimulationVariant:
 
 
 def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
-    """Simulate the scenes by every variant, in turns; the reference, with the finest sampling and
-    all effects, once."""
+    """Measure time and error of every way to simulate, on scenes of cylinders.
+    The error is the depth difference to the finest sampling with all effects, which is simulated
+    once. The ways are timed in turns."""
     knobs = inputs.sweep.simulation
     bodies = [
         body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)
@@ -152,7 +154,7 @@ def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
-    """All variants of the knobs, without duplicates."""
+    """List the ways to simulate that the sweep asks for, without duplicates."""
     facets, mirrors, nodes = (
         knobs.facets_per_wavelength,
         knobs.mirrors_per_wavelength,
@@ -172,15 +174,16 @@ def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
 
 
 def depths_m(capture: RadarCapture) -> np.ndarray:
-    """Depths of the 3-FSK map in the middle of the cylinders, away from their ends."""
+    """Image a capture by 3-FSK; return the depths, metres, in the middle of the cylinders, away
+    from their ends."""
     chosen = method(METHOD)
     depth = chosen.run(capture, chosen.configure({}, "simulation"), 0).depth
     return depth.z_m[np.abs(depth.y_m) < NEAR_M]
 
 
 def map_difference(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
-    """Mean |Δz| in mm over the pixels that both maps have, and the number of these divided by the
-    number of pixels that either map has."""
+    """Compare two depth maps: mean |Δz|, mm, over the pixels that both have, and the number of
+    these over that of the pixels that either has."""
     here, there = np.isfinite(ours_m), np.isfinite(reference_m)
     both, either = here & there, here | there
     off_mm = 1e3 * np.abs(ours_m - reference_m)[both]
@@ -196,8 +199,9 @@ VOLUME_M = np.array(
 
 @dataclass(frozen=True)
 class TargetMeasurement:
-    """The measurement of a target in one capture (`calibration.registration.register.measure`),
-    with its seconds."""
+    """A calibration target measured in one simulated capture.
+    placed: where it stands; pairs: its ball centres as both sensors measure them; common_m2 [3, 3]:
+    covariance of the centres' common error; seconds: that the measurement took."""
 
     placed: Placement
     pairs: Pairs
@@ -206,8 +210,10 @@ class TargetMeasurement:
 
 
 def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
-    """Capture the target `max(captures)` times with each of `trials` rigs, and combine as many
-    captures as each setting has. For each number, a capture is part of at most one combination."""
+    """Measure the error and time of the registration, by the number of captures that are combined.
+    The calibration target is simulated `max(captures)` times with each of `trials` rigs; for each
+    number, a capture is part of at most one combination. The error is that of the transform where
+    hands are."""
     knobs = inputs.sweep.registration
     compile_kernels()
     failures: list[Failure] = []
@@ -258,15 +264,15 @@ def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def measure_placement(placed: Placement) -> TargetMeasurement:
-    """Simulate the echoes and the photographs' point cloud of a placement, and measure the target
-    in both."""
+    """Simulate the echoes and the photographs' point cloud of a placed target, and measure the
+    target in both."""
     cloud, capture = optical_cloud(placed), echoes(placed.scene).capture
     (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, capture, placed.described))
     return TargetMeasurement(placed, pairs, common_m2, seconds)
 
 
 def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
-    """Combine several captures of one rig into one transform."""
+    """Compute radar_from_photo from several measurements of the target with one rig."""
     common_m2 = np.mean([one.common_m2 for one in group], axis=0)
     sigma_m = group[0].placed.described.ball_offset_sigma_m
     return register.combine(
@@ -275,8 +281,8 @@ def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
 
 
 def errors_m(found: Transform, true: Transform) -> np.ndarray:
-    """Distances [n] between the images of the points of VOLUME_M, where hands are, under both
-    transforms."""
+    """Compute the distances [n], metres, by which a found transform misplaces the points VOLUME_M,
+    where hands are."""
     return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
 
 

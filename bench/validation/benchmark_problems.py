@@ -46,7 +46,8 @@ SHOWN = 5  # names in a list, at most
 
 
 def scene_problems(path: Path) -> Found[CheckedCapture]:
-    """Problems of a scene file and of the files that it names."""
+    """Yield the problems of a scene file and of the files that it names; return its name and
+    frequencies for the benchmark's checks."""
     found, scene = yield from parse_model(SceneFile, path, "a scene description")
     if scene is None:
         return CheckedCapture()
@@ -70,8 +71,8 @@ def scene_problems(path: Path) -> Found[CheckedCapture]:
 
 
 def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
-    """Check a benchmark's keys; every method with its configuration; every capture and scene,
-    whether the methods can image it, and whether it can be scored."""
+    """Yield the problems of a benchmark file: its keys; every method with its configuration; every
+    capture and scene, whether the methods can image it, and whether it can be scored."""
     yield from found.complaints(BenchFile, found.values)
     methods = yield from _methods(found)
     calibrated = "calibration" in found.values
@@ -113,8 +114,9 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
 
 
 def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
-    """The tables of a key, each with its place; a single table counts as a list. Malformed tables
-    are left out, because the complaints about the entire file name them."""
+    """Yield the tables of a key as a `model`, each with its place; a single table counts as a list.
+    Malformed keys or tables are left out, because the complaints about the entire file name
+    them."""
     given = found.values.get(key, [])
     tables = {
         (key, index): table
@@ -138,7 +140,8 @@ def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[L
 
 
 def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
-    """The well-formed entries of handbench's own methods."""
+    """Return the entries of handbench's own methods that are well formed; yield the problems of all
+    methods."""
     own = []
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
@@ -153,7 +156,9 @@ def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
 def _source(
     found: ParsedFile, at: Location, source: Origin, scored: bool = True
 ) -> Found[CheckedCapture | None]:
-    """Check the scene or the capture that a benchmark names."""
+    """Yield the problems of the scene or capture that a benchmark names; return the facts about it
+    (None: it is missing).
+    at: place of the entry. scored: whether it needs a reference."""
     key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
     path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
     if path is None:
@@ -177,7 +182,8 @@ def _imaged(
     facts: CheckedCapture,
     methods: Sequence[MethodEntry],
 ) -> Iterator[Problem]:
-    """Problems of captures that lack the tones or the frames that a method needs."""
+    """Yield the problems of a capture that lacks the tones or the frames that a method needs.
+    facts: what is known of it."""
     name = facts.about.name if facts.about else ""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if facts.frames is None else facts.frames
@@ -201,7 +207,9 @@ def _imaged(
 def _maps(
     found: ParsedFile, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
 ) -> Iterator[Problem]:
-    """Captures without a depth map in a folder of maps, and depth maps that a run would refuse."""
+    """Yield the problems of foreign depth maps: captures without one, and maps that a run would
+    refuse.
+    scored: name → description of the captures whose accuracy is measured."""
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.maps is None:
             continue
@@ -225,7 +233,7 @@ def _maps(
 
 
 def _read_map(file: Path, id: str, about: CaptureFile, methods: Sequence[MethodEntry]) -> None:
-    """Read a depth map as a run does."""
+    """Read a foreign depth map as a run does; HandbenchError if it would be refused."""
     from handbench.bench.run import foreign  # whose module images
 
     foreign.read_map(file, id, foreign.pixels(about, methods))

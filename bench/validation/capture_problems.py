@@ -62,9 +62,10 @@ LOOKED_AT, FEWEST_SEEN = (3, 4)
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """Facts of a capture for the checks of its benchmark: its description (None: unreadable),
-    frequencies [f], number of frames (None: any), whether it can be scored, with and without a
-    transform from elsewhere, and what it lacks for a calibration."""
+    """What the checks of a benchmark need to know of a capture.
+    about: its description (None: unreadable). frequencies_hz [f]; frames: their number (None: any).
+    scored: whether it has a reference, without and with a transform from elsewhere. lacks: files
+    that it lacks for a calibration."""
 
     about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
@@ -73,8 +74,8 @@ class CheckedCapture:
     lacks: tuple[str, ...] = ()
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
-        """The reason why a method, configured by the capture's description and by `asked`, cannot
-        image the capture's tones; None if it can."""
+        """Return why a method cannot image the capture's tones; None if it can. asked: settings of
+        the benchmark, which override those of the capture."""
         if self.about is None or self.frequencies_hz is None:
             return None
         try:
@@ -104,8 +105,10 @@ def is_of_photographs(folder: Path) -> bool:
 
 
 def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
-    """All problems of a capture of any form. A missing file is a problem only if something needs
-    it. scored: whether a reference is needed; None: a missing one is a warning."""
+    """Yield all problems of a capture of any form; return what a benchmark's checks need to know of
+    it.
+    A missing file is a problem only if something needs it. scored: whether a reference is needed;
+    None: a missing one is only a warning."""
     native = is_native(folder)
     capture = (
         NativeCapture(folder)
@@ -147,7 +150,8 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
-    """A capture.toml, and the problems of the files, lengths and methods that it names."""
+    """Yield the problems of a capture.toml and of the files, lengths and methods in it; return its
+    content (None: malformed)."""
     parsed, about = yield from parse_model(
         CaptureFile, folder / DESCRIPTION, "a capture description"
     )
@@ -177,7 +181,8 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
 def method_problems(
     parsed: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
-    """Problems of a method's id and of its configuration."""
+    """Yield the problems of a method's id and of its configuration; return the configuration if
+    there are none. at_id, at_values: their places in the file."""
     chosen = yield from parsed.attempt(at_id, lambda: method(id))
     return (
         None if chosen is None else (yield from parsed.complaints(chosen.config, values, at_values))
@@ -197,7 +202,7 @@ def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
 
 
 def surface_problems(file: Path) -> Found[Surface | None]:
-    """Problems of a surface's file."""
+    """Yield the problems of a surface's file; return the surface (None: unreadable)."""
     surface = yield from attempt(file, lambda: read_surface(file))
     yield from warnings_at(file, surface_warnings(surface) if surface else ())
     return surface
@@ -213,8 +218,8 @@ def _target(file: Path) -> Iterator[Problem]:
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
-    """All problems of a folder of photographs, its cameras.json and its board.toml. scaled: one of
-    these must give the scale."""
+    """Yield all problems of a folder of photographs, its cameras.json and its board.toml. scaled:
+    whether one of these must give the scale; else its lack is only a warning."""
     photos = yield from attempt(folder, lambda: find_photos(folder))
     described, cameras = folder / "board.toml", folder / "cameras.json"
     board, known = None, None
@@ -239,9 +244,11 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> list[str]:
-    """A warning about the board's unit: its corners are out of reach, or the first photograph that
-    shows it was taken from an implausible distance, by a camera's focal length or the photograph's
-    own. A warning about its pattern where the photographs show another."""
+    """Return a warning if the board's description seems to be in a wrong unit or of another
+    pattern.
+    The unit is wrong if its corners are implausibly far away, or if the first photograph that shows
+    it was taken from an implausible distance. cameras: for the focal length; without them the
+    photograph's own is used."""
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px, pattern_in
 
     corners_m = {

@@ -36,9 +36,9 @@ PROBES = ("3fsk", "2fsk", "broadband", "narrowband")
 
 
 def make(folder: Path, capture: str) -> None:
-    """The stage of a run that inspects a capture. Prints each warning once and writes all to
-    INSPECTION. Captures that cannot be read are skipped: the stages that need them report the
-    error."""
+    """Inspect a capture for likely mistakes; a stage of a run. Prints each warning and writes all
+    to the file INSPECTION.
+    A capture that cannot be read gets none, because the stages that need it report the error."""
     with fresh_plans():  # those of the imaging stages are timed
         try:
             warnings = list(warnings_of_capture(open_capture(capture)))
@@ -50,8 +50,8 @@ def make(folder: Path, capture: str) -> None:
 
 
 def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
-    """Warnings about a capture: its arrays and tones, the focus of its echoes and, if it has a
-    surface, its frames."""
+    """Yield warnings about a capture: about its array and tones, whether its echoes focus when
+    imaged and, if it has a surface, whether image and surface agree."""
     capture = recorded.echoes(1)
     plain = list(array_warnings(capture))
     yield from plain
@@ -92,10 +92,12 @@ def _likely_mistake(
     depths: tuple[DepthMap, ...],
     start_m: float,
 ) -> list[str]:
-    """The mistake without which an image fits its surface best, if any fits well. Two are returned
-    if one in the order of the data fits as well as one of frames, as for exchanged antennas of an
-    array that is its own mirror image. start_m: distance of the surface. Mistakes other than those
-    of the antennas are tried only if no frame or unit explains the images."""
+    """Find the mistake that best explains why a capture's images are not on its surface: a list of
+    one sentence, or none.
+    capture: the first frame's echoes. depths: its images. start_m: distance of the surface. A
+    mistake in the order of the data, as exchanged antennas, is joined in one sentence with a wrong
+    frame that explains as much. Mistakes in tones and paths are tried only if no frame or unit
+    explains the images."""
     as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max(
         (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
@@ -121,10 +123,10 @@ def _likely_mistake(
 def _corrections(
     capture: RadarCapture, every: bool
 ) -> Iterator[tuple[str, str, RadarCapture, float]]:
-    """Corrections of mistakes in the order and the phases of a capture's data. Each has the
-    mistake's name, its remedy, the corrected capture, and the factor by which its scene is then
-    larger, because a phase does not distinguish half the path from half the scene. every: also
-    mistakes in tones and phases."""
+    """Yield corrections of mistakes in the order and the phases of a capture's data.
+    Each has the mistake's name, its remedy, the corrected capture, and the factor by which the
+    scene is then larger, because a phase does not distinguish half the path from half the scene.
+    every: also mistakes in tones and path lengths."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
@@ -160,8 +162,8 @@ def _corrections(
 
 
 def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Warnings about a depth map and, if there are any, about the echoes from which it was
-    imaged."""
+    """Yield warnings about a depth map and, if there are any, whether the echoes from which it was
+    imaged are conjugated."""
     about = list(map_warnings(depth))
     yield from about
     try:
@@ -171,8 +173,8 @@ def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:
-    """The capture's surface in the radar's frame: the true one, or the measured one if a transform
-    carries it there."""
+    """Return a capture's surface in the radar frame: the true one, or the measured one if a
+    transform carries it there; None if it has neither."""
     if recorded.truth is not None:
         return read_surface(recorded.truth)
     mesh, transform = recorded.mesh(), recorded.transform()
@@ -184,8 +186,9 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
 def _depth_map(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
-    """The depth map by the first method of PROBES that can use the capture's tones, and its
-    configuration. first_depth_m: first depth for methods that have one (None: their default)."""
+    """Image a capture by the first method of PROBES that can use its tones; return the depth map
+    and the configuration. None if none can.
+    first_depth_m: where methods that need a first depth begin (None: their default)."""
     for name in PROBES:
         begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
         begun = begun and FIRST in method(name).config.model_fields

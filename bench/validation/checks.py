@@ -46,8 +46,9 @@ Facts = Mapping[str, Any]
 
 
 class Check(NamedTuple):
-    """A check of one kind of thing. found: called with the facts, true if the advice applies;
-    fails: a run would fail, too."""
+    """A check of one kind of thing.
+    of: the kind. name: of the mistake. found: takes the facts (name → value), returns whether the
+    advice applies. advice: a format string over the facts. fails: whether a run would fail, too."""
 
     of: str
     name: str
@@ -283,7 +284,7 @@ CHECKS = (
 
 
 def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
-    """The advice of all checks of this kind whose condition holds for the facts."""
+    """Yield the advice of every check of one kind that applies to the facts (name → value)."""
     return (
         check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts)
     )
@@ -334,7 +335,8 @@ def surface_warnings(surface: Surface) -> Iterator[str]:
 
 
 def mesh_warnings(surface: Surface) -> Iterator[str]:
-    """Warnings about a surface: inside out, if it is closed; full of holes, if it is not."""
+    """Yield warnings about a surface that is closed and inside out, or that is open with much
+    rim."""
     edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
     facts = {
@@ -345,7 +347,8 @@ def mesh_warnings(surface: Surface) -> Iterator[str]:
 
 
 def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[str]:
-    """Warnings about radar_from_photo, and about the place to which it carries the mesh."""
+    """Yield warnings about radar_from_photo: its size, its scale, and whether it carries the mesh
+    behind the radar."""
     facts = {
         "offset_m": float(np.abs(transform.matrix[:3, 3]).max()),
         "scale": transform.scale,
@@ -355,7 +358,8 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 
 def map_warnings(depth: DepthMap) -> Iterator[str]:
-    """Warnings about a depth map without a reference."""
+    """Yield warnings that a depth map shows by itself, without a reference: crowded, far away, or
+    mostly flagged."""
     facts = {
         "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
         "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
@@ -366,7 +370,8 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
-    """Warnings about a depth map's figures against a surface."""
+    """Yield warnings about implausible figures of a depth map against a surface. values: metric →
+    figure."""
     mean_mm, accuracy, z = (
         values["mae_mm"],
         values["relative_accuracy_percent"],

@@ -41,9 +41,10 @@ DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "ch
 
 
 def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
-    """Print every problem of every input, FILE:LINE: problem; what to do, and their number at the
-    end. mesh, transform: the surface of a depth map, and what carries it into the radar frame.
-    Raises HandbenchError if there is a problem that is more than a warning."""
+    """Print every problem of every input, as FILE:LINE: problem; what to do, and their number at
+    the end.
+    mesh, transform: for a depth map, the surface that it shows, and what carries that into the
+    radar frame. Raises HandbenchError if there is a problem that is more than a warning."""
     problems = warnings = 0
     for name in inputs:
         found = dict.fromkeys(inspect(name, mesh, transform))
@@ -64,7 +65,9 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
 def inspect(
     name: str, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """All problems of an input; if no run would fail, also warnings from images of its captures."""
+    """Yield all problems of an input; if there are only warnings, also those that show only when
+    its captures are imaged.
+    name: a path, or a benchmark's name. mesh, transform: as in `show`."""
     found = list(problems_of(name, None, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
@@ -84,8 +87,8 @@ def _image_warnings(folder: Path) -> list[str]:
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
-    """The capture folders of an input: a folder of them, or those of a benchmark, loaded as a run
-    does."""
+    """Return the capture folders of an input: those in a folder, or those of a benchmark; none for
+    other inputs. Yields the problem if the benchmark cannot be loaded."""
     if path.is_dir():
         return () if is_of_photographs(path) or _is_result(path) else captures(path)
     file = find_benchmark(str(path))
@@ -108,10 +111,12 @@ def _is_result(folder: Path) -> bool:
 def problems_of(
     name: str, scored: bool | None = True, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """The problems of one input: a capture folder or a folder of them, a folder of photographs, a
-    result or trade-off; a benchmark, by file or name; the file of a scene, a target, a board, a
-    depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored: see
-    `capture_problems`; mesh, transform: see `show`."""
+    """Yield the problems of one input, found without imaging.
+    name: a capture folder or a folder of them, a folder of photographs, a result or trade-off; a
+    benchmark, by file or name; the file of a scene, a target, a board, a depth map, a mesh, echoes,
+    cameras, an array's calibration or a transform. scored: whether a capture needs a reference
+    (None: a missing one is only a warning). mesh, transform: for a depth map, the surface that it
+    shows, and what carries that into the radar frame."""
     path = Path(name)
     if path.is_dir():
         yield from _folder(path, scored)
@@ -157,7 +162,8 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
-    """Check a depth map, also against a surface if one is given."""
+    """Yield the problems of a depth map, also those that a surface shows, if one is given. Prints
+    how many pixels have a depth."""
     depth = yield from attempt(path, partial(load_depthmap, path))
     if depth is None:
         return
@@ -192,7 +198,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _description(path: Path) -> Iterator[Problem]:
-    """Check a scene, a target, a board or a benchmark."""
+    """Yield the problems of a TOML file, which may describe a scene, a target, a board or a
+    benchmark."""
     found = yield from parse_lines(path, "a benchmark or a scene")
     if found.values is None:
         return

@@ -39,8 +39,8 @@ ROUGH_MM, FALLEN = (1.0, 3.0)
 
 
 def conjugation_warnings(capture: RadarCapture) -> list[str]:
-    """A warning that a capture's echoes are conjugated, with the remedy, if its first frame then
-    focuses better; none for arrays that may surround the target."""
+    """Return a warning that the echoes are conjugated, if the first frame focuses better when
+    conjugated; else an empty list. Arrays that may surround the target are not checked."""
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
     if not capture.samples[0].any() or deep_m > SHALLOW * max(across_m):
         return []
@@ -51,7 +51,7 @@ def conjugation_warnings(capture: RadarCapture) -> list[str]:
 
 
 def sharpness_db(capture: RadarCapture) -> float:
-    """Sharpness of a coarse image of the first frame."""
+    """Compute the sharpness, dB, of a coarse image of the first frame: Σ|I|⁴ / (Σ|I|²)²."""
     # compiled, which comparing a map with a surface does not need
     from handbench.radar.imaging.api import image_volume
 
@@ -63,8 +63,8 @@ def sharpness_db(capture: RadarCapture) -> float:
 
 
 def _reduced(capture: RadarCapture) -> RadarCapture:
-    """The first frame as in vacuum, with a few tones in rising order and a few antennas whose pairs
-    were all measured."""
+    """Reduce a capture to its first frame, a few tones in rising order, and a few antennas whose
+    pairs were all measured; frequencies are scaled as for vacuum."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
     tones, array = order[even_subset(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
@@ -109,25 +109,28 @@ def _box(capture: RadarCapture) -> VoxelGrid:
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """The fit of a depth map to a surface: the share of its strongest pixels within NEAR_M of it,
-    and the median of |Δz| over those whose ray meets the surface."""
+    """How well a depth map lies on a surface.
+    share: of its strongest pixels, those within NEAR_M of the surface. median_mm: median |Δz| of
+    those whose ray meets the surface."""
 
     share: float
     median_mm: float
 
     @property
     def covers(self) -> bool:
-        """True if most pixels are on the surface, so that no other fit could have many times as
-        many."""
+        """True if so many pixels are on the surface that no correction could bring much more
+        there."""
         return GAINED * self.share >= 1
 
     @property
     def improvable(self) -> bool:
-        """False if no correction could fit much better."""
+        """True if a correction could bring many more pixels to the surface, or much lower the
+        median."""
         return not self.covers or self.median_mm > ROUGH_MM
 
     def explains(self, as_is: "SurfaceFit") -> bool:
-        """True if this fit, after a correction, is so much better that the mistake is likely."""
+        """Return whether this fit, after a correction, is so much better than the one as it is that
+        the corrected mistake is likely."""
         nearer = self.share > as_is.share and FALLEN * self.median_mm < as_is.median_mm > ROUGH_MM
         return self.share >= CERTAIN and (nearer or self.share >= GAINED * as_is.share)
 
@@ -153,15 +156,18 @@ UNDONE = {
 
 
 def misplacement_warnings(depth: DepthMap, surface: Surface) -> list[str]:
-    """The mistake, if any, without which a depth map fits a surface (radar frame) much better, with
-    both errors."""
+    """Return a warning if a surface (radar frame) fits a depth map much better after it is
+    mirrored, turned or scaled: which mistake this suggests, and both errors. Else an empty list."""
     as_is = fit(depth, surface)
     return best(depth, surface, as_is)[1] if as_is.improvable else []
 
 
 def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, list[str]]:
-    """The largest share of pixels on the surface after a correction, and the sentence about that
-    mistake; share 0 and no sentence if no correction helps."""
+    """Find the correction of the surface (mirroring, turning, scaling) that fits the depth map
+    best.
+    Returns the share of pixels that are then on the surface, and a list with the sentence about the
+    mistake; 0 and an empty list if no correction helps enough. as_is: the fit without
+    correction."""
     fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, found = max(fits.items(), key=lambda each: each[1].share)
     if not found.explains(as_is):
@@ -178,7 +184,7 @@ def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, l
 
 
 def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
-    """The fit of a depth map to a surface."""
+    """Compute how well a depth map's strongest pixels lie on a surface in the radar frame."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:
@@ -194,7 +200,8 @@ def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
 
 
 def moved(surface: Surface, matrix: np.ndarray) -> Surface:
-    """The surface transformed by a matrix [3 or 4, 3 or 4], with outward normals."""
+    """Return the surface transformed by a matrix, 3×3 or 4×4, of which only the linear part counts;
+    normals stay outward."""
     vertices_m = surface.vertices_m @ matrix[:3, :3].T
     faces = surface.faces if np.linalg.det(matrix) > 0 else surface.faces[:, ::-1]
     return Surface(vertices_m, faces, surface.sigma_m, surface.observed)

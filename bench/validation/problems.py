@@ -26,8 +26,9 @@ TOKEN = re.compile(
 
 
 def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
-    """The line, counted from 1, of every key and list item, by its place, as ("method", 1,
-    "config"). `text` is valid TOML (else JSON); constructs that are not understood are left out."""
+    """Find the line, counted from 1, of every key and list item of a text: place → line, with
+    places as ("method", 1, "config").
+    toml: the text is TOML, else JSON; it must be valid. What is not understood is left out."""
     try:
         return _Scanner(text).toml() if toml else _Scanner(text).json()
     except (IndexError, RecursionError):
@@ -35,7 +36,8 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
 
 
 def line_of(lines: dict[Location, int], location: Location) -> int | None:
-    """The line of a place, or of the nearest place around it that has one."""
+    """Return the line of a place, or of the nearest place around it that has one; None if there is
+    none."""
     return next(
         (lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None
     )
@@ -139,8 +141,8 @@ Place = Callable[[str, bool], "Problem"]
 
 @dataclass(frozen=True)
 class Problem:
-    """A fault in a file with its remedy. A warning is about values that are possible but
-    unlikely."""
+    """A fault in a file with its remedy.
+    line: None if unknown, or not of a line. warning: the values are possible, but unlikely."""
 
     file: Path
     line: int | None
@@ -154,23 +156,25 @@ class Problem:
 
 @dataclass(frozen=True)
 class ParsedFile:
-    """A TOML or JSON file: its plain values (None: it cannot be parsed), and the lines of its
-    keys."""
+    """A TOML or JSON file that was read: its plain values (None: it cannot be parsed), and the
+    lines of its keys."""
 
     file: Path
     values: Any
     lines: dict[Location, int]
 
     def at(self, location: Location) -> Place:
-        """Convert findings (a text, and whether it is a warning) to problems at a key."""
+        """Return a function that makes problems at a key. It takes a text, and whether it is a
+        warning."""
         return partial(Problem, self.file, line_of(self.lines, location))
 
     def problem(self, location: Location, text: str) -> Problem:
-        """A problem at a key."""
+        """Make a problem at a key, with its line."""
         return self.at(location)(text, False)
 
     def attempt(self, location: Location, read: Callable[[], Read]) -> Found[Read | None]:
-        """The result of read(); its HandbenchError becomes a problem at a key."""
+        """Call `read` and return its result. If it raises a HandbenchError, yield this as a problem
+        at a key, and return None."""
         try:
             return read()
         except HandbenchError as error:
@@ -180,8 +184,9 @@ class ParsedFile:
     def complaints(
         self, model: type[Model], values: Any, prefix: Location = ()
     ) -> Found[Model | None]:
-        """All complaints about `values`, whose place is `prefix`; returns them as a `model` if
-        there are none."""
+        """Convert values to a `model`, a strict configuration, and return it. If they do not fit,
+        yield a problem for every complaint, and return None.
+        prefix: the place of the values in the file."""
         try:
             return model.model_validate(values)
         except pydantic.ValidationError as error:
@@ -193,8 +198,8 @@ class ParsedFile:
 
 
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """The result of read(); its HandbenchError becomes a problem of `file`, with the line from the
-    message, if it has one."""
+    """Call `read` and return its result. If it raises a HandbenchError, yield this as a problem of
+    `file`, with the line that the message names, and return None."""
     try:
         return read()
     except HandbenchError as error:
@@ -205,15 +210,17 @@ def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
 
 
 def warnings_at(file: Path, texts: Iterable[str]) -> Iterator[Problem]:
-    """Warnings about a file without a line."""
+    """Make a warning about a file, without a line, of each text."""
     return (Problem(file, None, text, warning=True) for text in texts)
 
 
 def findings(
     place: "Path | Place", of: str, needed: bool = True, **facts: Any
 ) -> Iterator[Problem]:
-    """Problems that the checks of one kind find in facts, at a file, or at a key of a parsed file.
-    needed: False if a run does without the thing, so that all findings are warnings."""
+    """Yield the problems that the checks of one kind find.
+    place: a file, or what ParsedFile.at returns for a key. of: the kind of thing, as in CHECKS.
+    needed: False if a run does without the thing, so that all findings are warnings. facts: the
+    values that the checks look at, by name."""
     problem = partial(Problem, place, None) if isinstance(place, Path) else place
     for check in CHECKS:
         if check.of == of and check.found(facts):
@@ -221,7 +228,8 @@ def findings(
 
 
 def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
-    """Parse a TOML or JSON file with the lines of its keys; a problem if it cannot be parsed."""
+    """Read a TOML or JSON file with the lines of its keys, and return it. If it cannot be parsed,
+    yield the problem. what: for the message, what the file is."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
     return ParsedFile(
@@ -232,8 +240,8 @@ def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
 def parse_model(
     model: type[Model], file: Path, what: str
 ) -> Found[tuple[ParsedFile, Model | None]]:
-    """Parse a file as a `model`, with all complaints about it; the model is None if there are
-    any."""
+    """Read a file as a `model`, a strict configuration; return the parsed file and the model.
+    Yields all complaints; if there are any, the model is None."""
     found = yield from parse_lines(file, what)
     return found, None if found.values is None else (
         yield from found.complaints(model, found.values)
@@ -241,8 +249,8 @@ def parse_model(
 
 
 def _keys(values: Any, location: tuple[int | str, ...]) -> Location:
-    """The keys of an error's location as the file has them. Pydantic adds the tags of union
-    members, which are not keys."""
+    """Return an error's place as keys of the file: without the tags that pydantic adds for members
+    of a union."""
     keys: list[str | int] = []
     for number, part in enumerate(location):
         there = isinstance(values, dict) and part in values

@@ -39,7 +39,8 @@ BEHIND_M = 0.2  # the stand's plate
 
 
 def assorted_scene(seed: int, folder: Path) -> Scene:
-    """The scene of a seed; a mesh that it needs is written into the folder."""
+    """Make the random scene of a seed; its kind (hand, bowl, plate, …) is seed modulo the number of
+    KINDS. A mesh that it needs is written into the folder."""
     draw, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     name = f"{kind.replace(' ', '-')}-{seed}"
     target, surface = _target(kind, draw)
@@ -64,7 +65,8 @@ def assorted_scene(seed: int, folder: Path) -> Scene:
 
 
 def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], TriangleMesh | None]:
-    """The target's table, and its mesh where it needs one."""
+    """Draw a target of a kind: its table in the scene file, and its mesh (None for a built-in
+    shape)."""
     shape: dict[str, Any] = {"kind": kind, "edge_m": EDGE_M}
     match kind:
         case "sphere":
@@ -91,7 +93,8 @@ def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], Trian
 
 
 def _imperfect(draw: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The sensor's faults, and the tables of noise and stand: each there or not."""
+    """Draw the sensor's imperfections, and the tables of noise and stand; each is there or not at
+    random."""
     faults = {
         "oscillator": {"level_dbc_hz": draw.uniform(-120, -80)},
         "pattern": {"beamwidth_deg": draw.uniform(40, 150)},
@@ -121,8 +124,9 @@ def _decades(draw: np.random.Generator, low: float, high: float) -> float:
 
 
 def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> TriangleMesh:
-    """A part of a spherical shell, open towards -z, up to half_angle_deg from its deepest point at
-    the origin: a sphere whose front half is pushed into the other."""
+    """Make the mesh of a bowl: a part of a spherical shell, thick_m thick, open towards −z.
+    It reaches to half_angle_deg, seen from the sphere's centre, from its deepest point, which is at
+    the origin."""
     surface = sphere_mesh(radius_m, EDGE_M)
     x, y, z = np.asarray(surface.vertices).T
     polar, turn = np.arccos(np.clip(z / radius_m, -1, 1)), np.arctan2(y, x)
@@ -133,6 +137,6 @@ def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> Trian
 
 
 def wire(radius_m: float, x_m: float) -> TriangleMesh:
-    """A cylinder along y."""
+    """Make the mesh of a cylinder along y through x_m, of length WIRE_M."""
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
     return cylinder_mesh(radius_m, WIRE_M, around, along).translate([x_m, 0.0, 0.0])

@@ -37,8 +37,10 @@ BOX_M = (-0.015, 0.065)  # along z about the target's nearest point, as the pape
 
 
 def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
-    """The scenes of SCENES, or others, and random ones of the seeds 0 … seeds − 1, each at all
-    tolerances."""
+    """Make the study of `effects = "auto"`: how well and how fast it simulates each of several
+    scenes.
+    scenes: files; none: those beside this script, unless seeds > 0. tolerances: in mm, separated by
+    commas. seeds: number of random scenes to add, of the seeds 0 to seeds − 1."""
     tolerances_mm = tuple(float(text) for text in tolerances.split(","))
     work.mkdir(parents=True, exist_ok=True)
     cases: list[tuple[str, Callable[[], Scene]]] = [
@@ -57,13 +59,16 @@ def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Scenes, and what comes of them."""
+    """Make two tables: one of all scenes and tolerances, and one that sums up each tolerance."""
     known = {"rows": records, "summary": summary(records)}
     return [Table(name, SCHEMAS[name].columns, records) for name, records in known.items()]
 
 
 def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
-    """Auto against everything that the scene has a cause for, one frame each, in CPU seconds."""
+    """Simulate a scene with automatically chosen effects and with every effect that it has a cause
+    for.
+    Returns a record for each tolerance: the effects left out, the change of each method's depth
+    map, whether it keeps the tolerance, and the CPU seconds. One frame each."""
     radar_scene = echo_scene(scene)
     every = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
     ways: dict[float | None, dict[str, Any]] = {None: {"effects": every}}
@@ -99,7 +104,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
 
 
 def summary(rows: list[Record]) -> list[Record]:
-    """Per tolerance: promises kept, and times."""
+    """Sum up each tolerance: in how many scenes it was kept, and how the times compare."""
     found = []
     for mm in sorted({row["tolerance_mm"] for row in rows}):
         these = [row for row in rows if row["tolerance_mm"] == mm]
@@ -119,8 +124,9 @@ def summary(rows: list[Record]) -> list[Record]:
 
 
 def depth_maps(scene: Scene, capture: RadarCapture) -> dict[str, np.ndarray]:
-    """Depths [ny, nx] by each method that the tones allow; a few tones are those of a random scene,
-    whose images lie where its target is."""
+    """Image a capture by every method that its tones allow: method → depths [ny, nx], metres.
+    Captures of few tones are those of random scenes; their images are placed around the scene's
+    target."""
     few = len(capture.frequencies_hz) < 100
     maps = {}
     for name in FEW if few else (*FEW, *MANY):
@@ -145,8 +151,10 @@ Timed = tuple[float, float, RadarCapture, tuple[Choice, ...]]
 
 
 def timed_round(listed: dict[float | None, Scene]) -> dict[float | None, Timed]:
-    """CPU seconds of choosing and of simulating, the capture and the rows, of each way. The same
-    effects are the same simulation, whose time is not measured twice."""
+    """Simulate each scene and time it: key → CPU seconds of choosing the effects, CPU seconds of
+    simulating, the capture, and the list of effects.
+    listed: tolerance in mm (None: all effects) → scene. If two have the same effects, the
+    simulation and its time are shared."""
     found: dict[float | None, Timed] = {}
     known: dict[frozenset[str], tuple[float, RadarCapture]] = {}
     for mm, scene in listed.items():
@@ -161,7 +169,8 @@ def timed_round(listed: dict[float | None, Scene]) -> dict[float | None, Timed]:
 
 
 def main() -> None:
-    """Compare maps of automatically chosen effects with maps of all effects, scene by scene."""
+    """Measure whether automatically chosen effects keep their tolerance against all effects, and
+    what time they save, scene by scene; write and print the tables."""
     options = parser("ablation.measure_auto", 'What effects = "auto" chooses.')
     shown = f"default: those in {SCENES.name}/ beside this script"
     options.add_argument("scenes", nargs="*", type=Path, metavar="SCENE.toml", help=shown)

@@ -17,8 +17,10 @@ TOLERANCE = 1e-3
 
 
 def growth(inputs: Inputs) -> list[Record]:
-    """A record for each quantity: what grows, its sizes, seconds of each, plan seconds, and the
-    fitted exponent."""
+    """Measure how the time of imaging grows with voxels, channels and tones: a record for each of
+    these.
+    A record has the sizes, the seconds of imaging and of preparing (the plan) at each size, and the
+    exponent fitted to them."""
     scope, tones_hz, grid, array = inputs.scope, inputs.tones_hz, inputs.grid, inputs.array
     grown: dict[str, dict[int, Work]] = {}
     for what, grow in (("voxels, finer steps", finer), ("voxels, larger box", larger)):
@@ -59,14 +61,14 @@ def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
 
 
 def finer(grid: VoxelGrid, factor: float) -> VoxelGrid:
-    """The same box with about `factor` times the voxels."""
+    """Return the grid's box with about `factor` times as many voxels."""
     axes = (grid.x_m, grid.y_m, grid.z_m)
     return VoxelGrid(*(np.linspace(a[0], a[-1], round(len(a) * factor ** (1 / 3))) for a in axes))
 
 
 def larger(grid: VoxelGrid, factor: float) -> VoxelGrid:
-    """The same steps over a box of about `factor` times the volume; its near face and lateral
-    centre stay."""
+    """Return a grid of the same steps over a box of about `factor` times the volume; its near face
+    and its lateral centre stay."""
     axes = (grid.x_m, grid.y_m, grid.z_m)
     x, y, z = (np.arange(round(len(a) * factor ** (1 / 3))) * np.diff(a)[0] for a in axes)
     x, y = (new - new.mean() + old.mean() for new, old in ((x, grid.x_m), (y, grid.y_m)))
@@ -74,7 +76,8 @@ def larger(grid: VoxelGrid, factor: float) -> VoxelGrid:
 
 
 def resampled(array: AntennaArray, count: int) -> AntennaArray:
-    """`count` transmitters and receivers along the array's own sides."""
+    """Return an array of `count` transmitters and `count` receivers, spread evenly along the given
+    one's sides."""
 
     def along(position_m: np.ndarray) -> np.ndarray:
         place, number = np.linspace(0, len(position_m) - 1, count), np.arange(len(position_m))

@@ -23,13 +23,14 @@ SCHEMAS = declared_tables(__file__)
 
 
 def study(work: Path, quick: bool) -> Study:
-    """Sections one after the other."""
+    """Make the study of the engine (the fast imaging and simulation): its four sections are
+    measured one after the other. quick: a small volume."""
     inputs = Inputs(QUICK if quick else Scope())
     return Study("engine", list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Rows by section, and growth."""
+    """Make two tables: times, errors and memory, by section; and how cost grows with size."""
     rows, grown = ([r for r in records if ("method" in r) == of] for of in (True, False))
     return [
         Table("rows", SCHEMAS["rows"].columns, rows, by="section"),
@@ -38,7 +39,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def main() -> None:
-    """Measure, write the files of a study, print the tables."""
+    """Measure time, error and memory of imaging and simulation against exact and textbook sums, and
+    how they grow with size; write and print the tables."""
     purpose = "what imaging and simulation cost in time, error and memory, and how that grows"
     options = parser("engine.measure_engine", purpose)
     quick = "a small volume, in two minutes: does it all run?"

@@ -24,10 +24,11 @@ STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean
 
 @dataclass(frozen=True)
 class EngineReference:
-    """voxels [n] and pixels [p]: flat indices that are checked; per source: exact [n], image sums
-    of every tone there, and rms, the whole volume's size; direct [d]: the hand's float64 sums at
-    the first voxels; columns: the peaks of the checked pixels, from exact images; mask [ny, nx]:
-    pixels on target."""
+    """The exact values with which every fast image is compared.
+    voxels [n], pixels [p]: flat indices of what is checked, chosen at random. exact: "hand" or
+    "noise" → exact image [n] at the voxels, from all tones. rms: the same → root mean square of the
+    whole image. direct [d]: float64 sums of the hand's echoes at the first d voxels. columns: peaks
+    along z at the checked pixels, from exact images. mask [ny, nx]: pixels on target."""
 
     grid: VoxelGrid
     threshold_db: float
@@ -42,16 +43,18 @@ class EngineReference:
     def error(
         self, values: np.ndarray, source: str = "hand", exact: np.ndarray | None = None
     ) -> float:
-        """Relative L2 error of an image's values [≤ n] at the checked voxels, or against other
-        `exact` ones [d]."""
+        """Compute an image's relative L2 error at the checked voxels, relative to the whole image's
+        root mean square.
+        values [≤ n]: the image at the first checked voxels. source: "hand" or "noise". exact: other
+        values to compare with."""
         exact = self.exact[source] if exact is None else exact
         known = min(len(values), len(exact))
         difference = values[:known].astype(np.complex128) - exact[:known]
         return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
 
     def deviation(self, peaks: Peaks) -> Record:
-        """Of the whole volume's peaks [ny, nx] from the exact ones: `deviation_mm` at the checked
-        pixels, and the pixels that only one of both masks holds."""
+        """Compare the peaks of a whole volume with the exact ones: mean depth deviation at the
+        checked pixels, mm, and the number of pixels that are on target in only one of both."""
         index, magnitude = peaks.index.ravel(), peaks.magnitude.reshape(3, -1)
         checked = Peaks(index[self.pixels], magnitude[:, self.pixels])
         mask = amplitude_db(peaks.magnitude[1]) >= self.threshold_db
@@ -61,7 +64,8 @@ class EngineReference:
         }
 
     def deviation_mm(self, checked: Peaks) -> float:
-        """Mean |Δz| of the checked pixels' peaks [p], of depths between voxels."""
+        """Compute the mean |Δz|, mm, between the peaks at the checked pixels [p] and the exact
+        ones, with depths interpolated between voxels."""
         off_m = self._depths_m(checked) - self._depths_m(self.columns)
         return 1e3 * float(np.abs(off_m).mean())
 
@@ -71,7 +75,7 @@ class EngineReference:
 
 
 def reference(inputs: Inputs) -> EngineReference:
-    """Choose what is checked, and image it exactly."""
+    """Choose the voxels and pixels that are checked, and compute their exact images."""
     scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
     random, threshold_db = np.random.default_rng(0), scope.config.threshold_db
     voxels = random.choice(int(np.prod(grid.shape)), scope.checked_voxels, replace=False)
@@ -104,12 +108,14 @@ def reference(inputs: Inputs) -> EngineReference:
 
 
 def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
-    """Centres [nz · p, 3] of all voxels behind the pixels with flat indices [p]."""
+    """Return the centres [nz · p, 3], metres, of all voxels in the columns along z of pixels with
+    these flat indices [p]."""
     layer = np.prod(grid.shape[1:])
     return grid.points_at_m((np.arange(grid.shape[0])[:, None] * layer + pixels).ravel())
 
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
-    """Peaks [p] of images [nz · p] at `column_points_m`."""
+    """Find the peaks along z of images [nz · p] at the points of `column_points_m`: one for each of
+    the p pixels."""
     peaks = strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
     return Peaks(peaks.index[0], peaks.magnitude[:, 0])

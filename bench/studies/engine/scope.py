@@ -42,7 +42,8 @@ class Scope:
 
     @property
     def config(self) -> BroadbandConfig:
-        """The volume, its tones and its threshold, as the methods take them."""
+        """The broadband configuration with this volume, whose tones and threshold are the method's
+        defaults."""
         return BroadbandConfig(x=self.lateral, y=self.lateral, z=self.depth)
 
     @property
@@ -70,14 +71,15 @@ QUICK = Scope(
 
 @dataclass(frozen=True)
 class Inputs:
-    """The array, and the echoes of a hand in the pose of the ASL letter F."""
+    """What is imaged and simulated: the array, and the echoes of a hand in the pose of the ASL
+    letter F."""
 
     scope: Scope
     array: AntennaArray = field(default_factory=qar50)
 
     @cached_property
     def scatterers(self) -> Scatterers:
-        """The hand's facets that the array sees."""
+        """The hand's facets that the array sees, as scatterers."""
         target = {"kind": "hand", "pose": "F", "edge_m": self.scope.edge_m}
         scene = build(SceneFile(version=1, name="F", target=target))
         seen = shadow_centre(bare_echoes(echo_scene(scene))).surface
@@ -96,13 +98,14 @@ class Inputs:
 
     @cached_property
     def samples(self) -> dict[str, np.ndarray]:
-        """The hand's echoes and white noise: complex64 [f, t, r]."""
+        """Complex64 samples [f, t, r] by source: "hand", the hand's echoes, and "noise", white
+        noise."""
         hand = simulate(self.scatterers, self.tones_hz, self.array)
         return {"hand": hand, "noise": white_noise(hand.shape)}
 
     @cached_property
     def frame(self) -> RadarCapture:
-        """One frame of the three tones."""
+        """One frame of the hand's echoes at the tones of 3-FSK."""
         tones_hz = np.array(self.scope.frame.ladder_hz)
         return RadarCapture(
             simulate(self.scatterers, tones_hz, self.array)[None], tones_hz, self.array

@@ -16,7 +16,8 @@ BLOCK = 512  # voxels that share a profile while it is in the cache
 def numpy_sum(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
 ) -> np.ndarray:
-    """One exponential per voxel, channel and tone, in float64."""
+    """Backproject by the plain sum in float64: one exponential per point, channel and tone. Returns
+    [n]."""
     wavenumber = 2 * np.pi * frequencies_hz[:, None, None] / SPEED_OF_LIGHT_M_S
     image = np.empty(len(points_m), np.complex128)
     for i, point in enumerate(track(points_m, "numpy")):
@@ -29,7 +30,8 @@ def numpy_sum(
 def numba_sum(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
 ) -> np.ndarray:
-    """The same as compiled loops on all cores."""
+    """Backproject by the plain sum in compiled loops on all cores, one exponential per point,
+    channel and tone. Returns [n]."""
     wavenumber = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     return _numba_sum(samples, wavenumber, array.tx_m, array.rx_m, points_m)
 
@@ -60,8 +62,10 @@ def range_compressed(
     points_m: np.ndarray,
     bins: int = BINS,
 ) -> np.ndarray:
-    """Range profiles of all channels by a zero-padded FFT over equidistant tones, then linear
-    interpolation per voxel and channel. Paths must be shorter than the tones' ambiguity."""
+    """Backproject from range profiles: a zero-padded FFT over the tones of each channel, then
+    linear interpolation per point and channel. Returns [n].
+    bins: length of a range profile. The tones must be equidistant, and paths shorter than their
+    ambiguity."""
     tones = len(frequencies_hz)
     step_hz = (frequencies_hz[-1] - frequencies_hz[0]) / (tones - 1)
     # about the band's centre profiles vary least
@@ -100,6 +104,7 @@ def _interpolated(profiles, wavenumber, bins_per_m, tx_m, rx_m, points_m):  # ty
 
 @numba.njit(cache=True)
 def _leg(antennas_m, points_m, bins_per_m, wavenumber):  # type: ignore[no-untyped-def]
-    """Distances in bins and their carrier: [a, p]."""
+    """Compute the distances from antennas [a, 3] to points [p, 3] in range bins, and their phase
+    factors at the carrier: both [a, p]."""
     distance_m = np.sqrt(((points_m - antennas_m.reshape(-1, 1, 3)) ** 2).sum(axis=2))
     return bins_per_m * distance_m, np.exp(1j * wavenumber * distance_m).astype(np.complex64)

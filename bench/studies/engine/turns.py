@@ -24,10 +24,11 @@ Work = Callable[[], Any]
 
 @dataclass(frozen=True)
 class EngineCase:
-    """Something to time: `work`, and `keep` to take from its result, untimed, what is to come back.
-    Where work does only a fraction of the whole, `fixed` is what it would do for none of it.
-    repeats: timings after the first one; without any the first one counts; each is the mean of
-    `calls`, one after the other."""
+    """Something to time.
+    work: called without arguments. keep: takes from its result, untimed, what is to be returned.
+    fraction: the part of the whole task that `work` does; the time of the whole is extrapolated.
+    fixed: does what is needed even for none of it. repeats: timings after the first call (0: the
+    first one counts), each the mean of `calls` calls in sequence."""
 
     method: str
     work: Work
@@ -39,8 +40,8 @@ class EngineCase:
 
 
 class Timing(NamedTuple):
-    """seconds of one call; peak_mb: by how much it raised the process's resident memory at most
-    (None: unknown)."""
+    """The timing of some calls: seconds of one; peak_mb: by how much they raised the process's
+    resident memory at most (None: unknown); kept: what was kept of the result."""
 
     seconds: float
     peak_mb: float | None
@@ -49,7 +50,8 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True)
 class Measured:
-    """A case's timings: the first call, one of its fixed part, and the later calls."""
+    """A case's timings: of its first call, of its fixed part (0 if it has none), and of the later
+    calls, seconds."""
 
     case: EngineCase
     first: Timing
@@ -63,7 +65,7 @@ class Measured:
 
     @property
     def plan_s(self) -> float:
-        """The extra time of the first call."""
+        """The extra time of the first call over the later ones, s: that of preparing (planning)."""
         later_s = float(np.median(self.repeats_s or [self.first.seconds]))
         return max(self.first.seconds - later_s, 0.0)
 
@@ -72,8 +74,9 @@ class Measured:
         return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
 
     def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
-        """The case's record; `exact`: the timings of the exact path; of what else is known, None is
-        left out."""
+        """Return the case's record: its times, memory, and what else is known of it.
+        exact: timings of the exact computation, for the ratio. known: further columns; those that
+        are None are left out."""
         found = {
             "section": section,
             "method": self.case.method,
@@ -90,13 +93,15 @@ class Measured:
 
 
 def room() -> ProcessPoolExecutor:
-    """A process whose kernels are compiled; what it is given must be picklable."""
+    """Start a process in which the compiled functions are ready; what is submitted to it must be
+    picklable."""
     return ProcessPoolExecutor(1, get_context("spawn"), initializer=compile_kernels)
 
 
 def interleaved(title: str, cases: Sequence[EngineCase], apart: bool = True) -> dict[str, Measured]:
-    """Time all cases in turns: method → Measured. With `apart` each has its own room; else they
-    share one, and peaks of memory mean nothing."""
+    """Time all cases in turns: name of the case → its timings.
+    apart: each case has a process of its own; else they share one, and peaks of memory mean
+    nothing."""
     found: dict[str, Measured] = {}
     with contextlib.ExitStack() as stack:
         rooms = [stack.enter_context(room()) for _ in (cases if apart else cases[:1])]
@@ -126,7 +131,8 @@ def named(what: str, tolerance: float | None) -> str:
 
 
 def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
-    """The mean of some calls of `work`, one after the other, in this process."""
+    """Call `work` so many times in this process; return the mean time and the rise of memory. keep:
+    takes from the last result what is to be returned."""
     with contextlib.suppress(OSError):  # the peak starts from here, where the kernel allows it
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb, start = _status_mb("VmRSS"), time.perf_counter()
@@ -138,7 +144,8 @@ def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) 
 
 
 def _status_mb(name: str) -> float | None:
-    """A figure of Linux's /proc/self/status in MB: exact, where sampling would miss short peaks."""
+    """Read a figure of /proc/self/status, in MB; None where there is none. Linux keeps the exact
+    peak of memory there, which sampling would miss."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith(name):

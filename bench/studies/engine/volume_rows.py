@@ -40,9 +40,11 @@ FRAMES = 10  # timed together: a radar images frame after frame
 
 
 def frame_rows(inputs: Inputs) -> list[Record]:
-    """One 3-FSK frame: both stages at all pixels and all points on target. The error is that of the
-    plane's images of the first two tones; the points on target are so few that their exact sums
-    cost less than a plan."""
+    """Time 3-FSK frames, by exact sums and by the fast imaging at each tolerance: a record for
+    each.
+    A frame is imaged from echoes to depth map, with uncertainty. The error is that of the images of
+    the first two tones in one plane. The points on target are so few that exact sums cost less than
+    a plan."""
     capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
 
     def case(tolerance: float | None) -> EngineCase:
@@ -71,7 +73,8 @@ def frame_rows(inputs: Inputs) -> list[Record]:
 
 
 def simulation_rows(inputs: Inputs) -> list[Record]:
-    """All tones' echoes of the hand's scatterers."""
+    """Time the simulation of a hand's echoes, by exact sums and by the fast simulation at each
+    tolerance: a record for each."""
     scatterers, repeats = inputs.scatterers, inputs.scope.repeats
     work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
     cases = [
@@ -94,7 +97,8 @@ def simulation_rows(inputs: Inputs) -> list[Record]:
 def _rows(
     section: str, measured: dict[str, Measured], known: Callable[[float | None, Measured], Record]
 ) -> list[Record]:
-    """A record for each tolerance; the exact path has no error, tolerance or plan of its own."""
+    """Make a record for each tolerance. known: tolerance and timings → further columns. The exact
+    computation (None) has no error, tolerance or plan of its own."""
     rows = []
     for tolerance in TOLERANCES:
         timings = measured[named("fast", tolerance)]
@@ -119,7 +123,9 @@ COMPRESSED = "range-compressed, linear interpolation"
 
 
 def volume_rows(inputs: Inputs) -> list[Record]:
-    """All rows of the volume, timed in turns."""
+    """Time the imaging of a volume in several ways, in turns: a record for each.
+    They are a matrix product of the machine (its ceiling), textbook sums, exact sums, and the fast
+    imaging (volume and projection) at each tolerance."""
     scope, checked = inputs.scope, reference(inputs)
     ceiling = EngineCase(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
     cases = [ceiling, *_slow_cases(inputs, checked), *_fast_cases(inputs, checked)]
@@ -133,9 +139,10 @@ def volume_rows(inputs: Inputs) -> list[Record]:
 
 
 def _slow_cases(inputs: Inputs, checked: EngineReference) -> list[EngineCase]:
-    """The textbook's sums on the first of the checked voxels; interpolation on one plane, since it
-    lives on neighbouring voxels, less what it does for a single point; the exact path on one
-    plane."""
+    """List the slow ways of imaging the volume, each timed on a part of it and extrapolated.
+    Textbook sums are timed on the first checked voxels, the exact ones on one plane. Interpolation
+    gains from neighbouring voxels, so it is timed on one plane too, and what it does for a single
+    point is subtracted."""
     grid, scope = inputs.grid, inputs.scope
     points_m = grid.points_at_m(checked.voxels)
 
@@ -208,7 +215,8 @@ def _compressed_accuracy(inputs: Inputs, checked: EngineReference) -> Record:
 def _fast_rows(
     inputs: Inputs, checked: EngineReference, measured: dict[str, Measured], tolerance: float
 ) -> list[Record]:
-    """Volume and projection; the projection's error is the volume's, whose plan it shares."""
+    """Make the records of the fast volume and projection at one tolerance. The projection's error
+    is taken to be the volume's, whose plan it shares."""
     ways = ("fast volume", "fast projection")
     volume, projection = (measured[named(way, tolerance)] for way in ways)
     values, peaks = volume.first.kept

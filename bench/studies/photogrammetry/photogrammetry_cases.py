@@ -27,8 +27,10 @@ PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and
 
 @dataclass(frozen=True)
 class PhotogrammetryCase:
-    """A hand in a pose, its photographs, and how they are reconstructed. pose: a letter, or a mesh
-    file in metres, in the frame of handbench's hands. known: the intrinsics are given."""
+    """A hand in a pose, its photographs, and how they are reconstructed.
+    pose: a letter, or a mesh file in metres, in the frame of handbench's hands. cameras, width:
+    number of photographs, and their width in pixels. quality: of the depth maps. known: whether the
+    intrinsics are given. photos: further settings of the rendering."""
 
     name: str
     pose: str
@@ -41,11 +43,11 @@ class PhotogrammetryCase:
 
     @property
     def is_file(self) -> bool:
-        """True where the hand is a mesh file's."""
+        """True if the hand comes from a mesh file."""
         return self.pose.endswith((".ply", ".obj", ".stl"))
 
     def scene_file(self) -> SceneFile:
-        """The scene: skin on the stand, photographs of 3:2."""
+        """Return the scene to render: a hand of skin on the stand, photographs of format 3:2."""
         photos = {
             "cameras": self.cameras,
             "width": self.width,
@@ -82,7 +84,7 @@ def bars(poses: tuple[str, ...]) -> Iterator[PhotogrammetryCase]:
 
 
 def sweep(pose: str, seed: int = 301) -> Iterator[PhotogrammetryCase]:
-    """Views × image size × quality on one pose."""
+    """Yield the cases of the sweep: number of photographs × image size × quality, on one pose."""
     for cameras in (5, 8, 12):
         for width in (1500, 3000):
             for quality in ("draft", "normal", "high"):

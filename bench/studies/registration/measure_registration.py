@@ -47,9 +47,11 @@ WRONG_M = 2e-3  # an error anywhere in the hand's volume that should have been a
 
 @dataclass(frozen=True)
 class PlacementScore:
-    """shift_m [3]: how far the hand's centre is off; turn_rad [3]: the rotation's error; tre_m [n]:
-    distance from the truth at VOLUME_M, and predicted_m [n]: its root mean square by the
-    covariance; nees: eᵀC⁻¹e, χ² of 6."""
+    """Errors of one registration of camera and radar (radar_from_photo).
+    shift_m [3]: displacement of the hand's centre; turn_rad [3]: rotation error (a vector); tre_m
+    [n]: distance from the truth at the points VOLUME_M, where hands are; predicted_m [n]: its root
+    mean square according to the covariance; nees: eᵀC⁻¹e of the six errors, χ² with 6 degrees of
+    freedom if the covariance C is honest."""
 
     shift_m: np.ndarray
     turn_rad: np.ndarray
@@ -59,7 +61,8 @@ class PlacementScore:
 
 
 def score(found: Transform, true: Transform) -> PlacementScore:
-    """Compare radar_from_photo with the truth."""
+    """Compare a radar_from_photo that was found with the true one: its errors, and those that its
+    covariance predicts."""
     shift_m = found.points(true.inverse().points(HAND_M)) - HAND_M
     turn_rad = Rotation.from_matrix(found.rotation @ true.rotation.T).as_rotvec()
     predicted_m = np.sqrt(np.trace(found.point_covariance(VOLUME_M), axis1=1, axis2=2))
@@ -69,7 +72,10 @@ def score(found: Transform, true: Transform) -> PlacementScore:
 
 
 def study(work: Path, what: str, trials: int | None) -> Study:
-    """One of the two, of so many placements."""
+    """Make the study of the registration on simulated placements of the calibration target.
+    what: "full": photographs and echoes are simulated; "faults": echoes are simulated, the cameras'
+    point clouds drawn, and something is wrong with every second placement. trials: number of
+    placements."""
     faults = [one for fault in FAULTS for one in ("none", fault)] if what == "faults" else ["none"]
     cases = [(n, faults[n % len(faults)]) for n in range(trials or TRIALS[what])]
     carried_out = photographed if what == "full" else sampled
@@ -83,7 +89,8 @@ def study(work: Path, what: str, trials: int | None) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """A record a placement, and a summary of each fault with the refusals word for word."""
+    """Make two tables: one of all placements, and one that sums up each fault, followed by the
+    reasons why placements were refused."""
     reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
     faults = dict.fromkeys(r["fault"] for r in records)
     summaries = [summarised([r for r in records if r["fault"] == fault]) for fault in faults]
@@ -94,7 +101,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def summarised(records: list[Record]) -> Record:
-    """The outcome of one fault's placements."""
+    """Sum up the placements with one fault: how many were calibrated, refused, or wrong by more
+    than WRONG_M, and their errors."""
     scores = [record["score"] for record in records if not record["refused"]]
     return {
         "fault": records[0]["fault"],
@@ -108,9 +116,10 @@ def summarised(records: list[Record]) -> Record:
 
 
 def summary(scores: Sequence[PlacementScore]) -> Record:
-    """Over all trials: root mean squares of shift and turn, the 95th percentile of the registration
-    error over the volume, its predicted root mean square over the one seen, and the mean NEES with
-    the band that holds 95 % of what honest covariances give."""
+    """Sum up the errors of several registrations: figures by name.
+    They are: root mean squares of shift and rotation; the 95th percentile of the error over the
+    hand's volume; the predicted root-mean-square error divided by the observed one; and the mean
+    NEES with the band that holds 95 % of such means if covariances are honest."""
     turn_rad = np.linalg.norm([s.turn_rad for s in scores], axis=1)
     tre_m = np.concatenate([s.tre_m for s in scores])
     predicted_m = np.concatenate([s.predicted_m for s in scores])
@@ -132,8 +141,8 @@ def _rms(values: np.ndarray) -> float:
 
 
 def photographed(number: int, fault: str, work: Path) -> Record:
-    """Photographs and echoes simulated into a capture folder, and the calibration of that
-    folder."""
+    """Simulate photographs and echoes of a placement, calibrate from them, and return the errors or
+    the refusal as a record."""
     folder = work / f"placement-{number}"
     chosen, capture = placement(number, folder, photos={"cameras": 8}), folder / "capture"
     if not capture.exists():
@@ -145,8 +154,9 @@ def photographed(number: int, fault: str, work: Path) -> Record:
 
 
 def sampled(number: int, fault: str, work: Path) -> Record:
-    """Echoes simulated; in place of photographs a cloud of what the cameras would see of the
-    spheres."""
+    """Simulate the echoes of a placement, draw a point cloud of what the cameras would see of its
+    spheres, calibrate from both, and return the errors or the refusal as a record.
+    fault: "none" or one of FAULTS."""
     chosen = placement(number, work / f"placement-{number}")
     described = wrong(chosen.described) if fault == "wrong file" else chosen.described
     echoing, seen = shown(number, fault)
@@ -161,7 +171,8 @@ def sampled(number: int, fault: str, work: Path) -> Record:
 
 
 def tried(chosen: Placement, fault: str, work: Callable[[], Transform]) -> Record:
-    """The record of a placement: its errors, or why it was refused."""
+    """Calibrate by `work`, and return the record of the placement: time, and its errors against the
+    truth, or why it was refused."""
     record, start = {"placement": chosen.number, "fault": fault, "refused": ""}, time.perf_counter()
     try:
         found = work()
@@ -182,14 +193,15 @@ def tried(chosen: Placement, fault: str, work: Callable[[], Transform]) -> Recor
 
 
 def shown(number: int, fault: str) -> tuple[list[int], list[int]]:
-    """Indices of the target's five elements that the radar sees, and that the cameras see."""
+    """Return the indices of the target's five elements that echo, and those that the cameras see,
+    in a placement with this fault."""
     hidden = {"two hidden": (number % 4, (number + 1) % 4), "fifth missing": (4,)}.get(fault, ())
     echoing = [i for i in range(5) if i not in hidden]
     return echoing, echoing if number // 8 % 2 == 0 else list(range(5))
 
 
 def wrong(target: Target) -> Target:
-    """A description of another target: the square 20 mm larger."""
+    """Return the description of a target whose square is 20 mm larger: a wrong file."""
     larger = [
         e.model_copy(update={"centre_m": tuple((np.array(e.centre_m) * 7 / 6).tolist())})
         for e in target.element
@@ -210,7 +222,8 @@ def _echoes(chosen: Placement, elements: list[int], clutter: bool) -> RadarCaptu
 
 
 def _clutter(balls: Sequence[Ball], number: int) -> Ball:
-    """A bare metal ball somewhere in the searched volume, beside the target."""
+    """Draw a bare metal ball in the volume in which the target is searched, not touching the
+    target."""
     rng = np.random.default_rng([number, 7])
     while True:
         centre_m = rng.uniform((-0.12, -0.12, 0.24), (0.12, 0.12, 0.40))
@@ -219,7 +232,8 @@ def _clutter(balls: Sequence[Ball], number: int) -> Ball:
 
 
 def main() -> None:
-    """Measure, write the files of a study, print the summary."""
+    """Measure the error of the registration of camera and radar on simulated placements of the
+    target, and how often faults are refused; write the tables and print the summary."""
     purpose = "placements of the calibration target against the truth"
     options = parser("registration.measure_registration", purpose)
     what = "photographs too, or many placements with faults"

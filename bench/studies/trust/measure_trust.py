@@ -55,7 +55,10 @@ DROPPED_PERCENT = (0, 1, 2, 5, 10, 15, 20)
 def study(
     work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int
 ) -> Study:
-    """So many scenes of points, some hands and assorted scenes to them, and captures."""
+    """Make the study of p_gross, the predicted probability that a pixel's depth is grossly wrong.
+    scenes: number of scenes of random points; one hand to HANDS of these and one assorted scene to
+    ASSORTED are added, and `captures`. methods: ids separated by commas (empty: twelve that
+    differ). fit: fit the weights of p_gross anew. seed: of the scenes."""
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     return Study(
         "trust",
@@ -69,9 +72,11 @@ def study(
 def pixels(
     case: TrustCase, methods: tuple[str, ...], seed: int, work: Path, fit: bool
 ) -> list[Record]:
-    """The pixels of one scene, by each method: features found [n, k], which are wrong [n], and
-    whether 2σ holds the error (1, 0; −1: unknown). Where weights are fitted,
-    some calibrating depths are moved."""
+    """Image one scene by each method: a record for each, with what is known of its n pixels.
+    found [n, k]: the features from which p_gross is predicted. wrong [n]: whether the depth is off
+    by more than GROSS_M. held [n]: whether 2σ contains the error (1, 0; −1: unknown).
+    fit: weights are fitted; in some of the scenes for it, some depths are then moved to wrong
+    places."""
     scene, of_points, records = known(case, seed, work), case.family == "points", []
     few = len(scene.capture.frequencies_hz) < SWEPT // 2
     calibrating = of_points and case.group == "calibration"
@@ -103,8 +108,8 @@ def pixels(
 
 
 def moved(depth: DepthMap, seed: int) -> DepthMap:
-    """The map with the depths about one of its pixels put off, as a wrong period would, of which
-    neither its σ nor its flags know."""
+    """Return the map with the depths around one of its pixels put off by some centimetres, as by a
+    wrong wavelength period. Its σ and flags stay as they are."""
     rng, on = np.random.default_rng(seed), np.argwhere(np.isfinite(depth.z_m))
     row, column = rng.choice(on) if len(on) else (0, 0)
     y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
@@ -113,9 +118,9 @@ def moved(depth: DepthMap, seed: int) -> DepthMap:
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:
-    """Tables of how well p_gross predicts gross depth errors, by group and method, and of its
-    reliability: predicted against observed shares. fit: first fit the weights of trust.toml to the
-    calibrating scenes and write them."""
+    """Make two tables, by group of scenes and method: how well p_gross predicts gross depth errors,
+    and its reliability: predicted against observed shares of wrong pixels.
+    fit: first fit the weights of trust.toml to the calibrating scenes, and write them."""
     rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
     records = [record for record in records if len(record["wrong"])]
     if fit:
@@ -135,7 +140,10 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
 
 
 def figures(p: list[np.ndarray], records: list[Record]) -> Record:
-    """The worth of p_gross and of σ in some scenes, each with p [n] of its pixels."""
+    """Compute how well p_gross and σ predict the errors in some scenes: figures by name.
+    p: for each scene, p_gross [n] of its pixels. records: those of `pixels`, for the same scenes.
+    Among the figures are the Brier score, the shares of wrong pixels that remain after the most
+    doubtful ones are dropped, precision and recall of the flag, and the coverage of 2σ."""
     wrong = [record["wrong"] for record in records]
     silent = np.sort([np.count_nonzero(w & (q < SILENT)) for q, w in zip(p, wrong, strict=True)])
     every, off = np.concatenate(p), np.concatenate(wrong)
@@ -162,7 +170,10 @@ def _percent(part: int, whole: int) -> float | None:
 
 
 def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
-    """Mean p, share wrong and number of the pixels in each of BINS that has any."""
+    """Compare predicted with observed probability, in bins of p_gross: a record for each bin with
+    pixels.
+    p [n]: p_gross of the pixels; wrong [n]: whether they are grossly wrong. A record has the mean
+    p_gross, the share of wrong pixels, and their number."""
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
     return [
         {
@@ -175,7 +186,8 @@ def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
 
 
 def _fitted(records: list[Record]) -> np.ndarray:
-    """The weights that calibrating scenes have, points and hands equally in all."""
+    """Fit the weights [1 + k] of p_gross to the calibrating scenes. Points and hands count equally
+    as a whole. Raises HandbenchError if there is no such scene."""
     some = [r for r in records if r["group"] == "calibration"]
     if not some:
         raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")
@@ -188,8 +200,10 @@ def _fitted(records: list[Record]) -> np.ndarray:
 
 
 def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Weights [1 + k], the constant first, that make wrong [n] likeliest given features [n, k];
-    share [n]: of each pixel in the likelihood."""
+    """Fit a logistic regression: weights [1 + k], the constant first, that make `wrong` most
+    likely.
+    found [n, k]: features of the pixels; wrong [n]: whether they are grossly wrong; share [n]:
+    weight of each pixel in the likelihood. Large standardised weights are slightly penalised."""
     mean, scale = found.mean(axis=0), found.std(axis=0)
     scale = np.where(scale > 1e-6, scale, np.inf)  # what never changes gets no weight
     known = np.column_stack([np.ones(len(found)), (found - mean) / scale])
@@ -208,7 +222,7 @@ def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray) -> np.ndarra
 
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:
-    """The file of weights [1 + k] by method."""
+    """Return the text of trust.toml. weights: method → weights [1 + k], the constant first."""
     command = "python -m handbench.bench.studies.trust.measure_trust --fit"
     lines = [f"# Weights of p_gross, written by `{command}`."]
     for id, values in weights.items():
@@ -218,7 +232,8 @@ def as_toml(weights: dict[str, np.ndarray]) -> str:
 
 
 def main() -> None:
-    """Measure, write the files of a study, print the tables."""
+    """Measure whether p_gross, the predicted probability of a gross depth error, is honest on
+    scenes that it was not fitted to; write and print the tables."""
     purpose = "whether p_gross is honest: calibrated on some random scenes, tested on others"
     options = parser("trust.measure_trust", purpose)
     count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"

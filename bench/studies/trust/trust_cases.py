@@ -51,13 +51,15 @@ Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def tilted(rng: np.random.Generator) -> Surface:
-    """A plane, turned by up to 40°."""
+    """Draw a plane, inclined by up to 40° along x and along y: a function of x, y [m] that returns
+    z [m]."""
     slope = np.tan(np.deg2rad(rng.uniform(-40, 40, 2)))
     return lambda x, y: slope[0] * x + slope[1] * y
 
 
 def bumpy(rng: np.random.Generator) -> Surface:
-    """Waves 1 to 6 mm high, 10 to 40 mm long."""
+    """Draw waves, 1 to 6 mm high and 10 to 40 mm long: a function of x, y [m] that returns z
+    [m]."""
     height_m, length_m = rng.uniform(1e-3, 6e-3), rng.uniform(0.01, 0.04)
     first, second = rng.uniform(0, 2 * np.pi, 2)
     turns = 2 * np.pi / length_m
@@ -65,13 +67,15 @@ def bumpy(rng: np.random.Generator) -> Surface:
 
 
 def step(rng: np.random.Generator) -> Surface:
-    """An edge, 2 to 50 mm deep: deeper than ±30 mm lies beyond what three tones can tell apart."""
+    """Draw a step whose edge runs along y, 2 to 50 mm deep: a function of x, y [m] that returns z
+    [m]. Steps of more than 30 mm exceed what three tones can tell apart."""
     height_m, place_m = rng.uniform(2e-3, 0.05), rng.uniform(-0.01, 0.01)
     return lambda x, y: np.where(x > place_m, height_m, 0.0)
 
 
 def fingers(rng: np.random.Generator) -> Surface:
-    """Cylinders of 8 to 16 mm side by side, over a palm 5 to 25 mm further back."""
+    """Draw cylinders 8 to 16 mm thick, side by side on a palm at z = 5 to 25 mm: a function of x, y
+    [m] that returns z [m]."""
     width_m, depth_m = rng.uniform(0.008, 0.016), rng.uniform(0.005, 0.025)
 
     def z_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -89,7 +93,8 @@ CALIBRATING = {"points": ("tilted", "step"), "hands": LETTERS}
 
 @dataclass(frozen=True)
 class TrustCase:
-    """A scene: family, kind and number, of which all else follows."""
+    """A scene whose true surface is known. Family ("points", "hands", "assorted", "captures"), kind
+    and number determine everything else."""
 
     family: str
     kind: str
@@ -100,7 +105,8 @@ class TrustCase:
 
     @property
     def group(self) -> str:
-        """The scenes that calibrate, those of other surfaces, or the family."""
+        """The group of scenes in the tables: "calibration" (to which weights are fitted), "other
+        surfaces" of points, or else the family."""
         if self.kind.split(", ")[-1] in CALIBRATING.get(self.family, ()):
             return "calibration"
         return "other surfaces" if self.family == "points" else self.family
@@ -108,9 +114,11 @@ class TrustCase:
 
 @dataclass(frozen=True)
 class Known:
-    """Echoes, the pixels' axis (None: every setting is the method's default), the depth that FSK
-    begins at and the middle of volumes; off_m: how far a map's depths are from the nearest true one
-    in the resolution cell, and from the pixel's own, [ny, nx] each."""
+    """A scene's echoes, how it is imaged, and how far depths are from its true surface.
+    axis: x and y of the image (None: every setting is the method's default). first_depth_m: where
+    FSK methods begin. middle_m: middle of the imaged volumes. off_m: function of a depth map that
+    returns two arrays [ny, nx]: the distance along z, m, to the nearest true depth in the pixel's
+    resolution cell, and to the true depth at the pixel itself."""
 
     capture: RadarCapture
     axis: dict[str, float] | None
@@ -119,7 +127,7 @@ class Known:
     off_m: Off
 
     def values(self, method: str) -> dict[str, Any]:
-        """A method's settings."""
+        """Return the settings with which a method images the scene; empty for its defaults."""
         if self.axis is None:
             return {}
         tolerance = None if self.axis is AXIS else 1e-3
@@ -136,8 +144,8 @@ class Known:
 
 
 def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[TrustCase]:
-    """So many scenes of each family, and folders of captures whose true surface lies beside the
-    echoes."""
+    """List the scenes: so many of points, of hands and of assorted ones, then the captures, which
+    are folders with echoes and a true surface."""
     drawn = (
         ("points", points, [", ".join(kind) for kind in product(TROUBLES, KINDS)]),
         ("hands", hands, list(POSES)),
@@ -148,7 +156,9 @@ def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[
 
 
 def known(case: TrustCase, seed: int, work: Path) -> Known:
-    """The scene of a case; work: where assorted scenes keep meshes."""
+    """Simulate a case's scene, or open its capture; return echoes and true surface.
+    seed: of the whole study. work: folder where assorted scenes keep their meshes. Raises
+    HandbenchError for a capture without a true surface."""
     rng = np.random.default_rng([seed, case.number, len(case.family)])
     if case.family == "points":
         return _points(case.kind, rng)
@@ -185,8 +195,9 @@ def _points(trouble_kind: str, rng: np.random.Generator) -> Known:
 def recorded(
     surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator
 ) -> tuple[RadarCapture, np.ndarray]:
-    """Echoes of the surface with noise, and what else makes them hard; places [n, 3] of clutter
-    that is none of it."""
+    """Simulate the echoes of random points on a surface, with noise and one trouble: the capture,
+    and the places [n, 3] of clutter, metres.
+    middle_m: distance of the surface along z. trouble: one of TROUBLES."""
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
     weight = rng.standard_normal(POINTS)
@@ -209,8 +220,8 @@ def recorded(
 
 
 def _hand(letter: str, rng: np.random.Generator) -> Scene:
-    """The hand of one of many people before the whole array: a part of it would have grating lobes,
-    copies of what glints elsewhere in the image."""
+    """Draw the scene of a hand of a random person before the whole array, in the pose of a letter.
+    A part of the array would have grating lobes, copies of glints elsewhere in the image."""
     distance_m, person = float(rng.uniform(0.25, 0.4)), int(rng.integers(MOST_PEOPLE))
     target = {"kind": "hand", "pose": letter, "material": SKIN, "edge_m": 3e-3, "person": person}
     target |= {"distance_m": distance_m, "rotation_deg": rng.uniform(-20, 20, 3).tolist()}
@@ -238,8 +249,9 @@ def _built(scene: Scene, rng: np.random.Generator) -> Known:
 
 
 def off_mesh(surface: TriangleMesh) -> Off:
-    """`Known.off_m` of a mesh; beside it that of its nearest part, infinite further away than
-    BESIDE_M."""
+    """Return the function `Known.off_m` for a mesh in the radar frame.
+    Beside the surface, up to BESIDE_M away, the depth of its nearest part counts as the true one;
+    further away the distance is infinite."""
 
     def off_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
         step_m = float(depth.x_m[1] - depth.x_m[0]) / FINE
