@@ -205,7 +205,8 @@ def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _solve(pixels: _Pixels, weight: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """The Gauss–Newton step [6] = [τ, ω·radius_m] within the determined directions."""
+    """The Gauss–Newton step [6] = [τ, ω·radius_m] of the pixels' distances, weighted by `weight`
+    [pixels], along the directions `held` [6, k] only, which the pixels determine."""
     jacobian = pixels.jacobian @ held
     normal = jacobian.T @ (weight[:, None] * jacobian)
     return held @ np.linalg.solve(normal, jacobian.T @ (weight * pixels.distance_m))

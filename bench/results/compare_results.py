@@ -71,8 +71,9 @@ class ComparedResult:
 @dataclass(frozen=True, eq=False)
 class Compared:
     """The comparison of two results, A and B.
-    basis: a sentence for each reference on which captures were compared. differences, times,
-    changes: tables; `bench.evaluation.tables` explains their columns."""
+    basis: a sentence for each reference on which captures were compared. differences: a
+    line for each tested metric; times: each method's; changes: settings, versions and inputs that
+    differ between A and B."""
 
     a: ComparedResult
     b: ComparedResult

@@ -220,9 +220,10 @@ class FskStep:
     def steps_m(
         self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m
     ) -> np.ndarray:
-        """Compute depth steps, metres, between the last tone and each of the first two: [2, n], or
-        [1, n] with two tones. step_m: function (image, last image, difference in hertz) → steps, by
-        default from the phase."""
+        """Compute by how much depth has to change, metres, for each of the n pixels: from the phase
+        between the images at the first and the last tone, and at the second and the last tone, [2,
+        n]; [1, n] with two tones. step_m: function (image, last image, difference in hertz) →
+        steps, by default from the phase."""
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
         return np.array(

@@ -42,8 +42,9 @@ class Grid:
 @dataclass(frozen=True)
 class Verdict:
     """The outcome of the statistical tests on one metric against one reference surface. best:
-    titles of the methods that none is shown to beat, the one with the best figure first; leading:
-    sentences on the smallest significant leads of that method; shown: number of significant
+    titles of the methods that no other is shown to beat, the one with the best figure first;
+    leading: sentences on the closest methods that the first of `best` still beats significantly;
+    shown: number of significant
     differences; tested: whether there were enough captures for a test; table: all pairs of
     methods."""
 

@@ -23,8 +23,8 @@ SCHEMAS = declared_tables(__file__)
 
 
 def study(work: Path, quick: bool) -> Study:
-    """Make the study of the engine (the fast imaging and simulation): its four sections are
-    measured one after the other. quick: a small volume."""
+    """Measure the engine: time, error and memory of a volume, of a 3-FSK frame and of a simulation,
+    and how cost grows with size. quick: a small volume."""
     inputs = Inputs(QUICK if quick else Scope())
     return Study("engine", list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
 

@@ -178,7 +178,8 @@ def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 def least_cosine(pattern: float) -> float:
     """Return the smallest cosine of the angle from the z axis at which an antenna's pattern cosᵠθ,
-    q = `pattern`, counts as smooth across the array."""
+    q = `pattern`, varies so slowly across the array that it can be interpolated: where it has not
+    fallen below FADED, and not at grazing angles."""
     return max(GRAZING, FADED ** (1 / pattern)) if pattern != 0 else -1.0
 
 
