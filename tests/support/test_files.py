@@ -53,7 +53,7 @@ def test_planar_scan_round_trip(tmp_path):
             r"shape \(1, 5, 3, 5\); expected \[frame, 5, 3, 4\]",
         ),
         ("frequencies_hz", np.array([1.0, 2.0, 3.0, 4.0, -5.0]), "expected positive hertz"),
-        ("frequencies_hz", np.float64(1.0), r"shape \(\); expected \[f\]"),
+        ("frequencies_hz", np.float64(1.0), r"shape \(\); expected a list of real numbers"),
         ("tx_m", np.zeros((3, 2)), r"shape \(3, 2\); expected \[n, 3\]"),
         ("tx_m", None, "not a readable echoes.h5"),
     ],
