@@ -23,7 +23,7 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_bytes
+from handbench.support.files import one_form, read_text
 from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
@@ -83,7 +83,7 @@ def _parse(path: str | Path) -> ElementTree.Element:
     """Parse an XML file and return its root. Raises HandbenchError for a file that is not XML or
     too large, and for one with a document type, since XML attacks use entities."""
     try:
-        text = read_bytes(path, "cameras exported by Metashape", XML_BYTES).decode("utf-8-sig")
+        text = read_text(path, "cameras exported by Metashape", XML_BYTES)
         if "<!DOCTYPE" in text.upper():
             raise ValueError("it holds a DOCTYPE")
         if text.count("<") + text.count("=") > MOST_ELEMENTS:

@@ -18,7 +18,7 @@ from PIL import Image
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, one_form, require_folder
-from handbench.support.pictures import SUFFIXES, is_deep, open_picture
+from handbench.support.pictures import HEIC, SUFFIXES, is_deep, open_picture
 from handbench.support.progress import say, track
 
 IFD = 0x8769
@@ -30,7 +30,8 @@ DIAGONAL_35MM = math.hypot(36, 24)
 PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 # Pictures that handbench does not read; HEIC it reads where pillow-heif is installed.
 UNREAD = {
-    *(".heic", ".heif", ".avif", ".jxl", ".jp2", ".j2k", ".webp", ".bmp", ".gif", ".dng"),
+    *HEIC,
+    *(".avif", ".jxl", ".jp2", ".j2k", ".webp", ".bmp", ".gif", ".dng"),
     *(".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".raw"),
 }
 FEWEST = 3

@@ -16,6 +16,7 @@ from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
 from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.support.errors import HandbenchError
+from handbench.support.pictures import HEIC
 from handbench.support.progress import say
 
 DATABASE = "database.db"
@@ -88,7 +89,7 @@ def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
     This is their own folder, or, where a file has another name or is HEIC (which COLMAP does not
     read), a new one inside `folder`, with links and converted copies.
     """
-    heic = [photo for photo in photos if photo.path.suffix.lower() in (".heic", ".heif")]
+    heic = [photo for photo in photos if photo.path.suffix.lower() in HEIC]
     if not heic and all(photo.path.name == photo.name for photo in photos):
         return photos[0].path.parent
     pictures = folder / "pictures"

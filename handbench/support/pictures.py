@@ -27,6 +27,7 @@ MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 
+HEIC = (".heic", ".heif")
 try:
     import pillow_heif  # an extra
 except ImportError:
@@ -34,7 +35,7 @@ except ImportError:
 else:
     pillow_heif.register_heif_opener()
     FORMATS.append("HEIF")
-    SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".heic", ".heif")
+    SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", *HEIC)
 
 
 @contextmanager
