@@ -35,14 +35,14 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense:
     parts that were kept (TARGET), and the first photograph cut to the reconstructed box (VIEW) into
     `folder`. photos: folder of the photographs; sparse, dense: folders that these stages wrote."""
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
-    box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
+    found = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage"))
+    box_m = found.shifted(-solved.origin_m).box()
     plane = (
         board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
     )
-    made, target = measured_surface(
-        Cloud.load(Path(dense) / CLOUD), solved, chosen.components, plane, box_m
-    )
-    made.save(folder / MESH)
+    cloud = Cloud.load(Path(dense) / CLOUD).shifted(-solved.origin_m)
+    made, target = measured_surface(cloud, solved, chosen.components, plane, box_m)
+    made.shifted(solved.origin_m).save(folder / MESH)
     write_json(folder / TARGET, vars(target))
     _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 

@@ -1,7 +1,7 @@
 """Options of `handbench groundtruth`."""
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field
@@ -99,6 +99,12 @@ class Region(Config):
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
+
+    def shifted(self, by_m: np.ndarray) -> Self:
+        """Return the options in a frame in which all positions are by_m [3] larger, metres."""
+        if self.box_m is None:
+            return self
+        return self.model_copy(update={"box_m": tuple((self.box_m + np.tile(by_m, 2)).tolist())})
 
     def box(self) -> np.ndarray | None:
         """Return the box's lowest and highest corner [2, 3]; None if no box is given. Raises

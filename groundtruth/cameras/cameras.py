@@ -91,6 +91,14 @@ class Camera(Config):
         """Projection centre [3] in the world frame, metres."""
         return -self.rotation.T @ self.translation_m
 
+    def shifted(self, by_m: np.ndarray) -> "Camera":
+        """Return the camera in a frame in which all positions are by_m [3] larger, metres."""
+        if not self.posed or not by_m.any():
+            return self
+        return self.model_copy(
+            update={"t": tuple((self.translation_m - self.rotation @ by_m).tolist())}
+        )
+
     def colmap(self) -> "pycolmap.Camera":
         """Convert the intrinsics to a pycolmap camera. Raises HandbenchError for a model or
         parameters unknown to COLMAP."""

@@ -108,6 +108,12 @@ class Volume:
         """Return the lowest and highest corner [2, 3], None for a volume without limits."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
+    def shifted(self, by_m: np.ndarray) -> "Volume":
+        """Return the volume in a frame in which all positions are by_m [3] larger, metres."""
+        if self.box_m is None or not by_m.any():
+            return self
+        return Volume.found(np.reshape(self.box_m, (2, 3)) + by_m, self.source)
+
     def describe(self) -> str:
         """Describe the volume in one line: how it was found, and its limits."""
         size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"

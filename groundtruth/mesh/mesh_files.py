@@ -118,6 +118,9 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     return vertices_m, faces, columns
 
 
+COARSEST = 1e-4  # step of single precision, of a mesh's extent: 0.02 mm of a hand
+
+
 def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> None:
     """Raise HandbenchError if there are no faces, if a vertex is NaN, infinite or implausibly far,
     or if a face names a vertex that does not exist."""
@@ -131,6 +134,14 @@ def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> No
     if np.abs(vertices_m).max(initial=0) > LARGEST_M:
         raise HandbenchError(
             f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres"
+        )
+    step = float(np.spacing(np.float32(np.abs(vertices_m).max(initial=0))))
+    extent = float(np.ptp(vertices_m, axis=0).max()) if len(vertices_m) else 0.0
+    if step > COARSEST * extent > 0 and (vertices_m == vertices_m.astype(np.float32)).all():
+        raise HandbenchError(
+            f"{path}: is {extent:.3g} large and {np.abs(vertices_m).max():.3g} from the origin, in "
+            f"single precision, whose steps are {step:.2g} there; export it in double precision, "
+            "or relative to a point near it"
         )
     for corners in polygons:
         if corners.size and (corners.min() < 0 or corners.max() >= len(vertices_m)):

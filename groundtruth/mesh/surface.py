@@ -1,6 +1,6 @@
 """Surfaces with the uncertainty of each vertex."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,10 @@ class Surface:
     def mesh(self) -> TriangleMesh:
         """The triangles as an Open3D mesh."""
         return mesh(self.vertices_m, self.faces)
+
+    def shifted(self, by_m: np.ndarray) -> "Surface":
+        """Return the surface in a frame in which all positions are by_m [3] larger, metres."""
+        return replace(self, vertices_m=self.vertices_m + by_m)
 
     def moved(self, transform: Transform) -> "Surface":
         """Transform the surface to the transform's target frame, with sigma_m scaled. The

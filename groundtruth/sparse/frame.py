@@ -21,6 +21,8 @@ FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 LARGEST_MISFIT = 0.03  # root mean square residual relative to the extent of the points
 DISAGREEMENT = 0.02  # largest share by which a measured distance may miss the fit
+# from the origin: single precision tells micrometres apart up to the first, double to the second
+NEAR_M, FARTHEST_M = 10.0, 1e8
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
 
@@ -37,6 +39,30 @@ class Scale:
     features: int = 0
     used: int = 0
     residual_m: float | None = None
+
+
+def origin_near(centres_m: np.ndarray) -> np.ndarray:
+    """Choose the origin [3], in whole metres, of a frame in which single precision suffices: zero
+    for cameras with centres [n, 3] less than NEAR_M away, else near these. Raises HandbenchError
+    for cameras so far away that double precision does not suffice either."""
+    if len(centres_m) == 0:
+        return np.zeros(3)
+    middle_m = np.median(centres_m, axis=0)
+    far_m = float(np.abs(middle_m).max())
+    if not far_m <= FARTHEST_M:
+        raise HandbenchError(
+            f"cameras: are {far_m:.3g} m from the origin of their frame; expected at most "
+            f"{FARTHEST_M:g} m, up to which numbers of double precision tell micrometres apart: "
+            "subtract one position from all"
+        )
+    return middle_m.round() if far_m > NEAR_M else np.zeros(3)
+
+
+def shift(model: "pycolmap.Reconstruction", by_m: np.ndarray) -> None:
+    """Shift a model's points and cameras by a vector [3], in place; a vector of zeros changes no
+    bit."""
+    if by_m.any():
+        apply(model, np.block([[np.eye(3), by_m[:, None]], [np.zeros(3), 1.0]]))
 
 
 def board_from_model(

@@ -1,6 +1,6 @@
 """Collection and checks of a reconstruction's inputs, before the work starts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
+from handbench.groundtruth.sparse.frame import origin_near
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -30,9 +31,10 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 class SparseInputs:
     """What the sparse stage (registration of the photographs) starts from.
 
-    cameras: known camera of each photograph (None: unknown). board: its description (None: no
-    board); corners: the board's corners in each photograph, by its name. model: folder of a COLMAP
-    model of the photographs (None: the photographs are registered here).
+    cameras: known camera of each photograph (None: unknown), in a frame whose origin is at origin_m
+    [3] in that of their file: near the cameras (`frame.origin_near`). board: its description (None:
+    no board); corners: the board's corners in each photograph, by its name. model: folder of a
+    COLMAP model of the photographs (None: the photographs are registered here).
     """
 
     photos: tuple[Photo, ...]
@@ -40,6 +42,7 @@ class SparseInputs:
     board: Board | None
     corners: dict[str, Corners]
     model: Path | None = None
+    origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def posed(self) -> bool:
@@ -156,7 +159,11 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
         corners = require_board(
             {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board, photos
         )
-    return SparseInputs(photos, cameras, board, corners, options.model), options
+    centres_m = [camera.centre_m for camera in cameras or () if camera.posed]
+    origin_m = origin_near(np.array(centres_m))
+    if cameras is not None:
+        cameras = tuple(camera.shifted(-origin_m) for camera in cameras)
+    return SparseInputs(photos, cameras, board, corners, options.model, origin_m), options
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:

@@ -4,7 +4,7 @@ covariance."""
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,9 @@ from handbench.groundtruth.sparse.frame import (
     apply,
     board_from_model,
     distances_from_model,
+    origin_near,
     poses_from_model,
+    shift,
 )
 from handbench.groundtruth.sparse.inputs import SparseInputs
 from handbench.groundtruth.sparse.sfm import (
@@ -36,7 +38,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.progress import say
 
-SCALE, COVARIANCE = "scale.json", "covariance.npz"
+SCALE, ORIGIN, COVARIANCE = "scale.json", "origin.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
 # places among the parameters of COLMAP's camera OPENCV
 DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
@@ -45,16 +47,22 @@ DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
 @dataclass(frozen=True)
 class Sparse:
     """Result of the sparse stage: a COLMAP model in the mesh's frame, where its metric scale comes
-    from, and the joint covariance of its cameras (`known`)."""
+    from, and the joint covariance of its cameras (`known`).
+
+    origin_m [3]: where the model's origin is in the mesh's frame. It is zero unless the cameras are
+    far from there (coordinates of a survey), where libraries of single precision lose the surface.
+    """
 
     model: pycolmap.Reconstruction
     scale: Scale
     known: CameraCovariance
+    origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def save(self, folder: Path) -> None:
         """Write model, scale and covariance into a folder."""
         write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
+        write_json(folder / ORIGIN, self.origin_m.tolist())
         self.known.save(folder / COVARIANCE)
 
     @classmethod
@@ -62,7 +70,8 @@ class Sparse:
         """Read the result from the folder into which `save` wrote it."""
         model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
-        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
+        origin_m = np.array(read_json(folder / ORIGIN, "a sparse stage's origin"))
+        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE), origin_m)
 
     def cameras(self) -> tuple[Camera, ...]:
         """Return the cameras of the registered photographs, sorted by name."""
@@ -77,10 +86,14 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
     given poses are kept, unless options.refine_poses. Raises HandbenchError if the cameras hardly
     moved, or nothing gives a consistent scale.
     """
+    origin_m = inputs.origin_m
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
         scales = scales_px(database) if database.exists() else {}
+    if inputs.model is not None:
+        origin_m = origin_near(np.array([camera.centre_m for camera in cameras_in(model)]))
+        shift(model, -origin_m)
     warn_of_unregistered(inputs.photos, model)
     check_geometry(model)
     board = inputs.board
@@ -90,7 +103,8 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
         _free(model, inputs, options),
         scales,
     )
-    scale = None if board is None else _to_metric_frame(model, inputs, options)
+    if board is not None:
+        scale, origin_m = _to_metric_frame(model, inputs, options, origin_m)
     # given poses are not adjusted
     given = inputs.posed or (board is None and inputs.model is not None)
     if options.refine_poses or not given:
@@ -100,8 +114,9 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
             if board is None:
                 apply(model, poses_from_model(model, before)[0])
             say(describe_refinement(model, before))
-    scale = scale or _to_metric_frame(model, inputs, options)
-    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
+    if board is None:
+        scale, origin_m = _to_metric_frame(model, inputs, options, origin_m)
+    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale), origin_m)
 
 
 def warn_of_unregistered(
@@ -188,21 +203,30 @@ def _free(
 
 
 def _to_metric_frame(
-    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
-) -> Scale:
+    model: pycolmap.Reconstruction,
+    inputs: SparseInputs,
+    options: SparseOptions,
+    origin_m: np.ndarray,
+) -> tuple[Scale, np.ndarray]:
+    """Bring a model into the metric frame, in place. origin_m [3]: where the model's origin is in
+    the frame that it was given in. Returns the source of the scale, and where the model's origin is
+    in the metric frame, [3]."""
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
+        origin_m = np.zeros(3)
     elif options.distances:
         matrix, scale = distances_from_model(model, options.distances)
+        origin_m = matrix[:3, :3] @ origin_m
     elif inputs.model is not None and options.metric:
-        return Scale("model")
+        return Scale("model"), origin_m
     elif inputs.posed and inputs.cameras is not None and not options.unscaled:
         moved_m = camera_changes(model, inputs.cameras)[0]
         rms_m = float(np.sqrt(np.mean(moved_m**2))) if options.refine_poses else 0.0
-        return Scale("poses", len(moved_m), len(moved_m), rms_m)
+        return Scale("poses", len(moved_m), len(moved_m), rms_m), origin_m
     elif not options.unscaled:
         matrix, scale = poses_from_model(model, inputs.cameras or ())
+        origin_m = inputs.origin_m
     else:
-        return Scale("none")
+        return Scale("none"), origin_m
     apply(model, matrix)
-    return scale
+    return scale, origin_m
