@@ -11,6 +11,7 @@ from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.advice import require_tones
+from handbench.radar.methods.evidence import require_evidence
 from handbench.radar.methods.registry import Method, Reconstruction, method
 from handbench.support.config import Config
 from handbench.support.cost import setting
@@ -55,8 +56,8 @@ def prepare(
         every_nth_antenna: keep every n-th transmitter and receiver, in the order of the file.
 
     Raises:
-        HandbenchError: the capture lacks the frame or a tone, or has an antenna implausibly far
-        away (positions in millimetres).
+        HandbenchError: the capture lacks the frame or a tone, its echoes show no depth, or an
+        antenna is implausibly far away (positions in millimetres).
     """
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
@@ -65,6 +66,8 @@ def prepare(
         )
     echoes = thin_antennas(echoes, every_nth_antenna)
     require_tones(echoes, settings)
+    for each in range(frame + 1):
+        require_evidence(echoes, settings, each)
     return ImagingTask(chosen, settings, echoes)
 
 

@@ -109,12 +109,6 @@ CHECKS = (
         "it; exchange the axes",
     ),
     Check(
-        "array",
-        "tones twice",
-        lambda f: f["twice"],
-        "{twice} of {tones} tones are there twice: leave them out, or mend frequencies_hz",
-    ),
-    Check(
         "pairs",
         "pairs missing",
         lambda f: f["missing"],
@@ -292,7 +286,14 @@ def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
 
 def echo_warnings(capture: RadarCapture) -> Iterator[str]:
     """Warnings about a capture's echoes: its antennas, its tones, its pairs."""
+    from handbench.radar.methods.evidence import antenna_problems, tone_problems
+
     yield from array_warnings(capture)
+    for frame, samples in enumerate(capture.samples):
+        tones = tone_problems(samples, capture.frequencies_hz) if samples.any() else ()
+        if found := [*tones, *antenna_problems(capture, frame)]:
+            yield from (f"frame {frame}: {problem}" for problem in found)
+            break  # further frames are likely to have the same
     yield from pair_warnings(capture)
 
 
@@ -315,8 +316,6 @@ def array_warnings(capture: RadarCapture) -> Iterator[str]:
         "too_small": "frequencies kilohertz" if highest_hz < LOWEST_HZ else "positions kilometres",
         "looks_along": "xy"[flat] if upright else "",
         "beside": "xy"[1 - flat] if upright else "",
-        "tones": len(tones_hz),
-        "twice": len(tones_hz) - len(np.unique(tones_hz)),
     }
     return warnings_of("array", facts)
 

@@ -3,6 +3,8 @@ mistyped key the nearest known one is suggested."""
 
 import difflib
 import tomllib
+from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
@@ -32,19 +34,28 @@ class Config(pydantic.BaseModel):
     @pydantic.model_validator(mode="after")
     def _in_range(self) -> Self:
         """Refuse numbers so small or so large that they would vanish or overflow in float32; no
-        quantity in SI units is as small or large."""
+        quantity in SI units is as small or large. Numbers in a tuple, as coordinates, may be so
+        small by rounding."""
         for name, value in self:
-            for number in value if isinstance(value, tuple) else (value,):
-                if (
-                    isinstance(number, int | float)
-                    and number
-                    and not (SMALLEST <= abs(number) <= LARGEST)
-                ):
+            for number in _numbers(value):
+                vanishes = number and number is value and abs(number) < SMALLEST
+                if abs(number) > LARGEST or vanishes:
+                    # a float cannot hold every whole number
+                    given = number if isinstance(number, float) else Decimal(number)
                     raise ValueError(
-                        f"{name} is {number:.4g}; expected 0 or a size from {SMALLEST:g} to "
+                        f"{name} is {given:.4g}; expected 0 or a size from {SMALLEST:g} to "
                         f"{LARGEST:g}"
                     )
         return self
+
+
+def _numbers(value: object) -> Iterator[int | float]:
+    """Yield a value if it is a number, and all numbers in a tuple, list or table."""
+    if isinstance(value, int | float):
+        yield value
+    elif isinstance(value, tuple | list | dict):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _numbers(part)
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:

@@ -36,6 +36,7 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.imaging.api import image_points
 from handbench.radar.methods.advice import requested_tones_hz
+from handbench.radar.methods.evidence import unresolved_m
 from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.support.config import Config
@@ -300,14 +301,18 @@ def with_p_gross(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> DepthMap:
     """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
-    5 mm: NaN off target, 1 for depths behind the array. Maps of other sensors stay unchanged.
+    5 mm: NaN off target, 1 for depths behind the array. Neither it nor sigma_m is smaller than the
+    antennas' resolution allows (`evidence.unresolved_m`). Maps of other sensors stay unchanged.
     config: of the method that made the map."""
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
     p_gross = np.where(np.isfinite(depth.z_m), 1.0, np.nan)
     p_gross.ravel()[index] = probability(found, weights_of(depth.method))
-    return replace(depth, p_gross=p_gross.astype(np.float32))
+    least_m = unresolved_m(capture, depth.z_m, frame)
+    p_gross[least_m > GROSS_M] = np.maximum(p_gross[least_m > GROSS_M], 0.5)
+    sigma_m = None if depth.sigma_m is None else np.fmax(depth.sigma_m, least_m)
+    return replace(depth, p_gross=p_gross.astype(np.float32), sigma_m=sigma_m)
 
 
 def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:

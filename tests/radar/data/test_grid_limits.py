@@ -2,6 +2,7 @@
 
 import pytest
 
+from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.methods.fsk_config import FskConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.support.config import parse
@@ -10,6 +11,13 @@ from handbench.support.errors import HandbenchError
 
 def axis(step_m: float, stop_m: float = 1.0, start_m: float = 0.0) -> dict[str, float]:
     return {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
+
+
+CAMERA = {"name": "a.png", "width": 8, "height": 8, "params": (1.0,)}
+
+
+def test_coordinates_may_be_as_small_as_rounding_makes_them():
+    assert parse(Camera, CAMERA | {"t": (-1.03e-32, 0.0, 1.0)}, "x.toml").t == (-1.03e-32, 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -22,6 +30,9 @@ def axis(step_m: float, stop_m: float = 1.0, start_m: float = 0.0) -> dict[str, 
         (BroadbandConfig, {"x": axis(1e-3), "y": axis(1e-3), "z": axis(2e-3)}, "axes x, y, z make"),
         (BroadbandConfig, {"start_hz": 1e300}, "start_hz is 1e+300"),
         (BroadbandConfig, {"count": 10**9}, "'count' is 1000000000"),
+        (FskConfig, {"first_depth_m": 10**400}, "first_depth_m"),
+        (Camera, CAMERA | {"R": ((1.0, 0, 0), (0, 1, 0), (0, 0, 1e300))}, "'R'"),
+        (Camera, CAMERA | {"t": (0.0, 0.0, -1e300)}, "t is -1e+300"),
     ],
 )
 def test_what_no_machine_holds_is_refused(model, values, words):

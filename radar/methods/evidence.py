@@ -1,0 +1,113 @@
+"""What echoes can show at all: which tones and channels hold any, and how well antennas resolve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from handbench.radar.data.arrays import AntennaArray, BistaticScan
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.advice import requested_tones_hz
+from handbench.support.config import Config
+from handbench.support.errors import HandbenchError
+
+POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
+NAMED = 5  # antennas at most that a sentence names
+
+
+def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> None:
+    """Raise HandbenchError for a frame whose echoes show no depth: a tone that the configuration
+    requests holds no echo, two tones have equal samples, or the antennas with echoes are all in one
+    place along an axis of the configuration's grid. A frame without any echo is no error: its depth
+    map is empty."""
+    samples = capture.samples[frame]
+    if not samples.any():
+        return
+    asked_hz = requested_tones_hz(config)
+    used, used_hz = (
+        (samples, capture.frequencies_hz)
+        if asked_hz is None
+        else (capture.tones(asked_hz, frame)[0], asked_hz)
+    )
+    for sentence in tone_problems(used, used_hz):
+        raise HandbenchError(f"echoes, frame {frame}: {sentence}")
+    for name, extent_m in zip("xy", live_extent_m(capture, frame), strict=True):
+        axis = getattr(config, name, None)
+        pixels = len(axis.values_m()) if isinstance(axis, Axis) else 1
+        if pixels > 1 and extent_m < POINT_WAVELENGTHS * shortest_m(capture):
+            raise HandbenchError(
+                f"echoes, frame {frame}: all channels with echoes are at one {name}, so nothing "
+                f"tells the {pixels} pixels along {name} apart; expected antennas at several "
+                f"{name}, or one pixel: {name}.start_m = {name}.stop_m"
+            )
+
+
+def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[str]:
+    """Yield sentences about tones without echoes, and about two different frequencies with equal
+    samples. samples [f, …]: of one frame; frequencies_hz [f]."""
+    first: dict[complex, int] = {}  # by the samples' sum: equal ones have equal sums
+    at = [f"{frequency_hz / 1e9:.10g}" for frequency_hz in frequencies_hz.tolist()]
+    for i, tone in enumerate(samples):
+        other = first.setdefault(complex(tone.sum(dtype=np.complex128)), i)
+        if not tone.any():
+            yield f"the tone at {at[i]} GHz is 0 in every channel; leave it out, or record it again"
+        elif at[i] != at[other] and np.array_equal(tone, samples[other]):
+            yield (
+                f"the tones at {at[other]} and {at[i]} GHz have equal samples, so their phases "
+                "hold no distance; expected a measurement of each: mend frequencies_hz or samples"
+            )
+
+
+def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
+    """Yield sentences about transmitters, receivers or positions that have no echo at any tone."""
+    live = _live(capture, frame)
+    if not live.any():
+        return
+    ways: dict[str, np.ndarray] = {"positions": live}
+    if live.ndim == 2:
+        sent, received = live.max(axis=1), live.max(axis=0)
+        ways = {"transmitters": sent, "receivers": received}
+    for name, alive in ways.items():
+        if dead := np.flatnonzero(~alive).tolist():
+            some = ", ".join(map(str, dead[:NAMED])) + (", …" if len(dead) > NAMED else "")
+            yield (
+                f"{len(dead)} of {len(alive)} {name} have no echo at any tone: {some}, counted "
+                "from 0; are they connected?"
+            )
+
+
+def live_extent_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
+    """Compute the extent [2] along x and y, metres, of the middles between transmitter and receiver
+    of the channels that hold an echo: of the scan of one antenna that resolves as well."""
+    aperture, live = capture.aperture, _live(capture, frame)
+    if isinstance(aperture, AntennaArray):
+        tx, rx = np.nonzero(live)
+        middle_m = (aperture.tx_m[tx] + aperture.rx_m[rx]) / 2
+    elif isinstance(aperture, BistaticScan):
+        middle_m = (aperture.tx_m[live] + aperture.rx_m[live]) / 2
+    else:
+        middle_m = aperture.position_m[live]
+    return np.ptp(middle_m[:, :2], axis=0) if len(middle_m) else np.zeros(2)
+
+
+def shortest_m(capture: RadarCapture) -> float:
+    """Return the shortest wavelength of a capture, metres."""
+    return capture.wave_speed_m_s / float(capture.frequencies_hz.max())
+
+
+def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.ndarray:
+    """Compute how much depths z_m [ny, nx] vary within a resolution cell at one distance, metres:
+    the sagitta δ²/8z of a cell δ = λz/2D wide, of antennas with echoes that extend over D; at most
+    z. An axis along which the map has one pixel does not count."""
+    extents_m = live_extent_m(capture, frame)[[n > 1 for n in z_m.shape[::-1]]]
+    with np.errstate(divide="ignore"):
+        share = (shortest_m(capture) / extents_m) ** 2 / 32
+    return z_m * min(1.0, float(share.max(initial=0.0)))
+
+
+def _live(capture: RadarCapture, frame: int) -> np.ndarray:
+    """Mark the channels, [t, r] or [n], that hold an echo at any tone."""
+    live: np.ndarray = capture.samples[frame].any(axis=0)
+    return live

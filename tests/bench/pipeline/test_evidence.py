@@ -1,0 +1,110 @@
+"""No confident depth comes from echoes that hold none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handbench.bench.pipeline.image import image, prepare
+from handbench.bench.validation.checks import echo_warnings
+from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.registry import method
+from handbench.support.errors import HandbenchError
+from tests.radar.simulated_points import TONES_HZ, around, exact_capture
+
+POINT_M = np.array([0.01, -0.02, 0.35])
+SOME = AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6])
+
+
+def changed(capture, change):
+    samples = capture.samples.copy()
+    change(samples)
+    return replace(capture, samples=samples)
+
+
+def dead_tone(samples):
+    samples[:, 1] = 0
+
+
+def equal_tones(samples):
+    samples[:, 2] = samples[:, 0]
+
+
+def one_live_channel(samples):
+    samples[:, :, 1:] = 0
+    samples[:, :, :, 1:] = 0
+
+
+def rod(extent_m):
+    """Antennas on a rod along x, which extend over extent_m along y."""
+    x = np.linspace(-0.07, 0.07, 16)
+    places_m = np.stack([x, np.linspace(-extent_m / 2, extent_m / 2, 16), 0 * x], axis=1)
+    return AntennaArray(places_m, places_m)
+
+
+TONES = {"tones_hz": tuple(TONES_HZ.tolist())}
+
+
+@pytest.mark.parametrize(("name", "tones"), [("3fsk", {}), ("nfsk", TONES), ("joint", TONES)])
+@pytest.mark.parametrize(
+    ("capture", "words"),
+    [
+        (changed(exact_capture(POINT_M, array=SOME), dead_tone), "81.8 GHz is 0 in every channel"),
+        (changed(exact_capture(POINT_M, array=SOME), equal_tones), "have equal samples"),
+        (changed(exact_capture(POINT_M, array=SOME), one_live_channel), "at one x"),
+        (
+            exact_capture(POINT_M, array=AntennaArray(np.zeros((3, 3)), np.zeros((2, 3)))),
+            "at one x",
+        ),
+        (exact_capture(POINT_M, array=rod(0.0)), "at one y"),
+    ],
+    ids=["dead tone", "equal tones", "one channel", "one place", "a line"],
+)
+def test_echoes_without_depth_are_refused(name, tones, capture, words):
+    settings = method(name).configure(around(POINT_M) | tones, "test")
+    with pytest.raises(HandbenchError, match=words):
+        prepare(capture, method(name), settings)
+
+
+def test_what_the_antennas_cannot_resolve_is_uncertain():
+    """1 mm of extent at a wavelength of 3.7 mm and 0.35 m: a cell of δ = 640 mm, whose sagitta
+    δ²/8z is 147 mm."""
+    settings = method("3fsk").configure(around(POINT_M), "test")
+    depth = image(exact_capture(POINT_M, array=rod(1e-3)), method("3fsk"), settings)
+    seen = np.isfinite(depth.z_m)
+    cell_m = 299792458 / 82e9 * depth.z_m[seen] / (2 * 1e-3)
+    assert seen.any()
+    assert (depth.sigma_m[seen] >= 0.999 * cell_m**2 / (8 * depth.z_m[seen])).all()
+    assert (depth.p_gross[seen] >= 0.5).all()
+
+
+def test_a_repeated_tone_is_not_used_by_methods_that_need_each_once():
+    once = exact_capture(POINT_M, array=SOME)
+    again = replace(
+        once,
+        frequencies_hz=np.append(once.frequencies_hz, once.frequencies_hz[0]),
+        samples=np.concatenate([once.samples, 2j * once.samples[:, :1]], axis=1),
+    )
+    settings = method("3fsk").configure(around(POINT_M), "test")
+    for field in ("z_m", "sigma_m", "p_gross"):
+        both = [getattr(image(c, method("3fsk"), settings), field) for c in (once, again)]
+        np.testing.assert_array_equal(*both)
+    assert not list(echo_warnings(again))
+
+
+def test_dead_tones_and_antennas_are_named():
+    capture = exact_capture(POINT_M, array=SOME)
+
+    def kill(samples):
+        samples[0, 1] = 0
+        samples[:, :, 3] = 0
+
+    found = list(echo_warnings(changed(capture, kill)))
+    assert len(found) == 2
+    assert "81.8 GHz" in found[0]
+    assert "1 of 16 transmitters" in found[1]
+    assert ": 3," in found[1]
+    scan = PlanarScan(SOME.tx_m)
+    dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
+    assert not list(echo_warnings(dead))  # nothing is said of a frame without any echo
