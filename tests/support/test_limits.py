@@ -102,10 +102,8 @@ def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path, mor
 @pytest.fixture
 def echoes(tmp_path):
     array = AntennaArray(np.eye(3)[:2], np.eye(3)[:2])
-    (tmp_path / "elsewhere").mkdir()
-    for name in ("echoes.h5", "elsewhere/other.h5"):
-        samples = np.ones((1, 2, 2, 2), np.complex64)
-        save_capture(tmp_path / name, RadarCapture(samples, np.array([1e9, 2e9]), array))
+    samples = np.ones((1, 2, 2, 2), np.complex64)
+    save_capture(tmp_path / "echoes.h5", RadarCapture(samples, np.array([1e9, 2e9]), array))
     return tmp_path / "echoes.h5"
 
 
@@ -125,30 +123,6 @@ def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, s
     said = "a heap of texts in it is broken" if broken else "signature not found"
     with pytest.raises((ValueError, OSError), match=said), open_hdf5(tmp_path / "a.h5"):
         pass
-
-
-@pytest.mark.parametrize(
-    "chain", ["external", "soft to external", "soft", "through a group", "another's position_m"]
-)
-def test_what_links_lead_to_is_not_read(echoes, chain):
-    """The other file is whole: a reader that followed the link would accept it."""
-    other, name = "elsewhere/other.h5", "samples"
-    with h5py.File(echoes, "a") as file:
-        if chain == "another's position_m":
-            file["position_m"] = h5py.ExternalLink(other, "tx_m")
-        else:
-            file["kept"] = file[name]
-            del file[name]
-            file["away"] = h5py.ExternalLink(other, name)
-            file["whole"] = h5py.ExternalLink(other, "/")
-            file[name] = {
-                "external": h5py.ExternalLink(other, name),
-                "soft to external": h5py.SoftLink("/away"),
-                "soft": h5py.SoftLink("/kept"),
-                "through a group": h5py.SoftLink(f"/whole/{name}"),
-            }[chain]
-    with pytest.raises(HandbenchError, match="inside the file itself"):
-        load_capture(echoes)
 
 
 @pytest.mark.parametrize("size, fits", [(64, True), (2**26, False)])
@@ -203,7 +177,7 @@ def refused_picture(path, message):
         pass
 
 
-def test_pictures_of_many_scans_or_other_forms_are_refused(tmp_path):
+def test_pictures_of_many_scans_are_refused(tmp_path):
     Image.new("L", (64, 64)).save(tmp_path / "a.jpg", progressive=True)
     whole = (tmp_path / "a.jpg").read_bytes()
     with open_picture(tmp_path / "a.jpg") as image:
@@ -211,5 +185,3 @@ def test_pictures_of_many_scans_or_other_forms_are_refused(tmp_path):
     at = whole.rfind(b"\xff\xda")
     (tmp_path / "a.jpg").write_bytes(whole[:at] + whole[at:-2] * 40 + whole[-2:])
     refused_picture(tmp_path / "a.jpg", "scans")
-    Image.new("L", (8, 8)).save(tmp_path / "a.gif")
-    refused_picture(tmp_path / "a.gif", "not a readable photograph")

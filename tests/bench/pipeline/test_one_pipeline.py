@@ -74,14 +74,9 @@ def one_tone(echoes):
     return replace(echoes, samples=echoes.samples[:, :1], frequencies_hz=echoes.frequencies_hz[:1])
 
 
-def gigahertz(echoes):
-    return replace(echoes, frequencies_hz=1e-9 * echoes.frequencies_hz)
-
-
 REFUSED = {
     "mm": (millimetres, "are its positions millimetres?", "are its positions millimetres?"),
     "tone": (one_tone, "", "asks for 82.0000 GHz"),
-    "GHz": (gigahertz, "are these gigahertz?", "the method asks for"),
 }
 
 

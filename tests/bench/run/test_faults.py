@@ -1,25 +1,20 @@
 """Faults around a run: each is said in one line, nothing half-made is taken for whole, and a
 resumed run ends where an undisturbed one does.
 
-Elsewhere: kill −9 (test_runner), lost workers (test_schedule), limits of volumes (test_imaging).
+Elsewhere: kill −9 (test_runner), lost workers (test_schedule), limits of volumes (test_imaging),
+two runs at once (tests/faults).
 """
 
 import shutil
-import subprocess
-import sys
 import tracemalloc
 from collections import namedtuple
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
 
-from handbench.bench import results
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.runner import run
 from handbench.bench.run.write_result import tabulate
 from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.dense.planesweep import swept_disparity
@@ -28,22 +23,14 @@ from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from handbench.radar.data.arrays import PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_volume
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder
-from handbench.support.folder import locked
 from handbench.support.store import MANIFEST
-from tests.bench.run.faults import DISK, content, instant, nobody_s_rights
+from tests.bench.run.faults import DISK, content, execute, instant, nobody_s_rights
 from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
 
 ROOT = Path(__file__).parents[3]
-
-
-def execute(bench_file: Path, folder: Path) -> results.Result:
-    bench, base = load_benchmark(str(bench_file))
-    return run(bench, base, folder)
 
 
 @pytest.fixture
@@ -128,48 +115,11 @@ def test_a_folder_that_is_read_only_is_one_line(small_bench, clean, tmp_path):
     assert again.tasks.cached.all() and content(out) == content(clean)
 
 
-def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
-    """The lock is the system's: it holds between processes, and falls with the one that holds
-    it."""
-    hold = (
-        "import sys; from pathlib import Path; from handbench.support.folder import locked\n"
-        "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
-    )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT
-    )
-    assert holder.stdout.readline() == b"held\n"
-    with (
-        pytest.raises(HandbenchError, match="another run is writing here"),
-        locked(tmp_path / "out"),
-    ):
-        pass
-    holder.kill()
-    holder.communicate()
-    with locked(tmp_path / "out") as work:
-        assert work.is_dir()
-
-
-def volume(tolerance):
-    axis_m = np.linspace(-0.1, 0.1, 100)
-    samples, grid = np.ones((1, 94, 94), np.complex64), VoxelGrid(axis_m, axis_m, axis_m + 0.3)
-    return lambda _: image_volume(samples, np.array([77e9]), qar50(), grid, tolerance)
-
-
 def echoes(file):
     samples, scan = np.ones((1, 2, 100_000), np.complex64), PlanarScan(np.zeros((100_000, 3)))
     save_capture(file, RadarCapture(samples, np.array([1e9, 2e9]), scan))
     del samples, scan
     tracemalloc.reset_peak()
-    return load_capture(file)
-
-
-def packed(file):
-    """Sixteen terabytes, packed so well that the file has none of them."""
-    options = {"chunks": (1, 1, 2**20), "compression": "gzip"}
-    with h5py.File(file, "w") as content:
-        content.attrs["format"], content.attrs["version"] = "handbench-echoes", 1
-        content.create_dataset("samples", (1, 2, 10**12), np.complex64, **options)
     return load_capture(file)
 
 
@@ -179,18 +129,9 @@ def planes(_):
     return swept_disparity(one, 0.0, 256)
 
 
-VOLUME = (
-    r"volume of 1 × \(100, 100, 100\) voxels .* needs 0\.008 GB, more than the limit of 0\.0025 GB"
-)
 ECHOES = r"h5: 'samples' \(1, 2, 100000\): needs 0\.0032 GB, and 0\.001 GB of memory are free"
 PLANES = r"256 planes of 80 × 60 pixels: needs 0\.00492 GB, and 0\.001 GB .* free; choose a lower"
-LARGE = {
-    "exact volume": (volume(None), VOLUME),
-    "volume": (volume(1e-3), VOLUME),
-    "echoes": (echoes, ECHOES),
-    "packed": (packed, "16000000000000 bytes, of which the file holds 0"),
-    "planes": (planes, PLANES),
-}
+LARGE = {"echoes": (echoes, ECHOES), "planes": (planes, PLANES)}
 Free = namedtuple("Free", "available total")
 
 

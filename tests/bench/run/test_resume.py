@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.run.faults import figures
 from tests.bench.run.photographed import with_photographs
 from tests.faults.processes import Runs
 from tests.installed_copy import copy_package
@@ -25,15 +26,6 @@ def tasks(out: Path) -> dict[str, list[bool]]:
         for task in csv.DictReader(stream):
             found.setdefault(task["stage"], []).append(task["cached"] == "1")
     return found
-
-
-def figures(folder: Path) -> list[str]:
-    """The table without its times."""
-    return [
-        line
-        for line in (folder / "table.csv").read_text().splitlines()
-        if not line.startswith("seconds")
-    ]
 
 
 @pytest.mark.slow
