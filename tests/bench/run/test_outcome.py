@@ -20,7 +20,6 @@ from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support.errors import HandbenchError
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
@@ -146,8 +145,3 @@ def test_every_method_of_the_table_stands_on_the_same_captures(
     precision take none from the accuracy."""
     found = basis(lost)
     assert found[:3] == (captures, repeated, methods) and re.search(text, found[3])
-
-
-def test_when_nothing_was_finished_the_first_reason_is_given():
-    with pytest.raises(HandbenchError, match="every capture failed; the first: a broke"):
-        basis({"2fsk": "abc", "3fsk": "abc"})

@@ -118,17 +118,6 @@ def test_a_broken_plug_in_is_named_in_one_line_and_harms_nobody(
         method("ours")
 
 
-def test_of_two_plug_ins_with_one_id_the_first_by_name_stays(site):
-    """Whose code may use other methods; entry points to nothing are named."""
-    install_page(site)
-    more = CODE + "\nfrom handbench.radar.methods.registry import method\nassert method('2fsk')\n"
-    entries = ENTRY.format("a", "another") + "bad = another:missing\nworse = bad worse\n"
-    install(site, "another", entries, another=more)
-    assert method("wide2fsk").distribution == "another"
-    assert "first by another" in registry.BROKEN["wide of wide-methods"]
-    assert registry.BROKEN.keys() >= {"bad of another", "worse of another"}
-
-
 def test_a_changed_plug_in_has_another_key(site):
     """Its module, another module of its package, its version, the version of what it requires: each
     counts; what Python leaves there does not. A built-in method has its file's."""

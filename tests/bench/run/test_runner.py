@@ -1,10 +1,7 @@
 """The runner: complete result folders, resumed after a kill, never mixed and never stale."""
 
 import json
-import os
 import shutil
-import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +14,7 @@ from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
-from tests.bench.run.faults import content, execute, figures
-from tests.faults.processes import Runs
+from tests.bench.run.faults import execute, figures
 
 
 def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
@@ -66,25 +62,6 @@ def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path, name):
     with pytest.raises(HandbenchError, match="no run wrote"):
         execute(small_bench, tmp_path / "out")
     assert sorted((tmp_path / "out").rglob("*")) == before and file.read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
-    """Killed once the first stage is done. Each run is a process of its own, forked from one that
-    has imported what it needs."""
-    runs, out = Runs(small_bench, tmp_path, photographs=False), tmp_path / "out"
-    assert runs.run(tmp_path / "whole")[0] == 0
-    process, deadline = runs.started(out), time.monotonic() + 600  # a hang
-    while not list(out.glob("work/simulate-*")) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    os.kill(process, signal.SIGKILL)
-    assert int(runs.forks.stdout.readline()) == -signal.SIGKILL
-    assert not (out / "result.json").exists()
-    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-    assert runs.run(out)[0] == 0
-    assert content(out) == content(tmp_path / "whole")
-    assert results.load(out).tasks.cached[0]
-    runs.end()
 
 
 @pytest.fixture
@@ -167,15 +144,3 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     about.write_text(about.read_text().replace('"truth.ply", ', ""))
     with pytest.raises(HandbenchError, match="nothing to score against"):
         execute(small_bench, tmp_path / "none")
-
-
-def test_results_of_before_failures_and_machines_are_read(small_result, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(small_result, out)
-    about = json.loads((out / "result.json").read_text())
-    (out / "result.json").write_text(json.dumps({k: about[k] for k in about.keys() - {"failures"}}))
-    tasks = (out / "tasks.csv").read_text().splitlines()
-    (out / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
-    result = results.load(out)
-    assert result.about.failures == () and result.tasks.seconds[0] > 0
-    assert np.isnan(result.tasks.gemm_gflops[0])
