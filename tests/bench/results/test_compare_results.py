@@ -138,17 +138,6 @@ def test_three_captures_and_nothing_are_too_few_to_tell(tmp_path):
         lonely[0] = 1.0
 
 
-@pytest.mark.parametrize(("shift_m", "each"), [(0.0, ""), (5e-3, " of each")])
-def test_a_difference_that_is_not_shown_says_how_many_hands_it_needs(tmp_path, shift_m, each):
-    base_mm = np.abs(speckle(0))
-    other_mm = base_mm + 0.2 + np.arange(-3, 3)[:, None, None]
-    a, b = result(tmp_path / "a", base_mm), result(tmp_path / "b", other_mm, shift_m=shift_m)
-    differences = compare_results(a, b).differences
-    d = next(differences.itertuples())
-    assert d.better == "" and d.needed > 6
-    assert f"; needs {d.needed:.0f} hands{each} to show this difference" in d.sentence
-
-
 def test_precisions_are_compared_by_the_f_test():
     """Whichever comes first, at the table's 5 % points of F(20, 20), 2.464; and not of nothing."""
     unit = 1e-3 * np.tile([-1.0, 1.0, 0.0], 7)

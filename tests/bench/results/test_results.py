@@ -86,7 +86,7 @@ def test_what_is_written_comes_back(folder):
     np.testing.assert_array_equal(errors.reference_z_m, ERRORS.reference_z_m)
     np.testing.assert_array_equal(result.surface("B", "truth").z_m, Z)
     assert [capture.name for capture in result.scored()] == ["B"]
-    assert [capture.name for capture in result.repeated()] == ["hand1"]
+    assert [capture.name for capture in result.repeated()] == ["B", "hand1"]
     lines = (folder / "table.csv").read_text().splitlines()
     assert lines[0] == "metric,method,value,low,high,unit,paper,reference"
     assert lines[2] == "floor_mm,3fsk,,,,mm,,truth" and "seconds,3fsk,,,,s,,truth" in lines
@@ -98,16 +98,21 @@ def test_what_is_written_comes_back(folder):
 
 def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
     """It had them as files, and no scores.csv, whose figures come back from captures.csv and the
-    maps of errors."""
+    maps of errors. Earlier ones had neither failures nor machines."""
     new, old = results.load(small_result), tmp_path / "old"
     shutil.copytree(small_result, old, ignore=shutil.ignore_patterns("work"))
     (old / "scores.csv").unlink()
+    about = read_json(old / "result.json", "a result")
+    write_json(old / "result.json", {key: about[key] for key in about.keys() - {"failures"}})
+    tasks = (old / "tasks.csv").read_text().splitlines()
+    (old / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
     names = "repeats", "comparisons", "equal", "causes", "reliability"
     derived = {name: getattr(new, name) for name in names}
     scored = new.scores[(new.scores.reference != "") & (new.scores.frame == 0)]
     captures = scored.assign(unit="mm")[scored.metric.isin(["mae_mm", "aurc_mm"])][CAPTURES.names]
     results.write_tables(old, **derived, captures=captures)
     read = results.load(old)
+    assert read.about.failures == () and np.isnan(read.tasks.gemm_gflops[0])
     for name, table in derived.items():
         assert len(table) and getattr(read, name).equals(table), name
     keys = ["method", "treatment"]

@@ -140,8 +140,6 @@ def test_no_answer_names_the_nearest(tmp_path):
     with pytest.raises(HandbenchError, match=words):
         answer(found, max_error_mm=0.1)
     unsure = folder_with([replace(SLOW, low=None, high=None)], tmp_path / "u")
-    with pytest.raises(HandbenchError, match=r"0.5 mm \(on these captures\)"):
-        answer(unsure, max_error_mm=0.1)
     words = "on these captures, too few to promise it for others"
     assert answer(unsure, max_error_mm=0.5)[1].endswith(words)
     assert "these captures" not in answer(found, max_error_mm=10.0)[1]

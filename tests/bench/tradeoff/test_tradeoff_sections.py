@@ -77,18 +77,6 @@ def inputs(
     )
 
 
-@pytest.mark.slow
-def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    # there are 4 photographs of 600 px
-    knobs = {"views": (4, 9), "long_px": (5000,), "quality": ("normal",)}
-    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
-    [setting] = found.lines
-    assert setting.name == found.section.reference == "4-views-600-px-normal"
-    assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.75 mm a pixel; one capture
-    assert setting.seconds > 0 and 0 < setting.seen_percent < 100
-    assert not any(tmp_path.iterdir())
-
-
 @pytest.fixture
 def shifted(monkeypatch):
     """In place of reconstructions: the true surface, 0.2 mm too small in radius but for its lower
@@ -110,7 +98,8 @@ def shifted(monkeypatch):
 
 def too_small(ball: RunCapture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
-    mesh = build(parse(SceneFile, BALL, "the ball")).target_mesh
+    fine = BALL | {"target": BALL["target"] | {"edge_m": 0.002}}
+    mesh = build(parse(SceneFile, fine, "the ball")).target_mesh
     centre_m = np.array([0, 0, 0.3])
     vertices_m = centre_m + (np.asarray(mesh.vertices) - centre_m) * (1 - 2e-4 / 0.03)
     seen, faces = vertices_m[:, 1] > 0, np.asarray(mesh.triangles)
@@ -238,7 +227,7 @@ def test_unknown_scenes_and_effects_are_refused(knobs, words):
 
 @pytest.mark.slow
 def test_independent_errors_average_out(drawn, tmp_path):
-    """By the seed; and refused captures are done without."""
+    """Refused captures are done without."""
 
     def measured(seed=1, **knobs):
         return measure_registration(inputs(tmp_path, seed=seed, registration=knobs))
@@ -250,8 +239,6 @@ def test_independent_errors_average_out(drawn, tmp_path):
     assert four / sixteen == pytest.approx(2, rel=0.5)  # six combinations alone
     assert [round(setting.seconds / MEASURED_S) for setting in found.lines] == [1, 4, 16]
     assert found.lines[1].acquisition_s == pytest.approx(0.512)  # of 128 tones each
-    once, again, other = (measured(k, captures=(2,), trials=2).lines[0].error for k in (1, 1, 2))
-    assert once == again != other
     drawn |= {100 * 100 + k for k in range(3)}
     one, four = measured(captures=(1, 4), trials=1).lines
     assert one.error is not None and four.error is None and four.seconds is None
