@@ -233,7 +233,7 @@ def test_any_size() -> Seen:
     kind="rigorous",
     bound=1.5 * (pairwise_roundings(SIDE**2) + 1),
     unit="ε",
-    quantity="relative error of MAE, RMSE and median",
+    quantity="relative error of MAE, RMSE, median and precision",
     reference="the finite values alone, in balls",
 )
 def test_not_finite() -> Seen:
@@ -257,6 +257,9 @@ def test_not_finite() -> Seen:
         for key, value in wanted.items():
             yield f"{share:.1%} {broken}, {key}", _relative(found[key], value) / EPS
     for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
+        mixed = np.array([0.3, broken, 0.301, broken, 0.303])
+        both = [number(precision([z_m])["precision_mm"]) for z_m in (mixed, mixed[::2])]
+        yield f"precision with {broken}", abs(both[0] / both[1] - 1) / EPS
         found_m = strongest_scatterer_z_m(
             np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]])
         )

@@ -49,6 +49,8 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
     with pytest.raises(HandbenchError, match="is a link"):
         cached(tmp_path / "stages", one)
     (tmp_path / "linked").symlink_to(home)
+    with pytest.raises(HandbenchError, match="linked: is a link"):
+        cached(tmp_path / "linked", one)
     with (
         pytest.raises(HandbenchError, match="a link is in the folder's place"),
         atomic_folder(tmp_path / "linked"),

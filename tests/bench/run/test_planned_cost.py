@@ -10,6 +10,7 @@ from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 
 
@@ -19,10 +20,10 @@ def test_a_benchmark_grows_with_its_captures_and_its_settings():
     whole_s, half_s = (planned_cost.of_run(asked, base).core_s for asked in (bench, half))
     assert whole_s == pytest.approx(2 * half_s)
     chosen = planned_cost.ImagingSetting("a", "a", "2fsk", {}, 1, {})
-    none_s, *some_s = (
-        planned_cost.of_sweep(bench, base, [chosen] * n, 3).core_s for n in (0, 1, 2)
-    )
-    assert some_s[1] - none_s == pytest.approx(2 * (some_s[0] - none_s)) and some_s[0] > none_s
+    none_s, both_s = (planned_cost.of_sweep(bench, base, [chosen] * n, 3).core_s for n in (0, 2))
+    config = method("2fsk").configure({}, "test")
+    one_s, three_s = (planned_cost.imaging(config, frames=n).core_s for n in (1, 3))
+    assert both_s - none_s == pytest.approx(2 * 12 * three_s) and three_s > one_s
 
 
 def test_more_than_the_limit_is_refused_before_the_folder_is_made(
