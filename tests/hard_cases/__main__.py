@@ -16,7 +16,7 @@ from handbench.radar.imaging.device import SETTING, array_module, describe
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 from tests.hard_cases.cases import HardCase, Worst
-from tests.hard_cases.table import Table
+from tests.hard_cases.table import markdown
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 IMAGING = ("phase", "data", "geometry")
@@ -68,7 +68,7 @@ def main() -> int:
     counted = ", ".join(
         f"{verdicts.count(name)} {name}" for name in ("holds", "refused", "flagged", "fails")
     )
-    print(Table("", "", COLUMNS, rows).markdown())
+    print(markdown(COLUMNS, rows))
     print(f"{len(rows)} hard cases, imaged on {describe()}: {counted}", flush=True)
     failed = "fails" in verdicts
     again = [group for group in groups if group in IMAGING]

@@ -1,27 +1,13 @@
 """A table of text and numbers, printed as Markdown."""
 
-from typing import NamedTuple
+from collections.abc import Iterable
 
 
-class Table(NamedTuple):
-    """text: one sentence on what the rows show."""
-
-    title: str
-    text: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str | float | None, ...], ...]
-
-    def markdown(self) -> str:
-        """The rows, numbers with three digits."""
-        lines = [
-            self.columns,
-            ["---"] * len(self.columns),
-            *([_cell(cell) for cell in row] for row in self.rows),
-        ]
-        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+def markdown(columns: tuple[str, ...], rows: Iterable[tuple[str | float, ...]]) -> str:
+    """The rows, numbers with three digits."""
+    cells = [columns, ["---"] * len(columns), *(map(_cell, row) for row in rows)]
+    return "".join("| " + " | ".join(line) + " |\n" for line in cells)
 
 
-def _cell(value: str | float | None) -> str:
-    if value is None or value != value:  # NaN alone differs from itself
-        return "–"
-    return f"{value:.3g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+def _cell(value: str | float) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else value.replace("|", "\\|")

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import psutil
-from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
@@ -182,7 +181,6 @@ def test_soups() -> Seen:
     corner = np.arange(len(vertices))
     meshes = {
         "half of the faces turned": (vertices, turned),
-        "all turned": (vertices, faces[:, ::-1]),
         "every vertex once a face": (vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)),
         "every face twice, one turned": (vertices, np.concatenate([faces, faces[:, ::-1]])),
         "faces without area": (
@@ -227,12 +225,13 @@ def test_holes() -> Seen:
         yield place, int((~np.isclose(z_m, expected, 0, 1e-12, equal_nan=True)).sum())
 
 
-def _ball_share(rings: int, flip: int, offset_m: float) -> float:
-    radius_m, (vertices, faces) = 0.05, ball(rings)
+def _ball_share(offset_m: float) -> float:
+    radius_m, rings = 0.05, 40
+    vertices, faces = ball(rings)
     axis = radius_m * np.linspace(-0.95, 0.95, 41)
     x, y = np.meshgrid(axis, axis)
     inside = np.hypot(x, y) < 0.95 * radius_m
-    z_m = depth(vertices + offset_m, faces[:, ::flip], axis + offset_m, axis + offset_m)
+    z_m = depth(vertices + offset_m, faces, axis + offset_m, axis + offset_m)
     largest_m = 2 * radius_m * (1 - np.cos(np.pi / np.sqrt(2) / rings)) / np.sqrt(1 - 0.95**2)
     x, y = (balls((axis + offset_m)[inside]) - offset_m for axis in (x, y))
     exact = DEPTH_M + offset_m - np.sqrt(balls(radius_m) ** 2 - x**2 - y**2)
@@ -252,10 +251,7 @@ def test_far() -> Seen:
     under the sphere's slope: over its cosine, 0.31 at 0.95 r, and as much again for how the
     slope changes there; rays count from the grid, so that single precision does not choose
     another face."""
-    return (
-        (f"offset {offset_m:g} m", _ball_share(40, 1, offset_m))
-        for offset_m in (1.0, 1e3, 1e5, 1e6)
-    )
+    return ((f"offset {offset_m:g} m", _ball_share(offset_m)) for offset_m in (1.0, 1e3, 1e5, 1e6))
 
 
 @hard_case(
@@ -302,60 +298,11 @@ EYES_M = np.array([[0.07, 0.07, 0.0], [-0.3, 0.2, 0.3], [0.0, 0.0, 20.0]])
 def test_watertight() -> Seen:
     """The ray caster's edge tests are watertight: neighbours share each edge's sign."""
     for n, half_m in product((7, 30, 128), (0.1, 0.13)):
-        corners = np.linspace(-half_m, half_m, n + 1)[
-            1:-1
-        ]  # the rim belongs to the sheet only in part
-        slipped = (
-            np.isnan(depth(*sheet(n, half_m), axis, axis)).sum()
-            for axis in (corners, between(n, half_m))
-        )
-        yield f"{n} × {n} squares of {2e3 * half_m / n:.3g} mm", sum(slipped)
-    generator = np.random.default_rng(0)
-    rim = [[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]
-    places = np.concatenate([generator.uniform(-0.1, 0.1, (200, 2)), rim])
-    faces = Delaunay(places).simplices
-    edges = places[faces[:, :2]]
-    along = generator.uniform(0, 1, (len(edges), 1))
-    met = np.concatenate([places[:-4], edges[:, 0] + along * (edges[:, 1] - edges[:, 0])])
-    yield (
-        "an uneven triangulation",
-        np.isnan(depth(on_plane(places), faces, *met.T).diagonal()).sum(),
-    )
-
-
-def _slipped(rings: int, aims: np.ndarray, eye_m: np.ndarray) -> float:
-    """Share of the rays from an eye to places on a ball that face it which go on to the far
-    side."""
-    vertices, faces = ball(rings)
-    towards = aims - eye_m
-    facing = np.einsum("ni,ni->n", towards, aims - [0, 0, DEPTH_M]) < -0.1 * 0.05 * np.linalg.norm(
-        towards, axis=1
-    )
-    along, _ = Rays(vertices, faces).first_hits(np.tile(eye_m, (len(aims), 1)), towards)
-    return float((along[facing] > 1 + 1e-3).mean())
-
-
-@hard_case(
-    "oblique rays onto a closed ball",
-    kind="derived",
-    bound=1.0,
-    unit="1",
-    quantity="share of rays that slip through, over that of rays within rounding of an edge",
-    reference="none",
-)
-def test_oblique() -> Seen:
-    """An oblique ray's edge tests round by 2⁻²² of its way: as many rays as pass an edge within
-    that may slip."""
-    for rings, eye_m in product((16, 60), EYES_M):
-        vertices, faces = ball(rings)
-        generator = np.random.default_rng(3)
-        chosen = faces[generator.integers(0, len(faces), 100_000)]
-        aims = np.einsum(
-            "nk,nkj->nj", generator.dirichlet([1, 1, 1], len(chosen)), vertices[chosen]
-        )
-        edges_per_m = 3 / (np.pi * 0.05 / rings)  # length of edges over the area
-        rounded = edges_per_m * 4 * U_SINGLE * np.linalg.norm(eye_m - [0, 0, DEPTH_M])
-        yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m) / rounded
+        # the rim belongs to the sheet only in part
+        corners = np.linspace(-half_m, half_m, n + 1)[1:-1]
+        for axis in (corners, between(n, half_m)):
+            slipped = np.isnan(depth(*sheet(n, half_m), axis, axis)).sum()
+            yield f"{n} × {n} squares of {2e3 * half_m / n:.3g} mm", slipped
 
 
 @hard_case(
@@ -373,7 +320,11 @@ def test_at_edges() -> Seen:
     for rings, eye_m in product((8, 24, 60), EYES_M):
         vertices, faces = ball(rings)
         aims = np.concatenate([vertices, vertices[faces[:, :2]].mean(axis=1)])
-        yield f"{rings} rings, from {eye_m.tolist()} m", _slipped(rings, aims, eye_m)
+        towards = aims - eye_m
+        along, _ = Rays(vertices, faces).first_hits(np.tile(eye_m, (len(aims), 1)), towards)
+        cosine = ((aims - [0, 0, DEPTH_M]) * towards).sum(axis=1)
+        facing = cosine < -0.1 * 0.05 * np.linalg.norm(towards, axis=1)
+        yield f"{rings} rings, from {eye_m.tolist()} m", (along[facing] > 1 + 1e-3).mean()
 
 
 @hard_case(

@@ -56,15 +56,3 @@ def test_changed_code_is_another_folder(of, monkeypatch):
     assert of("dense", ["a"]).key != before.key
     plugged = [Stage("dense", make, {}, ["a"], plugged=(code,)).key for code in ("one", "another")]
     assert len({before.key, *plugged}) == 3
-
-
-@pytest.mark.parametrize("name", [STAMP, MANIFEST, "result.txt"])
-def test_a_broken_file_is_named_and_the_stage_made_again(tmp_path, of, capsys, name):
-    one = of("dense", ["a"])
-    cached(tmp_path, one)
-    (one.folder(tmp_path) / name).write_text("{")
-    assert not cached(tmp_path, one)[1]
-    assert (
-        f"{name} " in capsys.readouterr().err
-        and (one.folder(tmp_path) / "result.txt").read_text() == "made 2"
-    )

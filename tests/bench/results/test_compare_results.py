@@ -75,7 +75,6 @@ def test_a_result_does_not_differ_from_itself(tmp_path):
     write_compared(tmp_path / "out", compared)
     header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
     assert header.split(",") == DIFFERENCES.names and len(lines) == 3
-    assert '"schema_version": 1' in (tmp_path / "out" / "compare.json").read_text("utf-8")
 
 
 def test_known_differences_are_found_with_their_size(tmp_path):
@@ -83,24 +82,18 @@ def test_known_differences_are_found_with_their_size(tmp_path):
     1e-9 mm); and B misses a third of every capture, of which more is better."""
     errors_mm = np.abs(speckle(0))
     a, b = result(tmp_path / "a", errors_mm), result(tmp_path / "b", errors_mm + 1)
-    for compared, sign, better, worse in (
-        (compare_results(a, b), 1, "A", "B"),
-        (compare_results(b, a), -1, "B", "A"),
-    ):
-        d = line(compared)
-        assert (d.difference, d.low, d.high) == pytest.approx((sign, sign, sign), abs=1e-9)
-        assert (d.better, d.paired, d.n_a, d.n_b) == (better, True, 6, 6) and d.p_corrected < 1e-6
-        words = f"{better} is better than {worse} by 1.0 mm [1.0, 1.0] (MAE against truth)"
-        assert d.sentence == f"3-FSK: {words}"
+    d, turned = line(compare_results(a, b)), line(compare_results(b, a))
+    assert (d.difference, d.low, d.high) == pytest.approx((1, 1, 1), abs=1e-9)
+    assert (d.better, d.paired, d.n_a, d.n_b) == ("A", True, 6, 6) and d.p_corrected < 1e-6
+    assert d.sentence == "3-FSK: A is better than B by 1.0 mm [1.0, 1.0] (MAE against truth)"
+    assert turned.difference == pytest.approx(-1, abs=1e-9) and turned.better == "B"
     holed = np.where(np.arange(36)[:, None] < 12, np.nan, errors_mm)
     d = line(compare_results(a, result(tmp_path / "c", holed)), "observed_percent")
     assert d.difference == pytest.approx(-100 / 3, rel=1e-9)
     assert (d.better, d.high < 0) == ("A", True) and "percentage points" in d.sentence
 
 
-@pytest.mark.parametrize(
-    ("names", "shift_m"), [(tuple("GHIKLM"), 0.0), (NAMES, 2e-3)], ids=["names", "places"]
-)
+@pytest.mark.parametrize(("names", "shift_m"), [(tuple("GHIKLM"), 0.0), (NAMES, 2e-3)])
 def test_other_captures_are_two_samples(tmp_path, names, shift_m):
     """Other names, or the same names on a hand that lies 2 mm further away."""
     a = result(tmp_path / "a", speckle(0))
@@ -110,8 +103,9 @@ def test_other_captures_are_two_samples(tmp_path, names, shift_m):
     assert "different captures (B, F, U, V, W, X; " in basis and "independent" in basis
 
 
-@pytest.mark.parametrize("side", ["a", "b"])
-@pytest.mark.parametrize(("missing", "same"), [(0, True), (1, True), (12, False)])
+@pytest.mark.parametrize(
+    ("side", "missing", "same"), [("a", 1, True), ("b", 1, True), ("a", 12, False)]
+)
 def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, missing, same):
     """In either result rows of the reference may be unknown, a third at most of a few percent; and
     the captures that both have are compared."""
@@ -137,33 +131,21 @@ def test_three_captures_and_nothing_are_too_few_to_tell(tmp_path):
     few = "too few captures for a test"
     words = f"in MAE against truth: {few} (B − A: 1.0 mm); needs 5 hands to show this difference"
     assert d.sentence.endswith(words)
-    a = replace(result(tmp_path / "a", speckle(0)), files={"repeats": frame(REPEATS)})
-    lonely = np.where(np.arange(6)[:, None, None] == 0, 1.0, np.nan) * np.ones((6, 36, 36))
-    for errors_mm, words in ((np.nan * lonely, "no figures to compare"), (lonely, few)):
-        for names in (NAMES, tuple("GHIKLM")):
-            d = line(compare_results(a, result(tmp_path / f"{words}{names}", errors_mm, names)))
-            assert np.isnan([d.p_corrected, d.low, d.high]).all() and words in d.sentence
-    assert compare_results(a, a).differences.metric.tolist() == ["mae_mm", "observed_percent"]
-
-
-@pytest.mark.parametrize(("shift_m", "each"), [(0.0, ""), (5e-3, " of each")])
-def test_a_difference_that_is_not_shown_says_how_many_hands_it_needs(tmp_path, shift_m, each):
-    base_mm = np.abs(speckle(0))
-    other_mm = base_mm + 0.2 + np.arange(-3, 3)[:, None, None]
-    a, b = result(tmp_path / "a", base_mm), result(tmp_path / "b", other_mm, shift_m=shift_m)
-    differences = compare_results(a, b).differences
-    d = next(differences.itertuples())
-    assert d.better == "" and d.needed > 6
-    assert f"; needs {d.needed:.0f} hands{each} to show this difference" in d.sentence
+    a, lonely = result(tmp_path / "a", speckle(0)), np.full((6, 36, 36), np.nan)
+    for words in ("no figures to compare", few):
+        d = line(compare_results(a, result(tmp_path / words, lonely)))
+        assert np.isnan([d.p_corrected, d.low, d.high]).all() and words in d.sentence
+        lonely[0] = 1.0
 
 
 def test_precisions_are_compared_by_the_f_test():
     """Whichever comes first, at the table's 5 % points of F(20, 20), 2.464; and not of nothing."""
     unit = 1e-3 * np.tile([-1.0, 1.0, 0.0], 7)
-    for a, b in ((unit, np.sqrt(2.4645) * unit), (np.sqrt(2.4645) * unit, unit)):
-        found = f_test([a], [b])
-        assert found.p == pytest.approx(0.05, rel=2e-3)
-        assert found.difference == pytest.approx(1e3 * (np.std(b, ddof=1) - np.std(a, ddof=1)))
+    more = np.sqrt(2.4645) * unit
+    for a, b in ((unit, more), (more, unit)):
+        assert f_test([a], [b]).p == pytest.approx(0.05, rel=2e-3)
+    found = f_test([unit], [more]).difference
+    assert found == pytest.approx(1e3 * (np.sqrt(2.4645) - 1) * np.std(unit, ddof=1))
     assert np.isnan(f_test([], [unit]).difference) and np.isnan(f_test([np.zeros(5)], [unit]).p)
 
 
@@ -189,13 +171,13 @@ def test_what_else_differs_is_named(tmp_path):
         ("machine", "gemm_gflops", "100.0", "50.0"),
         ("input", "B", "a" * 12, "c" * 12),
     ]
-    words = "B takes 1.00 times as long as A (0.5 s at 100 GFLOP/s, 0.5 s at 50 GFLOP/s)"
-    assert compared.times.sentence[0] == f"3-FSK: {words}"
     slower = frame(TABLE, [("seconds", "3fsk", 1.5, 1.2, 1.9, "s", None, "truth")])
     [times] = compare_results(a, replace(b, table=slower)).times.itertuples()
     assert list(times)[3:10] == [0.5, 0.4, 0.6, 1.5, 1.2, 1.9, pytest.approx(3.0)]
+    words = "B takes 3.00 times as long as A (0.5 s at 100 GFLOP/s, 1.5 s at 50 GFLOP/s)"
+    assert times.sentence == f"3-FSK: {words}"
     [none] = compare_results(a, replace(b, table=slower.iloc[:0])).times.itertuples()
-    assert list(none)[3:6] == [0.5, 0.4, 0.6] and np.isnan(list(none)[6]) and "no times" in none[-1]
+    assert "no times" in none.sentence
 
 
 def test_refuses_what_does_not_compare(tmp_path):

@@ -44,33 +44,22 @@ def test_methods_between_which_nothing_is_shown_share_a_rank(result):
     assert table["rank"].tolist() == [1, 1, 3]
     assert table.result.tolist() == [str(a.folder), str(b.folder), str(a.folder)]
     assert table.complete_2mm_percent.tolist() == pytest.approx([50, 49.99, 40])
-    assert table.mae_mm.tolist() == [2, 2, 2] and table.aurc_mm.isna().all()
-    assert (
-        table.low < table.complete_2mm_percent
-    ).all() and "8 captures that all results have, against truth" in about
+    assert "8 captures that all results have, against truth" in about
 
 
 def test_captures_that_one_result_lacks_are_left_out(result):
     a = result("a", names=("A", "B"), one=[10.0, 90.0], inputs={"B": "1"})
     b = result("b", names=("B", "C"), two=[80.0, 0.0], inputs={"B": "2"})
     table, about = rank_methods([a, b])
-    assert table.method.tolist() == ["ONE", "TWO"] and table.complete_2mm_percent.tolist() == [
-        90,
-        80,
-    ]
+    assert table.complete_2mm_percent.tolist() == [90, 80]
     assert table["rank"].tolist() == [0, 0] and "too few captures to test" in about
     assert "different content hashes in the results: B." in about
 
 
 def test_results_that_share_nothing_are_refused(result):
-    """One method of two results stands twice."""
-    noise = np.arange(8.0)
-    table, _ = rank_methods([result("a", same=50 + noise), result("b", same=60 + noise)])
-    assert table["rank"].tolist() == [1, 2] and table.result.str[-1].tolist() == ["b", "a"]
     a, b = result("a", names=("A",), one=1.0), result("b", names=("A",), two=1.0)
     of_maroon = b.about.model_copy(update={"protocol": {"id": "maroon", "version": 1}})
     for other, words in (
-        (result("b", names=("B",), two=1.0), "no capture in common"),
         (result("b", names=("A",), reference="photogrammetry", two=1.0), "no capture in common"),
         (replace(b, about=of_maroon), "by the protocols"),
     ):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -69,11 +68,8 @@ def test_captures_of_earlier_results_measured_both(folder):
     about["captures"] = [{"name": "B", "references": ["truth"], "kind": "accuracy"}, {"name": "C"}]
     read = results.About.model_validate(about).captures
     assert [capture.measures for capture in read] == [("accuracy", "precision")] * 2
-    about["captures"] = [{"name": "B", "references": ["truth"]}, {"name": "C", "kind": "precision"}]
-    write_json(folder / "result.json", about)
-    result = results.load(folder)
-    assert [capture.name for capture in result.scored()] == ["B"]
-    assert [capture.name for capture in result.repeated()] == ["B", "C"]
+    about["captures"] = [{"name": "C", "kind": "precision"}]
+    assert results.About.model_validate(about).captures[0].measures == ("precision",)
 
 
 def test_what_is_written_comes_back(folder):
@@ -86,70 +82,65 @@ def test_what_is_written_comes_back(folder):
     assert result.about.protocol == {"nested": {"list": [1, 2]}}
     assert result.about.metrics == results.metric_facts()
     errors = result.errors("B", "3fsk", "truth")
-    for name in ("x_m", "y_m", "error_m", "reference_z_m"):
-        np.testing.assert_array_equal(getattr(errors, name), getattr(ERRORS, name))
+    np.testing.assert_array_equal(errors.error_m, ERRORS.error_m)
+    np.testing.assert_array_equal(errors.reference_z_m, ERRORS.reference_z_m)
     np.testing.assert_array_equal(result.surface("B", "truth").z_m, Z)
     assert [capture.name for capture in result.scored()] == ["B"]
+    assert [capture.name for capture in result.repeated()] == ["B", "hand1"]
     lines = (folder / "table.csv").read_text().splitlines()
     assert lines[0] == "metric,method,value,low,high,unit,paper,reference"
-    assert lines[1].startswith("mae_mm,") and lines[2] == "floor_mm,3fsk,,,,mm,,truth"
-    assert "seconds,3fsk,,,,s,,truth" in lines
+    assert lines[2] == "floor_mm,3fsk,,,,mm,,truth" and "seconds,3fsk,,,,s,,truth" in lines
     mae = result.row("mae_mm", "3fsk", "truth")
-    assert mae.value == pytest.approx(1e3 * np.nanmean(np.abs(errors.error_m)), rel=1e-12)
-    assert mae.paper == 1.7 and result.row("mae_mm", "3fsk", "photogrammetry") is None
+    assert mae.value == pytest.approx(1, rel=1e-9) and mae.paper == 1.7
     (folder / "repeats.csv").unlink()
     assert results.load(folder).repeats.equals(frame(REPEATS))
 
 
 def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
     """It had them as files, and no scores.csv, whose figures come back from captures.csv and the
-    maps of errors."""
+    maps of errors. Earlier ones had neither failures nor machines."""
     new, old = results.load(small_result), tmp_path / "old"
     shutil.copytree(small_result, old, ignore=shutil.ignore_patterns("work"))
     (old / "scores.csv").unlink()
+    about = read_json(old / "result.json", "a result")
+    write_json(old / "result.json", {key: about[key] for key in about.keys() - {"failures"}})
+    tasks = (old / "tasks.csv").read_text().splitlines()
+    (old / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
     names = "repeats", "comparisons", "equal", "causes", "reliability"
     derived = {name: getattr(new, name) for name in names}
     scored = new.scores[(new.scores.reference != "") & (new.scores.frame == 0)]
     captures = scored.assign(unit="mm")[scored.metric.isin(["mae_mm", "aurc_mm"])][CAPTURES.names]
     results.write_tables(old, **derived, captures=captures)
     read = results.load(old)
+    assert read.about.failures == () and np.isnan(read.tasks.gemm_gflops[0])
     for name, table in derived.items():
         assert len(table) and getattr(read, name).equals(table), name
-    keys = ["method", "treatment", "metric"]
-    expected, found = (result.scores.set_index(keys).value for result in (new, read))
-    for method, treatment in product(("2fsk", "narrowband"), ("", "none", "window")):
-        key = method, treatment, "mae_mm"
-        assert found[key].item() == expected[key].item()
+    keys = ["method", "treatment"]
+    expected, found = (
+        result.scores.query("metric == 'mae_mm' and frame == 0").set_index(keys).value.sort_index()
+        for result in (new, read)
+    )
+    assert len(found) == 6 and found.equals(expected)
     with (old / "scores.csv").open("w") as stream:
         stream.write((small_result / "scores.csv").read_text() + "ball,2fsk,truth,,0,mae_mm,7\n")
     with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines of one figure"):
         results.load(old)
 
 
-def of_table(text):
-    header = "metric,method,value,low,high,unit,paper,reference\n"
-    return "table.csv", header + text, r"table\.csv"
-
-
-def of_about(change, words):
-    return "result.json", change, words
-
-
+HEADER = "metric,method,value,low,high,unit,paper,reference\n"
 MISSING = (
     *("result.json", "table.csv", "tasks.csv", "config.toml", "depth/B__truth.npz"),
     *("depth/B__3fsk.npz", "errors/B__3fsk__truth.npz"),
 )
 REFUSED = {
     **{name: (name, None, name.split("/")[-1]) for name in MISSING},
-    "schema": of_about({"schema_version": 2}, "schema_version is 2"),
-    "key": of_about({"surprise": 1}, "unknown key 'surprise'"),
-    "name": of_about({"captures": [{"name": "../B"}]}, "cannot name a file"),
-    "reference": of_about({"captures": [{"name": "B", "references": ["guess"]}]}, "references"),
+    "schema": ("result.json", {"schema_version": 2}, "schema_version is 2"),
+    "key": ("result.json", {"surprise": 1}, "unknown key 'surprise'"),
+    "name": ("result.json", {"captures": [{"name": "../B"}]}, "cannot name a file"),
     "empty": ("table.csv", "", r"table\.csv"),
     "columns": ("table.csv", "metric,method\n", r"table\.csv"),
-    "text": of_table("mae_mm,3fsk,abc,,,mm,,truth\n"),
-    "nan": of_table("mae_mm,3fsk,nan,,,mm,,truth\n"),
-    "short": of_table("mae_mm,3fsk\n"),
+    "text": ("table.csv", f"{HEADER}mae_mm,3fsk,abc,,,mm,,truth\n", r"table\.csv"),
+    "nan": ("table.csv", f"{HEADER}mae_mm,3fsk,nan,,,mm,,truth\n", r"table\.csv"),
 }
 
 
@@ -167,15 +158,12 @@ def test_broken_folders_are_refused_in_one_line(folder, name, content, words):
     assert "\n" not in str(caught.value)
 
 
-def test_refuses_maps_of_other_shapes_pickles_and_names_that_lead_outside(folder):
+def test_maps_of_other_shapes_and_names_that_lead_outside_are_refused(folder):
     path = results.depth_path(folder, "B", "3fsk")
     write_npz(path, x_m=AXIS, y_m=AXIS, z_m=Z[1:])
     with pytest.raises(HandbenchError, match="'z_m' is float64"):
         results.load(folder).surface("B", "3fsk")
-    np.savez(path, x_m=AXIS, y_m=AXIS, z_m=np.array([[{}]], dtype=object))
-    with pytest.raises(HandbenchError, match="not a readable"):
-        results.load(folder).surface("B", "3fsk")
-    for name in ("", ".", "..", "../x", "a/b", "a\\b", "a__b", "a\nb", "x" * 81):
+    for name in ("", "..", "../x", "a\\b", "a__b", "a\nb", "x" * 81):
         with pytest.raises(HandbenchError, match="cannot name a file"):
             results.depth_path(folder, name, "3fsk")
     with pytest.raises(HandbenchError, match="expected a folder"):
@@ -189,6 +177,3 @@ def test_photographs_are_small_upright_and_anonymous(tmp_path):
     results.write_photo(tmp_path, "B", source)
     with Image.open(tmp_path / "photos" / "B.jpg") as photo:
         assert photo.size == (360, 600) and not photo.getexif()
-    source.write_text("no photograph")
-    with pytest.raises(HandbenchError, match="not a readable photograph"):
-        results.write_photo(tmp_path, "B", source)

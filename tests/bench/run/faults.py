@@ -15,6 +15,9 @@ from pkgutil import resolve_name
 
 import pytest
 
+from handbench.bench.results import Result
+from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.runner import run
 from handbench.support.store import MANIFEST, STAMP
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
@@ -89,6 +92,18 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ):
         replaced = resolve_name(f"handbench.bench.{stage}")  # whose code is the stage's
         monkeypatch.setattr(f"handbench.bench.{stage}", wraps(replaced)(partial(make)))
+
+
+def execute(bench_file: Path, folder: Path, **options: bool) -> Result:
+    """The result of a benchmark file."""
+    bench, base = load_benchmark(str(bench_file))
+    return run(bench, base, folder, **options)
+
+
+def figures(folder: Path) -> list[str]:
+    """The lines of a result's table without its times."""
+    lines = (folder / "table.csv").read_text().splitlines()
+    return [line for line in lines if not line.startswith("seconds")]
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -38,13 +38,13 @@ def test_it_is_scored_as_the_benchmark_is(folder, small_result, tmp_path, capsys
 
 def test_its_checksums_are_those_of_sha256sum(folder):
     made = folder / "set"
-    lines = [line.split("  ") for line in (made / "checksums.txt").read_text().splitlines()]
-    files = [file for file in (made / "captures").rglob("*") if file.is_file()]
-    assert {name: checksum for checksum, name in lines} == {
-        file.relative_to(made).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in files
-    }
+    files = sorted(file for file in (made / "captures").rglob("*") if file.is_file())
     assert {"capture.toml", "echoes.h5", "truth.ply"} <= {file.name for file in files}
+    lines = [
+        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(made).as_posix()}"
+        for file in files
+    ]
+    assert sorted((made / "checksums.txt").read_text().splitlines()) == sorted(lines)
 
 
 CHANGES = {
@@ -94,29 +94,25 @@ REFUSED = {
     "a capture": (
         'scene = "ball.toml"',
         'path = "ball"',
-        [],
         "expected scenes, which can be simulated",
     ),
     "two of a name": (
         "[[method]]",
         '[[capture]]\nscene = "ball.toml"\n[[method]]',
-        [],
         "two captures are named 'ball'",
     ),
     "a command": (
         "[[method]]",
         '[[method]]\nid = "m"\ncommand = "m {capture} {depth}"\n[[method]]',
-        [],
         "has a method",
     ),
-    "frames": ("[[method]]", "[[method]]", ["--frames", "2"], "without --explain and --frames"),
 }
 
 
-@pytest.mark.parametrize(("old", "new", "options", "words"), REFUSED.values(), ids=REFUSED)
-def test_what_cannot_be_simulated_is_refused(tmp_path, capsys, old, new, options, words):
+@pytest.mark.parametrize(("old", "new", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_simulated_is_refused(tmp_path, capsys, old, new, words):
     file = write_bench(tmp_path / "bench")
     shutil.copytree(tmp_path / "bench", tmp_path / "bench" / "ball")
     file.write_text(file.read_text().replace(old, new, 1))
-    assert main(["simulate", str(file), "-o", str(tmp_path / "set"), *options]) == 2
+    assert main(["simulate", str(file), "-o", str(tmp_path / "set")]) == 2
     assert words in capsys.readouterr().err and not (tmp_path / "set").exists()

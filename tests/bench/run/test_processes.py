@@ -12,12 +12,9 @@ import psutil
 import pytest
 
 from handbench.bench.run import executors
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.executors import LocalExecutor, ProcessExecutor
-from handbench.bench.run.runner import run
 from handbench.support.parallel import workers
 from tests.bench.run.jobs_of_tests import performed, slow, spans, stage_of, stuck
-from tests.bench.run.test_schedule import several
 
 
 @pytest.fixture
@@ -100,20 +97,3 @@ def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, c
     monkeypatch.setattr(executors, "room", lambda *_: count)
     with executors.executor(core_s=core_s) as found:
         assert type(found) is kind
-
-
-@pytest.mark.slow
-def test_results_are_those_of_one_process(small_bench, tmp_path, monkeypatch):
-    """The reference is the same code in one process."""
-    several(small_bench)
-    small_bench.write_text(small_bench.read_text().rpartition("[[method]]")[0])
-    bench, base = load_benchmark(str(small_bench))
-    monkeypatch.setattr(executors, "room", lambda *_: 2)
-    tables = []
-    for worth_s in (1e9, 0.0):
-        monkeypatch.setattr(executors, "WORTH_S", worth_s)
-        made = run(bench, base, tmp_path / str(worth_s))
-        tables.append(made.table[made.table.metric != "seconds"])
-        assert not made.about.failures
-    assert tables[0].equals(tables[1])
-    assert made.tasks.gemm_gflops.nunique() == 1, "measured once, before anything runs beside it"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.run.faults import figures
 from tests.bench.run.photographed import with_photographs
 from tests.faults.processes import Runs
 from tests.installed_copy import copy_package
@@ -27,15 +28,6 @@ def tasks(out: Path) -> dict[str, list[bool]]:
     return found
 
 
-def figures(folder: Path) -> list[str]:
-    """The table without its times."""
-    return [
-        line
-        for line in (folder / "table.csv").read_text().splitlines()
-        if not line.startswith("seconds")
-    ]
-
-
 @pytest.mark.slow
 def test_a_run_killed_after_any_stage_goes_on_there(small_bench, tmp_path):
     """One folder, killed after the first stage of each kind in turn: no kill costs a stage that was
@@ -52,6 +44,7 @@ def test_a_run_killed_after_any_stage_goes_on_there(small_bench, tmp_path):
         assert made <= set(folders.items()) and any(name.startswith(f"{last}-") for name in folders)
         made = set(folders.items())
         assert not (out / "result.json").exists()
+    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
     assert photographed.run(out)[0] == 0
     found = tasks(out)
     assert set(found) == set(STAGES)
@@ -93,17 +86,10 @@ def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(small_benc
     with (copied / "bench" / "evaluation" / "depth_errors.py").open("a") as stream:
         stream.write(TWICE)
     after, found = run_copy(), tasks(out)
-    doubled = {
-        key
-        for key in before
-        if after[key] == pytest.approx(2 * before[key], rel=1e-9) and before[key]
-    }
-    assert doubled == {"pixel_precision_mm 2fsk"}
-    assert (
-        found["repeat"] == [False]
-        and found["simulate"] == [True]
-        and found["reconstruct"] == [True, True]
-    )
+    key = "pixel_precision_mm 2fsk"
+    assert after[key] == pytest.approx(2 * before[key], rel=1e-9)
+    made = {stage for stage, cached in found.items() if not all(cached)}
+    assert "repeat" in made and not made & {"simulate", "reconstruct"}
     for name in ("cli/main.py", "support/store.py", "reports/page/html.py"):
         (copied / name).write_text((copied / name).read_text() + "# edited\n")
     assert run_copy() == after

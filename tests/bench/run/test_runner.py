@@ -1,10 +1,7 @@
 """The runner: complete result folders, resumed after a kill, never mixed and never stale."""
 
 import json
-import os
 import shutil
-import signal
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,28 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.bench import results
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.runner import run
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
-from tests.bench.run.faults import content
-from tests.faults.processes import Runs
-
-
-def execute(bench_file: Path, folder: Path, **options: bool) -> results.Result:
-    bench, base = load_benchmark(str(bench_file))
-    return run(bench, base, folder, **options)
-
-
-def figures(folder: Path) -> list[str]:
-    """The table without its times."""
-    return [
-        line
-        for line in (folder / "table.csv").read_text().splitlines()
-        if not line.startswith("seconds")
-    ]
+from tests.bench.run.faults import execute, figures
 
 
 def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
@@ -44,17 +24,11 @@ def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
     assert 0 < mae["2fsk"] < 10  # σ_z is 3.6 mm at the strongest pixel and 11 mm at the threshold
     assert result.row("precision_mm", "2fsk", "truth").value > 0 and len(result.repeats) == 3
     assert result.row("precision_mm", "narrowband", "truth") is None
-    assert set(result.tasks.stage) == {"simulate", "inspect", "reconstruct", "repeat", "score"}
     assert (result.tasks[["seconds", "peak_memory_mb"]] > 0).all(axis=None)
-    assert not result.tasks.cached.any()
-    by_amplitude = result.causes[result.causes.cause == "below_maximum_db"].groupby("method")
-    observed = result.table[result.table.metric == "n_observed"].set_index("method").value
-    assert by_amplitude.n_pixels.sum().to_dict() == observed.to_dict()
     assert set(result.reliability.method) == {"2fsk"}  # a projection tells no σ
     about = json.loads((small_result / "result.json").read_text())
     assert about["protocol"]["id"] == "paper" and about["inputs"].keys() == {"ball"}
     assert "numpy" in about["versions"] and about["metrics"]["mae_mm"]["definition"]
-    assert about["machine"]["imaging_device"] == "cpu"
     assert set(result.tasks.host) == {about["machine"]["host"]}
 
 
@@ -88,25 +62,6 @@ def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path, name):
     with pytest.raises(HandbenchError, match="no run wrote"):
         execute(small_bench, tmp_path / "out")
     assert sorted((tmp_path / "out").rglob("*")) == before and file.read_text() == "mine"
-
-
-@pytest.mark.slow
-def test_a_killed_run_resumes_to_the_same_folder(small_bench, tmp_path):
-    """Killed once the first stage is done. Each run is a process of its own, forked from one that
-    has imported what it needs."""
-    runs, out = Runs(small_bench, tmp_path, photographs=False), tmp_path / "out"
-    assert runs.run(tmp_path / "whole")[0] == 0
-    process, deadline = runs.started(out), time.monotonic() + 600  # a hang
-    while not list(out.glob("work/simulate-*")) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    os.kill(process, signal.SIGKILL)
-    assert int(runs.forks.stdout.readline()) == -signal.SIGKILL
-    assert not (out / "result.json").exists()
-    (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-    assert runs.run(out)[0] == 0
-    assert content(out) == content(tmp_path / "whole")
-    assert results.load(out).tasks.cached[0]
-    runs.end()
 
 
 @pytest.fixture
@@ -146,9 +101,7 @@ def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
     assert failure.line in capsys.readouterr().err.splitlines()
     assert result.about.protocol["basis"].startswith("1 of 2 captures")
     assert figures(tmp_path / "out") == figures(small_result)
-    assert [c.name for c in result.about.captures] == ["ball"]
-    assert set(result.repeats.capture) == {"ball"}
-    assert set(result.tasks.capture) == {"ball", "other"}
+    assert {c.name for c in result.about.captures} == set(result.repeats.capture) == {"ball"}
 
 
 def test_a_broken_capture_does_not_sink_the_run(
@@ -179,11 +132,9 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     write_mesh(recorded / "mesh.ply", surface.transform(radar_from_photo.inverse().matrix))
     radar_from_photo.save(file)
     result, simulated = execute(small_bench, tmp_path / "out"), results.load(small_result)
-    for method in ("2fsk", "narrowband"):
-        found = {r: result.row("mae_mm", method, r).value for r in ("photogrammetry", "truth")}
-        assert found["truth"] == simulated.row("mae_mm", method, "truth").value
-        # the mesh is stored in float32: 1e-7 of 0.5 m
-        assert found["photogrammetry"] == pytest.approx(found["truth"], abs=1e-3)
+    mesh, truth = (result.row("mae_mm", "2fsk", r).value for r in ("photogrammetry", "truth"))
+    assert truth == simulated.row("mae_mm", "2fsk", "truth").value
+    assert mesh == pytest.approx(truth, abs=1e-3)  # stored in float32: 1e-7 of 0.5 m
     radar_from_photo.inverse().save(file)
     with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
         execute(small_bench, tmp_path / "inverted")
@@ -193,18 +144,3 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     about.write_text(about.read_text().replace('"truth.ply", ', ""))
     with pytest.raises(HandbenchError, match="nothing to score against"):
         execute(small_bench, tmp_path / "none")
-
-
-def test_results_of_before_failures_and_machines_are_read(small_result, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(small_result, out)
-    about = json.loads((out / "result.json").read_text())
-    (out / "result.json").write_text(json.dumps({k: about[k] for k in about.keys() - {"failures"}}))
-    tasks = (out / "tasks.csv").read_text().splitlines()
-    (out / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
-    result = results.load(out)
-    assert result.about.failures == () and result.tasks.seconds[0] > 0
-    assert np.isnan(result.tasks.gemm_gflops[0])
-    (out / "tasks.csv").write_text("".join(f"{line.rsplit(',', 6)[0]}\n" for line in tasks))
-    with pytest.raises(HandbenchError, match="the columns are"):
-        results.load(out)

@@ -21,6 +21,7 @@ from handbench.bench.run.executors import HASH, DaskExecutor, LocalExecutor, els
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
 from handbench.support.store import Stage, cached
+from tests.bench.run.faults import figures
 from tests.bench.run.jobs_of_tests import deadly, performed, stage_of
 
 CAPTURES = 2
@@ -74,15 +75,6 @@ class Workers:
             process.wait()
 
 
-def table(folder: Path) -> list[str]:
-    """The table without its times."""
-    return [
-        line
-        for line in (folder / "table.csv").read_text().splitlines()
-        if not line.startswith("seconds")
-    ]
-
-
 def finished(work: Path) -> int:
     return len(list(work.glob("[!.]*-*")))
 
@@ -117,7 +109,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_p
         assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
     finally:
         workers.stop()
-    assert table(cluster) == table(serial)
+    assert figures(cluster) == figures(serial)
     for path in serial.glob("*/*.npz"):
         assert path.read_bytes() == (cluster / path.relative_to(serial)).read_bytes()
     assert len(result.tasks) == stages and result.about.failures == ()

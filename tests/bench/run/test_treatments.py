@@ -44,7 +44,6 @@ def test_a_projection_is_averaged_afterwards(tmp_path):
     [
         ([1.0] * 5, False),  # of five, even the extremes miss the median in 6 %
         ([1.0] * 6, True),
-        ([1.0, 1.0, 1.0, 1.0, 1.0, 1.2], False),
         ([1.0, 1.04, 1.0, 1.02, 1.06, 1.08], True),
         ([1.0] * 9 + [9.0], True),  # an outlier moves no median
         ([1.0] * 8 + [9.0] * 2, False),
@@ -98,10 +97,9 @@ def test_a_method_with_filters_is_imaged_with_the_same_ones_and_its_own_toleranc
     plain = settings == ThreeToneConfig(threshold_db=-12)
     own = {(WINDOW_PX, -12)} if plain else set()
     assert seen == {(p, db) for p in (1, WINDOW_PX) for db in (-12, OPEN_DB)} - own
-    assert not any(
-        getattr(c, name, False) for c in asked for name in ("drop_doubtful", "drop_wrapped")
-    )
-    assert {c.tolerance for c in asked} == {settings.tolerance}
+    assert {(getattr(c, "drop_wrapped", False), c.tolerance) for c in asked} == {
+        (False, settings.tolerance)
+    }
     for name, px in (("none", 1), ("window", WINDOW_PX)):
         found = read_treated(tmp_path)[name]
         np.testing.assert_allclose([found.z_m[0, 0], found.open_z_m[0, 0]], 1e-3 * px, rtol=1e-6)
@@ -111,12 +109,8 @@ def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():
     maps_m = np.array([[[0.3, np.nan, np.nan]], [[0.31, 0.32, np.nan]]])
     leverage = np.where(np.isfinite(maps_m[0])[..., None], 1.0, np.nan) * np.ones(6)
     mesh, truth = (
-        Reference(
-            z_m, np.where(np.isfinite(z_m), sigma_m, np.nan), leverage, identity("radar"), met
-        )
-        for z_m, sigma_m, met in zip(
-            maps_m, (1e-4, 0.0), (maps_m[1] > 1, maps_m[1] > 0), strict=True
-        )
+        Reference(z_m, sigma_m * z_m / z_m, leverage, identity("radar"), met)
+        for z_m, sigma_m, met in zip(maps_m, (1e-4, 0), (maps_m[1] > 1, maps_m[1] > 0), strict=True)
     )
     both = completed_by(mesh, truth)
     np.testing.assert_array_equal(both.z_m, [[0.3, 0.32, np.nan]])
@@ -140,18 +134,12 @@ def test_a_run_has_equal_treatment_frames_and_enough_times(small_bench, tmp_path
 
     assert value("frames_max_deviation_mm") > 0 and value("frames_largest_mm") >= value("max_mm")
     equal = result.equal.set_index(["metric", "treatment", "method"]).value
-    assert set(result.equal.reference) == {"truth"}
     assert equal["mae_mm", "window", "2fsk"] > 0
     common = [equal["common_percent", "none", method] for method in ("2fsk", "narrowband")]
     assert common[0] == common[1] > 0
     compared = result.comparisons.groupby("treatment").metric.agg(set)
     assert set(compared.index) == {"", "none", "window"} and "mae_mm" not in compared[""]
     assert compared["none"] == compared["window"] == {"mae_mm", "aurc_mm"}
-    first = result.scores[(result.scores.reference == "truth") & (result.scores.frame == 0)]
-    each = first.set_index(["metric", "treatment", "method", "capture"]).value
-    assert each["mae_mm", "", "2fsk", "ball"] == value("mae_mm")
-    assert each["mae_mm", "none", "2fsk", "ball"] == equal["mae_mm", "none", "2fsk"]
-    assert set(result.curves.method) == {"2fsk", "narrowband"}
     maps = {}
     for method in ("2fsk", "narrowband"):
         [folder] = (out / "work").glob(f"reconstruct-ball-{method}-*")

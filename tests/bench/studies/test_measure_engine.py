@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from handbench.bench.studies.engine import measure_engine, turns
-from handbench.bench.studies.engine.checks import exponent, finer, larger, resampled
-from handbench.bench.studies.engine.scope import QUICK, Inputs, Scope, white_noise
+from handbench.bench.studies.engine.scope import QUICK, Inputs, white_noise
 from handbench.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.data.grid import Axis
 from handbench.radar.simulation.forward import Scatterers
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import relative_error
@@ -37,31 +36,11 @@ def test_yardsticks_agree_with_the_direct_sum(image, error):
     assert relative_error(image(samples, TONES_HZ, array, points), reference) < error
 
 
-def test_growth_is_the_slope_of_the_logarithms():
-    assert exponent([1, 2, 4, 8], [3.0, 6.0, 12.0, 24.0]) == pytest.approx(1.0)
-    assert exponent([1, 10, 100], [5.0, 5.0, 5.0]) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_grown_grids_have_the_voxels_they_promise():
-    paper = Inputs(Scope()).grid
-    grid = VoxelGrid(paper.x_m + 0.01, paper.y_m, paper.z_m)
-    for factor in (2, 16):
-        fine, wide = finer(grid, factor), larger(grid, factor)
-        assert np.prod(fine.shape) == pytest.approx(factor * np.prod(grid.shape), rel=0.02)
-        assert np.prod(wide.shape) == pytest.approx(factor * np.prod(grid.shape), rel=0.02)
-        assert fine.z_m[[0, -1]] == pytest.approx(grid.z_m[[0, -1]])
-        assert np.diff(wide.x_m)[0] == pytest.approx(np.diff(grid.x_m)[0])
-        assert wide.x_m.mean() == pytest.approx(grid.x_m.mean()) and wide.z_m[0] == grid.z_m[0]
-    assert resampled(qar50(), 94).tx_m == pytest.approx(qar50().tx_m)
-    assert resampled(qar50(), 24).channels == (24, 24)
-
-
 @pytest.mark.slow
 def test_every_section_writes_its_rows(ran, monkeypatch):
     """On a small volume and few scatterers, in threads in place of processes."""
-    near_m, far_m = [-0.015, -0.015, 0.285], [0.015, 0.015, 0.295]
-    spread_m = np.random.default_rng(0).uniform(near_m, far_m, (60, 3))
-    few = Scatterers(spread_m, np.ones(60))
+    spread_m = np.random.default_rng(0).uniform(-0.015, 0.015, (60, 3)) * [1, 1, 1 / 3]
+    few = Scatterers(spread_m + [0, 0, 0.29], np.ones(60))
     monkeypatch.setattr(Inputs, "scatterers", property(lambda inputs: few))
     small = replace(
         QUICK,
@@ -84,8 +63,5 @@ def test_every_section_writes_its_rows(ran, monkeypatch):
     assert all(expected <= set(row) for row in rows.values())
     assert all(row["met"] for row in rows.values() if "met" in row)
     assert {section for section, _ in rows} == {"volume", "3-FSK frame", "simulation"}
-    assert rows["volume", "exact"]["ratio_to_exact"] == 1
     assert rows["volume", "exact"]["relative_error"] < 1e-6
-    assert rows["volume", "range-compressed, linear interpolation"]["relative_error"] < 1e-3
-    assert rows["volume", "fast projection, 1e-3"]["mask_difference_px"] == 0
     assert len(found["growth"]) == 4 and all(len(one["seconds"]) == 2 for one in found["growth"])

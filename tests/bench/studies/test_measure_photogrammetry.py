@@ -7,7 +7,6 @@ import pytest
 
 from handbench.bench.scenes.stand import rig
 from handbench.bench.studies.photogrammetry import measure_photogrammetry as study
-from handbench.bench.studies.photogrammetry.photogrammetry_cases import bars, sweep
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.surface import Surface
 
@@ -25,16 +24,6 @@ def test_a_rig_that_is_too_large_makes_everything_too_large():
     by_name = {camera.name: camera for camera in true}
     assert study.scale_error(POINTS_M, true, by_name) == pytest.approx(0, abs=1e-9)
     assert study.scale_error(POINTS_M, larger, by_name) == pytest.approx(0.002, abs=1e-8)
-
-
-def test_completeness_counts_what_is_within_a_millimetre():
-    near = POINTS_M[:30] + (0.0009, 0, 0)
-    assert study.completeness(near, POINTS_M) == pytest.approx(0.75)
-
-
-def test_every_case_is_a_valid_scene():
-    cases = [*bars(("C",)), *sweep("W")]
-    assert all(case.scene_file().photos.width == case.width for case in cases)
 
 
 @pytest.mark.slow

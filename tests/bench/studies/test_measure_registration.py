@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.bench.studies.registration import measure_registration as study
-from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import Transform
 
 TRUE = Transform("photo", "radar", np.eye(4))
@@ -28,34 +27,12 @@ def test_a_known_error_is_what_is_scored():
     assert found.tre_m.max() == pytest.approx(corner_m, rel=1e-3)
 
 
-def test_honest_errors_fall_into_the_band_and_others_do_not():
-    """200 errors drawn from their covariance, and the same with a covariance of a quarter."""
-    rng = np.random.default_rng(4)
-    covariance = np.diag([1e-4, 2e-4, 3e-4, 1e-3, 5e-4, 8e-4]) ** 2
-    steps = rng.multivariate_normal(np.zeros(6), covariance, 200)
-    honest, bold = (
-        study.summary([study.score(moved(step[:3], step[3:], claimed), TRUE) for step in steps])
-        for claimed in (covariance, covariance / 4)
-    )
-    assert honest["band"][0] < honest["nees"] < honest["band"][1]
-    assert honest["within_95"] == pytest.approx(0.95, abs=0.05)
-    assert honest["predicted_over_seen"] == pytest.approx(1, abs=0.1)
-    assert bold["nees"] > 3 * bold["band"][1]
-
-
 @pytest.mark.parametrize(
     ("number", "fault", "echoing", "seen"),
-    [
-        (0, "none", 5, 5),
-        (1, "two hidden", 3, 3),
-        (9, "two hidden", 3, 5),
-        (3, "fifth missing", 4, 4),
-    ],
+    [(0, "none", 5, 5), (9, "two hidden", 3, 5), (3, "fifth missing", 4, 4)],
 )
 def test_faults_hide_what_they_say(number, fault, echoing, seen):
     assert tuple(map(len, study.shown(number, fault))) == (echoing, seen)
-    larger = study.wrong(default_target()).centres_m
-    np.testing.assert_allclose(larger, default_target().centres_m * 7 / 6)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from handbench.bench.scenes.shapes import plate_mesh
 from handbench.bench.studies.trust import measure_trust as study
-from handbench.bench.studies.trust.trust_cases import BESIDE_M, off_mesh
+from handbench.bench.studies.trust.trust_cases import off_mesh
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.depth_uncertainty import FEATURES, probability
 
@@ -27,23 +27,6 @@ def test_the_fit_finds_the_weights_that_drew(drawn):
     assert study.fitted(found, wrong, every) == pytest.approx(weights, abs=0.1)
     constant = np.column_stack([found, every])  # a feature that never changes
     assert study.fitted(constant, wrong, every)[-1] == 0
-    twice = np.concatenate([found, found[wrong]]), np.concatenate([wrong, wrong[wrong]])
-    half = np.r_[np.where(wrong, 0.5, 1.0), np.full(wrong.sum(), 0.5)]
-    fitted = study.fitted(found, wrong, every)
-    assert study.fitted(*twice, half) == pytest.approx(fitted, abs=0.02)
-
-
-def test_a_calibrated_probability_is_reliable(drawn):
-    found, wrong, weights = drawn
-    p = probability(found, weights)
-    bins = study.reliability(p, wrong)
-    assert sum(one["pixels"] for one in bins) == len(p)
-    for one in bins:
-        mean, count = one["p_gross"], one["pixels"]
-        bound = 4 * np.sqrt(mean * (1 - mean) / count) + 1e-3
-        assert one["wrong"] == pytest.approx(mean, abs=bound)
-    [figures] = [study.figures([p], [{"wrong": wrong, "held": np.where(wrong, -1, 1)}])]
-    assert figures["brier"] < wrong.mean() * (1 - wrong.mean()) and figures["held_percent"] == 100
 
 
 def test_risk_falls_as_the_doubted_are_dropped():
@@ -68,10 +51,6 @@ def test_a_depth_between_two_surfaces_is_off_from_both():
     off_m, own_m = off_mesh(front + behind)(DepthMap(axis_m, axis_m, z_m, z_m, "x"))
     assert off_m[20, 10] == pytest.approx(0, abs=1e-6) == own_m[20, 10]
     assert off_m[20, 20:30] == pytest.approx(0.015, abs=1e-5)
-    assert own_m[20, 30] == pytest.approx(0.015, abs=1e-5)
-    beside, _ = off_mesh(front)(DepthMap(axis_m, axis_m, np.full_like(z_m, top_m[0]), z_m, "x"))
-    past_m = axis_m[np.isfinite(beside[20])].max()
-    assert past_m == pytest.approx(BESIDE_M + 0.0025, abs=0.0015)  # and half a resolution cell
 
 
 def test_weights_are_fitted_and_written_as_they_are_read(ran, monkeypatch, tmp_path):
@@ -79,13 +58,9 @@ def test_weights_are_fitted_and_written_as_they_are_read(ran, monkeypatch, tmp_p
     monkeypatch.setattr(study, "WEIGHTS", tmp_path / "trust.toml")
     words = ["--scenes", "4", "--methods", "3fsk", "--only", "points", "--fit"]
     found = ran(study, *words)
-    groups = {row["group"]: row for row in found["rows"]}
-    assert {name: row["scenes"] for name, row in groups.items()} == {
-        "calibration": 2,
-        "other surfaces": 2,
-    }
-    assert sum(row["pixels"] for row in found["reliability"]) == sum(
-        row["pixels"] for row in groups.values()
-    )
+    scenes = {row["group"]: row["scenes"] for row in found["rows"]}
+    assert scenes == {"calibration": 2, "other surfaces": 2}
+    counts = [sum(row["pixels"] for row in found[name]) for name in ("rows", "reliability")]
+    assert counts[0] == counts[1]
     written = tomllib.loads((tmp_path / "trust.toml").read_text())
     assert list(written["3fsk"]) == ["constant", *FEATURES] == list(written["any"])

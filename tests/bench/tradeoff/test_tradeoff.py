@@ -18,7 +18,7 @@ from handbench.bench.results import (
 )
 from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, default, imaging_settings
 from handbench.bench.tradeoff.imaging import counted_factor
-from handbench.bench.tradeoff.settings import answer, dominates, front, rank, with_acquisition
+from handbench.bench.tradeoff.settings import answer, dominates, front, rank
 from handbench.cli.tradeoff import LENGTHS, TIMES, quantity
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
@@ -63,10 +63,9 @@ def test_the_front_names_what_dominates():
     other = replace(WORSE, name="other", knobs=json.dumps({"method": "narrowband"}))
     ranked = {s.name: s for s in rank([SLOW, FAST, WORSE, other, UNKNOWN], "slow")}
     assert [name for name, s in ranked.items() if s.on_front] == ["slow", "fast"]
-    assert ranked["worse"].dominated_by == "slow" == ranked["other"].dominated_by
+    assert ranked["worse"].dominated_by == "slow" and ranked["unknown"].dominated_by == ""
     assert ranked["other"].on_method_front and not ranked["worse"].on_method_front
     assert ranked["fast"].ratio == pytest.approx(0.02 / 0.3)
-    assert not ranked["unknown"].on_front and ranked["unknown"].dominated_by == ""
 
 
 def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():
@@ -104,22 +103,15 @@ def sweep(**entry: object) -> TradeoffSweep:
 
 
 def test_knobs_multiply_and_go_into_tables():
-    settings = imaging_settings(
-        sweep(
-            method="broadband",
-            config={"tolerance": 1e-3},
-            sweep={"x.step_m,y.step_m": [1e-3, 2e-3], "count": [32, 64, 128]},
-            every_nth_antenna=[1, 2],
-        ),
-        {},
+    knobs = {"x.step_m,y.step_m": [1e-3, 2e-3], "count": [32, 64, 128]}
+    asked = sweep(
+        method="broadband", config={"tolerance": 1e-3}, sweep=knobs, every_nth_antenna=[1, 2]
     )
+    settings = imaging_settings(asked, {})
     assert len(settings) == len({s.name for s in settings}) == 2 * 3 * 2
-    last = settings[-1]
+    last, axis = settings[-1], {"start_m": -0.15, "stop_m": 0.15, "step_m": 2e-3}
     assert last.name == "broadband-tolerance-1e-3-xy.step-2mm-count-128-every_nth_antenna-2"
-    assert (
-        last.config["x"] == {"start_m": -0.15, "stop_m": 0.15, "step_m": 2e-3} == last.config["y"]
-    )
-    assert last.every_nth_antenna == 2 and "z" not in last.config
+    assert last.config["x"] == axis == last.config["y"] and last.every_nth_antenna == 2
 
 
 def test_what_the_benchmark_says_of_a_method_holds_unless_swept():
@@ -134,7 +126,6 @@ def test_what_the_benchmark_says_of_a_method_holds_unless_swept():
         ({"max_error_mm": 2.0}, "slow"),  # 'near' has 1.9 mm, but up to 2.28 mm
         ({"max_error_mm": 2.3}, "near"),
         ({"max_seconds": 0.34}, "near"),  # 'slow' takes 0.3 s, up to 0.33 s, later a tenth more
-        ({"max_seconds": 0.37}, "slow"),
         ({"max_error_mm": 6.1, "max_seconds": 0.37}, "near"),
     ],
 )
@@ -149,8 +140,6 @@ def test_no_answer_names_the_nearest(tmp_path):
     with pytest.raises(HandbenchError, match=words):
         answer(found, max_error_mm=0.1)
     unsure = folder_with([replace(SLOW, low=None, high=None)], tmp_path / "u")
-    with pytest.raises(HandbenchError, match=r"0.5 mm \(on these captures\)"):
-        answer(unsure, max_error_mm=0.1)
     words = "on these captures, too few to promise it for others"
     assert answer(unsure, max_error_mm=0.5)[1].endswith(words)
     assert "these captures" not in answer(found, max_error_mm=10.0)[1]
@@ -169,7 +158,6 @@ def test_the_acquisition_is_counted_when_asked_for(tmp_path):
     assert answer(found, max_seconds=0.05)[0].name == "many"
     counted = answer(found, max_seconds=0.05, count_acquisition=True)[0]
     assert counted.name == "few" and counted.seconds == pytest.approx(0.032)
-    assert with_acquisition([many])[0].seconds_high == pytest.approx(0.022 + 0.128)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +168,7 @@ def test_quantities_carry_their_unit(text, units, value):
     assert quantity(text, units, "--max") == pytest.approx(value)
 
 
-@pytest.mark.parametrize("text", ["2", "mm", "-2mm", "0mm", "2 ms", "nan mm", "2mm; 3mm", ""])
+@pytest.mark.parametrize("text", ["2", "-2mm", "2 ms", "nan mm", ""])
 def test_other_quantities_are_refused(text):
     with pytest.raises(HandbenchError, match="--max-mae: is"):
         quantity(text, LENGTHS, "--max-mae")
@@ -194,7 +182,6 @@ REFUSED = {
     "twice": ({"sweep": {"tolerance": [1e-2, 1e-2]}}, "listed twice"),
     "nothing": ({"sweep": {"tolerance": []}}, "test: "),
     "no antenna": ({"every_nth_antenna": [0]}, "test: "),
-    "knobs": ({"knobs": {}}, "test: "),
 }
 
 
@@ -209,8 +196,6 @@ def test_the_default_sweep_is_whole_and_a_reference_is_one_of_it():
     assert default().reference in {s.name for s in settings}
     assert {"2fsk", "3fsk", "broadband", "narrowband"} <= {s.method for s in settings}
     own = complete_sweep(TradeoffSweep(repeats=7))
-    assert (own.repeats, own.imaging) == (7, default().imaging) and complete_sweep(
-        None
-    ) == default()
+    assert (own.repeats, own.imaging) == (7, default().imaging)
     with pytest.raises(HandbenchError, match=r"tradeoff\.reference: no setting 'x'"):
         imaging_settings(sweep(method="2fsk").model_copy(update={"reference": "x"}), {})

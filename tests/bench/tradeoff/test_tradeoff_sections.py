@@ -3,7 +3,6 @@ small real run."""
 
 from __future__ import annotations
 
-import json
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -78,59 +77,32 @@ def inputs(
     )
 
 
-@pytest.mark.slow
-def test_a_ball_is_photographed_and_measured(ball, tmp_path):
-    knobs = {
-        "views": (4, 9),
-        "long_px": (5000,),
-        "quality": ("normal",),
-    }  # there are 4 photographs of 600 px
-    found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
-    [setting] = found.lines
-    assert setting.name == found.section.reference == "4-views-600-px-normal"
-    assert json.loads(setting.knobs) == {"views": 4, "long_px": 600, "quality": "normal"}
-    assert 0.005 < setting.error < 1 and setting.low is None  # mm, at 0.75 mm a pixel; one capture
-    assert setting.seconds > 0 and setting.seconds_low is None
-    assert 0 < setting.seen_percent < 100
-    assert not any(tmp_path.iterdir())
-
-
 @pytest.fixture
 def shifted(monkeypatch):
     """In place of reconstructions: the true surface, 0.2 mm too small in radius but for its lower
-    half, which was not seen. Keeps what was asked for; draft is refused when `refuse` is set."""
+    half, which was not seen. Keeps what was asked for; draft is refused."""
     asked = []
 
     def reconstruct(photos, options, work):
-        asked.append(
-            SimpleNamespace(
-                photos=find_photos(photos),
-                cameras=load_cameras(photos / "cameras.json"),
-                quality=options.quality,
-                work=work,
-            )
-        )
-        if options.quality == "draft" and reconstruct.refuse:
+        asked.append((find_photos(photos), load_cameras(photos / "cameras.json"), work))
+        if options.quality == "draft":
             raise HandbenchError("too blurred")
         return SimpleNamespace(
             surface=reconstruct.surface, seconds={"sparse": 2.0, "dense": 3.0, "mesh": 0.5}
         )
 
-    reconstruct.refuse, reconstruct.asked = False, asked
+    reconstruct.asked = asked
     monkeypatch.setattr(groundtruth, "reconstruct", reconstruct)
     return reconstruct
 
 
 def too_small(ball: RunCapture) -> Surface:
     photo_from_radar = load_transform(ball.folder / "truth_radar_from_photo.json").inverse()
-    scene = build(
-        parse(SceneFile, {**BALL, "target": {**BALL["target"], "edge_m": 0.002}}, "the ball")
-    )
-    vertices_m = np.asarray(scene.target_mesh.vertices)
+    fine = BALL | {"target": BALL["target"] | {"edge_m": 0.002}}
+    mesh = build(parse(SceneFile, fine, "the ball")).target_mesh
     centre_m = np.array([0, 0, 0.3])
-    vertices_m = centre_m + (vertices_m - centre_m) * (1 - 2e-4 / 0.03)
-    seen = vertices_m[:, 1] > 0
-    faces = np.asarray(scene.target_mesh.triangles)
+    vertices_m = centre_m + (np.asarray(mesh.vertices) - centre_m) * (1 - 2e-4 / 0.03)
+    seen, faces = vertices_m[:, 1] > 0, np.asarray(mesh.triangles)
     return Surface(photo_from_radar.points(vertices_m), faces, np.full(len(seen), 1e-4), seen)
 
 
@@ -146,17 +118,8 @@ def test_maps_of_a_sphere_are_held_against_the_finest_simulation(tmp_path):
     measured = measure_simulation(inputs(tmp_path, repeats=2, simulation=knobs))
     section, settings = measured.section, measured.lines
     found = {setting.name: setting for setting in settings}
-    assert (
-        section.definition.startswith("mean |Δz|")
-        and "5 mm, metal): all effects." in section.definition
-    )
     assert found["all-effects"].error == 0  # the finest itself
     assert section.reference == settings[0].name == "all-effects"
-    assert {
-        "1-facets-1-mirrors-all-effects",
-        "nodes-2-times-as-far-apart-all-effects",
-        "auto-at-0.1-mm",
-    } <= set(found)
     assert (
         0 < found["without-multipath-shadow_diffraction-shadow_antennas-shadow_centre"].error < 0.05
     )
@@ -226,7 +189,7 @@ def test_the_interval_of_a_root_mean_square_holds_it():
 @pytest.mark.slow
 def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_path, capsys):
     """Of pictures that shrink with their cameras; what is refused has no figures."""
-    shifted.surface, shifted.refuse = too_small(ball), True
+    shifted.surface = too_small(ball)
     knobs = {"views": (3, 4), "long_px": (300, 600), "quality": ("draft", "normal")}
     found = measure_groundtruth(inputs(tmp_path, ball, groundtruth=knobs))
     every = product(knobs["views"], knobs["long_px"], knobs["quality"])
@@ -239,15 +202,13 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
         assert normal.seen_percent == pytest.approx(49, abs=2)
         assert normal.seconds == 5.5  # with the cameras' poses, which two qualities share
     assert "too blurred" in capsys.readouterr().err
-    assert len({asked.work for asked in shifted.asked}) == 4
-    small = shifted.asked[0]
-    assert [photo.name for photo in small.photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
-    assert {(photo.width, photo.height) for photo in small.photos} == {(300, 200)}
-    whole = {c.name: c.params for c in load_cameras(ball.folder / "photos" / "cameras.json")}
-    for camera in small.cameras:
-        half = np.r_[np.array(whole[camera.name][:4]) / 2, whole[camera.name][4:]]
-        np.testing.assert_allclose(camera.params, half)
-        assert (camera.width, camera.height) == (300, 200)
+    assert len({work for *_, work in shifted.asked}) == 4
+    photos, [camera, *_], _ = shifted.asked[0]
+    assert [photo.name for photo in photos] == ["cam00.jpg", "cam01.jpg", "cam02.jpg"]
+    assert {(photo.width, photo.height) for photo in photos} == {(300, 200)}
+    [whole, *_] = load_cameras(ball.folder / "photos" / "cameras.json")
+    assert whole.name == camera.name and (camera.width, camera.height) == (300, 200)
+    np.testing.assert_allclose(camera.params[:4], np.array(whole.params[:4]) / 2)
     with pytest.raises(HandbenchError, match=r"no capture has photographs, truth\.ply"):
         measure_groundtruth(inputs(tmp_path))
 
@@ -266,7 +227,7 @@ def test_unknown_scenes_and_effects_are_refused(knobs, words):
 
 @pytest.mark.slow
 def test_independent_errors_average_out(drawn, tmp_path):
-    """By the seed; and refused captures are done without."""
+    """Refused captures are done without."""
 
     def measured(seed=1, **knobs):
         return measure_registration(inputs(tmp_path, seed=seed, registration=knobs))
@@ -277,11 +238,7 @@ def test_independent_errors_average_out(drawn, tmp_path):
     assert one / four == pytest.approx(2, rel=0.25)
     assert four / sixteen == pytest.approx(2, rel=0.5)  # six combinations alone
     assert [round(setting.seconds / MEASURED_S) for setting in found.lines] == [1, 4, 16]
-    acquired_s = [setting.acquisition_s for setting in found.lines]
-    assert acquired_s == pytest.approx([0.128, 0.512, 2.048])  # of 128 tones each
-    assert all(setting.low < setting.error < setting.high for setting in found.lines)
-    once, again, other = (measured(k, captures=(2,), trials=2).lines[0].error for k in (1, 1, 2))
-    assert once == again != other
+    assert found.lines[1].acquisition_s == pytest.approx(0.512)  # of 128 tones each
     drawn |= {100 * 100 + k for k in range(3)}
     one, four = measured(captures=(1, 4), trials=1).lines
     assert one.error is not None and four.error is None and four.seconds is None
