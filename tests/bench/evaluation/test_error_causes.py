@@ -106,12 +106,12 @@ def disc_and_stem(radius_m: float, half_m: float, top_m: float) -> tuple[np.ndar
     return disc, (np.abs(X_M) <= half_m) & (-radius_m < Y_M) & (top_m >= Y_M)
 
 
-@pytest.mark.parametrize(("radius_m", "length_m", "told"), [
+@pytest.mark.parametrize(("radius_m", "length_m", "split"), [
     (0.05, 0.02, False), (0.05, 0.05, True), (0.01, -0.01, False), (0.05, -0.05, False)
 ])  # fmt: skip
-def test_a_tenth_of_a_hand_must_be_finger_and_another_palm(radius_m, length_m, told):
+def test_a_tenth_of_a_hand_must_be_finger_and_another_palm(radius_m, length_m, split):
     """A disc of 7854 mm² with a stem 30 mm wide: 20 mm of it are 7 %, 50 mm are 16 %. Discs
     alone are all finger or all palm."""
     disc, stem = disc_and_stem(radius_m, 0.015, length_m)
     part = parts(AXIS_M, AXIS_M, np.where(disc | stem, 0.3, np.nan))
-    assert np.isfinite(part).any() == told
+    assert np.isfinite(part).any() == split

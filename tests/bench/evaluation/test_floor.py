@@ -16,7 +16,7 @@ ALONG_Z = (0, 0, 2e-4, 0, 0, 0)
 
 def level(mesh_sigma_m, deviations, place_m: float = 0.0) -> tuple[ErrorMap, Reference]:
     """A plane z = 0.3 m, its error map (an eighth of the pixels unobserved) and what is known of
-    it. deviations: standard deviations of the registration (None: not told), which lies at place_m
+    it. deviations: standard deviations of the registration (None: not known), which lies at place_m
     along x."""
     x, y = np.meshgrid(AXIS_M, AXIS_M)
     z_m = np.full_like(x, 0.3)

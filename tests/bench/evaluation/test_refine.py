@@ -113,7 +113,7 @@ def test_a_fifth_of_garbage_does_not_pull(rng):
 @pytest.mark.parametrize("reach_pixels", [0, 2])
 def test_the_covariance_is_honest(rng, monkeypatch, reach_pixels):
     """Errors squared against the covariance, six per run, for noise of 0.2 mm that pixels share
-    over a reach that is not told, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8
+    over a reach that is not known, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8
     over 20 runs; its bounds are three times that away."""
     monkeypatch.setattr(refine_module, "BIAS_M", 0.0)
     clean, squares = seen(BUMPS), []

@@ -39,11 +39,7 @@ def test_zero_set_of_a_sphere_without_the_smaller_one_beside_it() -> None:
     body = smooth_union([sphere, round_cone([0.035, 0, 0], [0.036, 0, 0], 0.004, 0.004)], 1e-3)
     vertices, faces = zero_set(body, np.full(3, -0.025), np.array([0.045, 0.025, 0.025]), edge_m)
     assert np.abs(np.linalg.norm(vertices, axis=1) - radius_m).max() < 1e-6
-    triangles = vertices[faces]
     # Flat triangles cut (edge / radius)² / 5 or so of the volume off; the sign says that they face
     # outwards.
-    assert np.linalg.det(triangles).sum() / 6 == pytest.approx(
-        4 / 3 * np.pi * radius_m**3, rel=5e-3
-    )
-    edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
-    assert edges.mean() == pytest.approx(edge_m, rel=0.1)
+    volume_m3 = np.linalg.det(vertices[faces]).sum() / 6
+    assert volume_m3 == pytest.approx(4 / 3 * np.pi * radius_m**3, rel=5e-3)
