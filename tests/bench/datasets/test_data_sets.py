@@ -60,10 +60,10 @@ def test_a_data_set_becomes_its_captures_after_others(data_set, selection, expec
 
 
 def test_names_are_unique_and_name_files(data_set):
-    shutil.copytree(data_set / "maroon" / "cup", data_set / "odd" / "..a__cup", dirs_exist_ok=True)
-    names = [open_capture(data_set / path).about.name for path in found(data_set, "")]
-    assert names == ["cup-30", "cup-100", "patch-30", "patch-100"]
-    assert open_capture(data_set / "odd" / "..a__cup" / "30").about.name == "a_cup-30"
+    shutil.copytree(data_set / "maroon" / "cup" / "30", data_set / "odd" / "..a__cup" / "30")
+    paths = [*found(data_set, ""), "odd/..a__cup/30"]
+    names = [open_capture(data_set / path).about.name for path in paths]
+    assert names == ["cup-30", "cup-100", "patch-30", "patch-100", "a_cup-30"]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_what_opens_a_folder(data_set, tmp_path):
     native = open_capture(data_set / "native")
     known = load(CaptureFile, native.folder / "capture.toml", "a capture description")
     assert (native.about, native.truth) == (known, native.folder / "truth.ply")
-    assert (native.mesh(), native.photos, native.transform()) == (None, None, None)
+    assert native.mesh() is native.photos is native.transform() is None
     (tmp_path / "scan").mkdir()
     (tmp_path / "scan" / "scan.npy").touch()
     for place, words in (
@@ -100,16 +100,10 @@ def test_what_opens_a_folder(data_set, tmp_path):
 
 def test_the_files_of_the_page_are_read():
     page = (Path(__file__).parents[3] / "docs" / "maroon.md").read_text("utf-8")
-    bench, mapping, more = (
-        tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
-    )
+    bench, mapping, more = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", page, re.DOTALL))
     assert BenchFile.model_validate(bench).dataset[0].distances == (30,)
-    assert (
-        PairsMapping.model_validate(more.pop("pairs")).first == 1
-    )  # of samples by pair, which these are not
-    told = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
-    assert (
-        told.samples.reversed
-        and told.array[0].datasets == ["tx2", "rx2", "xr2"]
-        and told.wave_speed_m_s == 1e8
-    )
+    # of samples by pair, which these are not
+    assert PairsMapping.model_validate(more.pop("pairs")).first == 1
+    found = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
+    assert found.samples.reversed and found.wave_speed_m_s == 1e8
+    assert found.array[0].datasets == ["tx2", "rx2", "xr2"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.dataset import import_capture, open_capture
-from handbench.bench.datasets.maroon import MESHES, MaroonCapture, eroded
+from handbench.bench.datasets.maroon import MESHES, eroded
 from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.datasets.maroon_frame import Frame
 from handbench.bench.datasets.native import NativeCapture
@@ -30,27 +30,18 @@ def frame_of(folder):
     return next(folder.glob("radar_*/calibrated_data/000000.npy"))
 
 
-def with_box(folder, volume):
-    """Write the box of calibration.json."""
-    file = next(folder.glob("radar_*")) / "calibration.json"
-    file.write_text(json.dumps({"000000": {"volume": volume}}))
-
-
 def test_frames_box_transform_and_mesh_come_back(native, maroon):
     """The capture and the settings of its methods, x turned there and back."""
     path, native, maroon = maroon, open_capture(native), open_capture(maroon)
-    assert isinstance(maroon, MaroonCapture)
     assert (maroon.about.name, maroon.about.distance_m) == ("patch-30", 0.3)
-    np.testing.assert_array_equal(maroon.echoes().samples, native.echoes().samples)
-    np.testing.assert_array_equal(maroon.echoes(1).samples, native.echoes(1).samples)
+    for frames in (None, 1):
+        np.testing.assert_array_equal(maroon.echoes(frames).samples, native.echoes(frames).samples)
     axes = {axis: Axis(**AXES[axis]).values_m() for axis in "xyz"}
-    for method_id in ("broadband", "narrowband", "broadband-subvoxel"):
+    volume = dict.fromkeys(("broadband", "narrowband", "broadband-subvoxel"), "xyz")
+    for method_id, names in (volume | dict.fromkeys(("2fsk", "3fsk-plus", "nfsk"), "xy")).items():
         settings = configuration(path, method_id, {})
-        for axis, values_m in axes.items():
-            np.testing.assert_allclose(getattr(settings, axis).values_m(), values_m, atol=1e-12)
-    for method_id in ("2fsk", "3fsk", "3fsk-plus", "nfsk"):
-        found = configuration(path, method_id, {}).x.values_m()
-        np.testing.assert_allclose(found, axes["x"], atol=1e-12)
+        for axis in names:
+            np.testing.assert_allclose(getattr(settings, axis).values_m(), axes[axis], atol=1e-12)
     grid = PixelGrid(axes["x"], axes["y"])
     true = reference_of_file(native.truth, identity("radar"), grid)
     for file in (maroon.mesh(), maroon.mesh().with_name(MESHES["whole"])):
@@ -91,12 +82,12 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     assert images[1:].max() < 0.1 * images[0]
 
 
-def test_a_boundary_of_their_x_becomes_the_other_one_of_ours(mine):
-    ends = {"bb_min": [-0.1, -0.05, 0.25], "bb_max": [0.2, 0.15000000596, 0.4]}
-    with_box(mine, ends | {"grid_size": [301, 201, 151]})
-    settings = configuration(mine, "broadband", {})
-    ends = [(a[0], a[-1], len(a)) for a in (getattr(settings, axis).values_m() for axis in "xyz")]
-    assert ends == [(-0.2, 0.1, 301), (-0.05, 0.15, 201), (0.25, 0.4, 151)]
+def test_a_box_in_single_precision_is_rounded(mine):
+    file = next(mine.glob("radar_*/calibration.json"))
+    volume = {"bb_min": [-0.1, -0.05, 0.25], "bb_max": [0.2, 0.15000000596, 0.4]}
+    file.write_text(json.dumps({"000000": {"volume": volume | {"grid_size": [301, 201, 151]}}}))
+    y_m = configuration(mine, "broadband", {}).y.values_m()
+    assert (y_m[0], y_m[-1], len(y_m)) == (-0.05, 0.15, 201)
 
 
 def test_without_a_box_their_shipped_one_is_moved_to_the_object(mine):
@@ -108,20 +99,16 @@ def test_without_a_box_their_shipped_one_is_moved_to_the_object(mine):
 
 
 def test_the_alignment_of_the_calibration_stands_in(mine):
-    matrix = np.eye(4)
+    matrix, metadata = np.eye(4), mine / "metadata.json"
     matrix[:3, 3] = 0.01, 0.02, 0.3
     (mine / "alignment.json").unlink()
     assert open_capture(mine).transform() is None
-    registrations = mine.parents[1] / "00_registration"
-    (mine / "metadata.json").write_text(
-        '{"calibration": "01_coarse", "calibration_fine": "01_fine"}'
-    )
-    (registrations / "01_coarse").mkdir(parents=True)
-    save_alignment(
-        registrations / "01_coarse" / "alignment.json", Transform("photo", "radar", matrix)
-    )
+    coarse = mine.parents[1] / "00_registration" / "01_coarse"
+    coarse.mkdir(parents=True)
+    metadata.write_text('{"calibration": "01_coarse", "calibration_fine": "01_fine"}')
+    save_alignment(coarse / "alignment.json", Transform("photo", "radar", matrix))
     np.testing.assert_allclose(open_capture(mine).transform().matrix, matrix, atol=1e-12)
-    (mine / "metadata.json").write_text('{"calibration": "../../../secret"}')
+    metadata.write_text('{"calibration": "../../../secret"}')
     with pytest.raises(HandbenchError, match="leaves the folder"):
         open_capture(mine).transform()
 
@@ -134,29 +121,24 @@ def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsy
     assert open_capture(mine).mesh() is None
 
 
-def depth_map(z_m) -> DepthMap:
-    ny, nx = z_m.shape
-    x_m, y_m = (0.001 * (np.arange(n) - n // 2) for n in (nx, ny))
-    return DepthMap(x_m, y_m, z_m, np.zeros_like(z_m), "test")
-
-
 def test_the_mask_is_their_box_and_their_erosion(mine):
-    z_m = np.full((21, 21), 0.3)
+    z_m, axis_m, metadata = np.full((21, 21), 0.3), 0.001 * np.arange(-10, 11), {}
     z_m[0], z_m[-1], z_m[10, 10] = np.nan, 0.8, 0.2
-    (mine / "metadata.json").write_text(
-        '{"distance_meters": 0.3, "mask_erosion": 20}'
-    )  # zmin 0.26, zmax 0.7
-    found = open_capture(mine).mask(depth_map(z_m))
-    assert found.sum() == 19 * 21 - 1
+    depth = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "test")
+
+    def mask(erode=False, **metadata):
+        (mine / "metadata.json").write_text(json.dumps(metadata))
+        return open_capture(mine).mask(depth, erode=erode)
+
+    metadata = {"distance_meters": 0.3, "mask_erosion": 20}  # zmin 0.26, zmax 0.7
+    assert mask(**metadata).sum() == 19 * 21 - 1
     # Eroded by 5 × 5: rows 1 to 20 are on target, of which 3 to 20 stay (the border erodes
     # nothing); then the box takes row 20 and the near pixel.
-    assert open_capture(mine).mask(depth_map(z_m), erode=True).sum() == 17 * 21 - 1
-    (mine / "metadata.json").write_text('{"distance_meters": 0.3, "mask_bb": {"xmin": 0.0045}}')
-    found = open_capture(mine).mask(depth_map(z_m))
-    assert found[:, :6].sum() > 0 and not found[:, 6:].any()  # their xmin is our xmax
-    (mine / "metadata.json").write_text('{"mask_bb": {"zmin": 0.23, "zmax": 0.1}}')
+    assert mask(erode=True, **metadata).sum() == 17 * 21 - 1
+    found = mask(distance_meters=0.3, mask_bb={"xmin": 0.0045})
+    assert found[:, :6].any() and not found[:, 6:].any()  # their xmin is our xmax
     with pytest.raises(HandbenchError, match=r"zmax 0\.1 below zmin 0\.23"):
-        open_capture(mine).mask(depth_map(z_m))
+        mask(mask_bb={"zmin": 0.23, "zmax": 0.1})
 
 
 FRAMES = {
@@ -164,12 +146,10 @@ FRAMES = {
         {"xr": np.zeros((94, 94, 6), np.complex64)},
         r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)",
     ),
-    "real": ({"xr": np.zeros((96, 96, 6))}, "'xr' is float64"),
     "NaN": ({"xr": np.full((96, 96, 6), np.nan + 0j)}, "samples: 53016 of 53016 are NaN"),
     "gigahertz": ({"fvec": TONES_HZ / 1e9}, "'fvec' is float64 from 72 to 82; expected hertz"),
     "none": ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
     "a frame less": ({"number_of_measurements": 2}, "000001.npy: expected a radar frame"),
-    "text": ({"fvec": "72e9"}, "'fvec' is <U4"),
 }
 
 
@@ -188,13 +168,14 @@ def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     ("change", "reason"),
     [
         ({"grid_size": [2, 2, 0]}, "whole numbers"),
-        ({"grid_size": [2, 2]}, "'grid_size'"),
         ({"bb_min": [0, 0, 2]}, "bb_min below bb_max"),
         ({"bb_min": None}, "'bb_min' is None"),
     ],
 )
 def test_boxes_that_are_none_are_refused(mine, change, reason):
-    with_box(mine, {"bb_min": [0] * 3, "bb_max": [1] * 3, "grid_size": [2] * 3} | change)
+    volume = {"bb_min": [0] * 3, "bb_max": [1] * 3, "grid_size": [2] * 3} | change
+    file = next(mine.glob("radar_*/calibration.json"))
+    file.write_text(json.dumps({"000000": {"volume": volume}}))
     with pytest.raises(HandbenchError, match=reason):
         configuration(mine, "3fsk", {})
 
@@ -224,22 +205,20 @@ def test_the_key_minds_what_a_run_reads_and_nothing_else(mine):
 def test_erosion_leaves_more_than_ten_pixels():
     mask = np.zeros((20, 20), bool)
     mask[5:11, 5:11] = True
-    assert eroded(mask, 3).sum() == 16
-    assert eroded(mask, 5).sum() == 16  # 5 × 5 would leave 4, 4 × 4 leaves 9: too few
+    # 5 × 5 would leave 4, 4 × 4 leaves 9: too few
+    assert eroded(mask, 3).sum() == eroded(mask, 5).sum() == 16
     np.testing.assert_array_equal(eroded(mask, 0), mask)
-    assert np.argwhere(eroded(mask, 2)).tolist() == [
-        [y, x] for y in range(5, 10) for x in range(5, 10)
-    ]
-    small = mask & (np.arange(20) < 8) & (np.arange(20)[:, None] < 8)
-    np.testing.assert_array_equal(eroded(small, 5), small)
+    kept = np.zeros((20, 20), bool)
+    kept[5:10, 5:10] = True
+    np.testing.assert_array_equal(eroded(mask, 2), kept)
 
 
 def test_an_object_becomes_a_capture_folder(maroon, tmp_path):
     import_capture("maroon", maroon, tmp_path / "native")
     native, maroon = open_capture(tmp_path / "native"), open_capture(maroon)
     assert type(native) is NativeCapture
-    assert native.about.contains == ("echoes.h5", "mesh.ply", "radar_from_photo.json")
-    assert native.about.model_copy(update={"contains": ()}) == maroon.about
+    contains = "echoes.h5", "mesh.ply", "radar_from_photo.json"
+    assert native.about == maroon.about.model_copy(update={"contains": contains})
     np.testing.assert_array_equal(native.echoes().samples, maroon.echoes().samples)
     np.testing.assert_allclose(native.transform().matrix, maroon.transform().matrix, atol=1e-15)
     vertices_m = [read_triangles(capture.mesh())[0] for capture in (native, maroon)]

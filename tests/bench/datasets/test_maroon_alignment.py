@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -48,31 +49,19 @@ def test_a_transform_comes_back(tmp_path_factory, seed, scale, mirrored):
     path = tmp_path_factory.mktemp("alignment") / "alignment.json"
     before = ours(seed, scale)
     write_alignment(path, before, mirrored)
-    after = load_alignment(path)  # the matrix tells the hand
+    after = load_alignment(path)  # the matrix says the hand
     assert (after.source, after.target, after.covariance) == ("photo", "radar", None)
     np.testing.assert_allclose(after.matrix, before.matrix, rtol=1e-12, atol=1e-12 * scale)
 
 
-def test_a_camera_beside_the_radar_is_where_it_stands(tmp_path):
-    """Up stays up, away stays away, and what is to the right has negative x with us."""
-    transform = load_alignment(written(tmp_path / "a.json", photogrammetry2radar=BESIDE))
-    seen = np.array([[0, 0, 0.3], [0.02, 0, 0.3], [0, 0.05, 0.3]])  # ahead, to the right, below
-    expected = [[-0.1, 0, 0.3], [-0.12, 0, 0.3], [-0.1, -0.05, 0.3]]
-    np.testing.assert_allclose(transform.points(seen), expected, atol=1e-15)
-    assert np.linalg.det(transform.matrix[:3, :3]) == pytest.approx(1)
-
-
 def test_their_code_carries_points_as_ours_with_x_negated(tmp_path):
-    rng = np.random.default_rng(20240607)
-    transform, points = ours(), rng.uniform(-1, 1, (5, 3))
+    transform, points = ours(), np.random.default_rng(20240607).uniform(-1, 1, (5, 3))
     save_alignment(tmp_path / "a.json", transform)
     calib = json.loads((tmp_path / "a.json").read_text())
     carried = theirs(points, "photogrammetry", "radar", calib)
     np.testing.assert_allclose(carried * [-1, 1, 1], transform.points(points), atol=1e-12)
-    np.testing.assert_allclose(
-        theirs(carried, "radar", "photogrammetry", calib), points, atol=1e-12
-    )
-    assert np.linalg.det(np.array(calib["photogrammetry2radar"])[:3, :3]) == pytest.approx(-1)
+    back = theirs(carried, "radar", "photogrammetry", calib)
+    np.testing.assert_allclose(back, points, atol=1e-12)
     np.testing.assert_array_equal(calib["radar2world"], np.eye(4))
 
 
@@ -89,32 +78,27 @@ def test_other_keys_stay(tmp_path):
     np.testing.assert_allclose(load_alignment(path).matrix, ours().matrix, atol=1e-12)
 
 
-def test_a_crooked_matrix_is_straightened_and_said_and_a_very_crooked_one_refused(tmp_path, capsys):
+def test_a_crooked_matrix_is_straightened_and_said(tmp_path, capsys):
     """What float32 rounds, 6e-8 of numbers below 1, is not said."""
-    single = np.diag([-1, 1, 1, 1]) @ ours(3).matrix.astype(np.float32)
+    single = (np.diag([-1, 1, 1, 1]) @ ours(3).matrix).astype(np.float32).astype(float)
     crooked = np.array(BESIDE)
     crooked[0, 1] = 4e-4  # the nearest rotation takes half of it
-    for matrix, words in ((single.astype(float).ravel(), ""), (crooked, "2.0e-04 off a rotation")):
-        path = written(tmp_path / "a.json", photogrammetry2radar=matrix.tolist())
+    for matrix, words in ((single, r"^$"), (crooked, "2.0e-04 off a rotation")):
+        path = written(tmp_path / "a.json", photogrammetry2radar=matrix.ravel().tolist())
         axes = load_alignment(path).matrix[:3, :3]
-        np.testing.assert_allclose(
-            axes, np.diag([-1, 1, 1]) @ matrix.reshape(4, 4)[:3, :3], atol=3e-4
-        )
+        np.testing.assert_allclose(axes, np.diag([-1, 1, 1]) @ matrix[:3, :3], atol=3e-4)
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-6)
-        written_words = capsys.readouterr().err
-        assert words in written_words and bool(words) == bool(written_words)
+        assert re.search(words, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("mirrored", [True, False])
 def test_the_other_reading_carries_mirror_images_and_a_file_keeps_its_hand(tmp_path, mirrored):
-    """Asked for against the matrix, x comes out negated, the scale tells it, and the inverse undoes
-    it."""
+    """Asked for against the matrix, x comes out negated, and the scale is."""
     path = tmp_path / "a.json"
     write_alignment(path, ours(), mirrored)
     other = load_alignment(path, mirrored=not mirrored)
     points = np.random.default_rng(5).uniform(-1, 1, (5, 3))
     np.testing.assert_allclose(other.points(points), ours().points(points) * [-1, 1, 1], atol=1e-12)
-    np.testing.assert_allclose(other.inverse().points(other.points(points)), points, atol=1e-12)
     assert (ours().scale, other.scale) == (pytest.approx(1), pytest.approx(-1))
     save_alignment(path, ours(2))
     matrix = np.array(json.loads(path.read_text())["photogrammetry2radar"])
@@ -131,12 +115,10 @@ def changed(row: int, column: int, value: object) -> dict:
 NUMBERS = "expected 4×4 or 16 finite numbers"
 REFUSED = {
     "NaN": (changed(0, 0, float("nan")), NUMBERS),
-    "text": (changed(0, 0, "1"), NUMBERS),
     "ragged": ({"photogrammetry2radar": [[1, 2], [3]]}, NUMBERS),
     "last row": (changed(3, 0, 0.1), r"last row .* expected \[0, 0, 0, 1\]"),
     "millimetres": (changed(0, 3, 300.0), "shifts by 300 m; expected metres"),
     "crooked": (changed(0, 1, 4e-3), r"0\.002 off a rotation with one scale; expected 0\.001"),
-    "no axis": (changed(2, 2, 0.0), "off a rotation"),
     "source": ({"photogrametry2radar": BESIDE}, "did you mean 'photogrametry'"),
     "list": ([1, 2], "holds no table of transforms"),
     "pickle": (b"\x80\x04]q\x00.", "is not readable as JSON"),

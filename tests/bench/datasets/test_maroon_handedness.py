@@ -6,6 +6,7 @@ are mirror images.
 """
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -48,30 +49,20 @@ def hand(request, written, tmp_path):
     return shutil.copytree(written[request.param], folder), request.param
 
 
-def without_times(table):
-    return [line for line in table.read_text().splitlines() if "second" not in line]
-
-
 @pytest.mark.slow
-def test_the_scores_do_not_depend_on_the_frame(written, tmp_path, capsys):
-    """As black boxes: `handbench run`, then `handbench evaluate` of one of its maps."""
-    tables, scores = [], []
+def test_the_scores_do_not_depend_on_the_frame(written, tmp_path):
+    """As a black box."""
+    tables = []
     for mirrored, folder in written.items():
         bench, out = tmp_path / f"{mirrored}" / "bench.toml", tmp_path / f"{mirrored}" / "out"
         shutil.copytree(folder.parents[1], bench.parent)
         bench.write_text(BENCH)
         assert main(["run", str(bench), "-o", str(out)]) == 0
-        tables.append(without_times(out / "table.csv"))
+        lines = (out / "table.csv").read_text().splitlines()
+        tables.append([line for line in lines if "second" not in line])
         notes = json.loads((out / "result.json").read_text())["facts"]["transform_notes"]
         assert f"has {'a' if mirrored else 'no'} reflection" in json.dumps(notes)
-        capsys.readouterr()
-        [depth] = (out / "work").glob("reconstruct-*-2fsk-*/depth.npz")
-        options = "--mesh", "photogrammetry/mesh_masked.obj", "--transform", "alignment.json"
-        files = [word if word[0] == "-" else str(folder / word) for word in options]
-        assert main(["evaluate", str(depth), *files]) == 0
-        scores.append(json.loads(capsys.readouterr().out))
     assert tables[0] == tables[1] and any("kinect" in line for line in tables[0])
-    assert scores[0] == scores[1] and scores[0]["n_observed"] > 0
 
 
 def lies_on_the_plane(capture):
@@ -114,27 +105,26 @@ def test_points_that_are_mirror_images_are_noticed(hand, tmp_path):
 
 def test_another_sensor_decides_where_there_is_no_mesh_and_the_matrix_without_it(hand):
     folder, mirrored = hand
-    shutil.rmtree(folder / "photogrammetry")
-    found = open_capture(folder).handedness
-    assert found.mirrored == mirrored
-    assert found.note.startswith("kinect2radar") and "further off" in found.note
-    shutil.rmtree(folder / "kinect")
-    found = open_capture(folder).handedness
-    assert found.mirrored == mirrored and "nothing to check it by" in found.note
+    for gone, words in (
+        ("photogrammetry", "kinect2radar.*further off"),
+        ("kinect", "nothing to check it by"),
+    ):
+        shutil.rmtree(folder / gone)
+        found = open_capture(folder).handedness
+        assert found.mirrored == mirrored and re.search(words, found.note)
 
 
-def test_what_tells_no_side_leaves_it_to_the_matrix(hand):
-    """An object that is its own mirror image, and echoes of two tones, which 3-FSK cannot image."""
+def test_an_object_that_is_its_own_mirror_image_leaves_it_to_the_matrix(hand):
     folder, mirrored = hand
-    points_m = patch_m() - [PLACE_M[0], 0, 0]
-    points_m = np.concatenate([points_m, points_m * [-1, 1, 1]])
-    samples = simulate(Scatterers(points_m, np.ones(50)), TONES_HZ, qar50())[None]
+    half_m = patch_m() - [PLACE_M[0], 0, 0]
+    points = Scatterers(np.concatenate([half_m, half_m * [-1, 1, 1]]), np.ones(50))
+    samples = simulate(points, TONES_HZ, qar50())[None].astype(np.complex64)
     corners_m = np.array(
         [(x, y, 0.29 + 0.1 * abs(x)) for y in (0.01, 0.03) for x in (-0.01, 0, 0.01)]
     )
     surface = corners_m, np.array([[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]])
-    for tones, words in ((slice(None), "further off"), (slice(2), "not checked")):
-        known = samples[:, tones].astype(np.complex64), TONES_HZ[tones], qar50()
-        file, echoes = folder / "alignment.json", lambda known=known: RadarCapture(*known)
-        found = handedness_of(file, "photogrammetry", lambda: surface, echoes)
-        assert found.mirrored == mirrored and words in found.note
+    echoes = RadarCapture(samples, TONES_HZ, qar50())
+    found = handedness_of(
+        folder / "alignment.json", "photogrammetry", lambda: surface, lambda: echoes
+    )
+    assert found.mirrored == mirrored and "further off" in found.note

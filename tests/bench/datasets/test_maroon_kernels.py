@@ -98,18 +98,12 @@ def their_projection(folder):
     axes = their_axes()
     volume = np.abs(their_image(*tones_of(folder), axes))
     db = 20 * np.log10(volume / volume.max())
-    best = db.argmax(axis=2)
-    at = [
-        np.take_along_axis(db, np.clip(best + k, 0, db.shape[2] - 1)[..., None], axis=2)[..., 0]
-        for k in (-1, 0, 1)
-    ]
-    step = axes[2][1] - axes[2][0]
-    vertex = [
-        np.polyfit(np.arange(-1, 2) * step, values, 2)
-        for values in np.stack(at, axis=-1).reshape(-1, 3)
-    ]
-    depth_m = axes[2][best] + np.reshape([-b / (2 * a) for a, b, _ in vertex], best.shape)
-    return np.where(at[1] >= -14, depth_m, np.nan)
+    best, step = db.argmax(axis=2), axes[2][1] - axes[2][0]
+    places = np.clip(best[..., None] + [-1, 0, 1], 0, db.shape[2] - 1)
+    at = np.take_along_axis(db, places, axis=2)
+    a, b, _ = np.polyfit(np.arange(-1, 2) * step, at.reshape(-1, 3).T, 2)
+    depth_m = axes[2][best] + np.reshape(-b / (2 * a), best.shape)
+    return np.where(at[..., 1] >= -14, depth_m, np.nan)
 
 
 def tones_of(folder):
@@ -143,8 +137,8 @@ def off_um(theirs_m, depth):
 
 def test_two_tones_agree_with_theirs(maroon):
     """A micrometre: single precision leaves 6e-5 rad of a path's phase, and c/(4π · 200 MHz) is
-    0.12 m a radian, over the root of 8836 paths; what their rounded 2πf makes of all paths alike, 4
-    µm here, is known and taken off."""
+    0.12 m a radian, over the root of 8836 paths; what their rounded 2πf makes of each path, 4 µm
+    here, is known and taken off."""
     depth, theirs_m = ours(maroon, "2fsk", PIXELS), their_two_tones(maroon)
     assert off_um(theirs_m, depth) <= 5
     assert off_um(theirs_m - rounding_m(np.nanmedian(depth.z_m)), depth) <= 1

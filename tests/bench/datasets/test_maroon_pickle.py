@@ -40,24 +40,16 @@ def saved(path, content):
 def test_arrays_come_through_as_numpy_wrote_them(
     tmp_path_factory, dtype, shape, by_column, protocol
 ):
-    path = tmp_path_factory.mktemp("npy") / "a.npy"
     values = np.arange(int(np.prod(shape)), dtype="<f8").reshape(shape).astype(dtype)
     values = np.asfortranarray(values) if by_column else values
-    content = {
-        "xr": values,
-        "scalar": values.dtype.type(1),
-        "n": 3,
-        "x": 0.5,
-        "text": "ü",
-        "none": None,
-        "yes": True,
-    }
-    pickled = pickle.dumps(np.array(content, dtype=object), protocol)  # numpy 1's, numpy 2's
+    content = {"scalar": values.dtype.type(1), "n": 3, "x": 0.5, "text": "ü", "none": None}
+    whole = np.array(content | {"xr": values, "yes": True}, dtype=object)
+    pickled = pickle.dumps(whole, protocol)  # numpy 1's, numpy 2's
     if protocol == 3:
         pickled = pickled.replace(b"cnumpy._core.multiarray\n", b"cnumpy.core.multiarray\n")
-    read = read_dictionary(npy(path, pickled))
-    np.testing.assert_array_equal(read.pop("xr"), content.pop("xr"))
-    assert read == content
+    read = read_dictionary(npy(tmp_path_factory.mktemp("npy") / "a.npy", pickled))
+    np.testing.assert_array_equal(read.pop("xr"), values)
+    assert read == content | {"yes": True}
 
 
 class Runs:
@@ -88,7 +80,6 @@ def test_code_is_never_run(tmp_path, wrap):
     [
         ({"xr": np.array([None, 1], dtype=object)}, "an array of objects"),
         ({"xr": {"deeper": 1}}, "'xr' is dict"),
-        ({"xr": [1, 2]}, "'xr' is list"),
         ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
         ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
         ({1: 2}, "a key is int"),
@@ -121,11 +112,10 @@ def test_plain_arrays_cut_and_huge_files_are_refused(tmp_path):
 
 def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
     pickled = pickle.dumps(np.array({"xr": np.zeros(255)}, dtype=object), 4)
-    count = pickle.dumps(255, 4)[2:-1]
-    huge = pickled.replace(count, pickle.dumps(2**40, 4)[2:-1], 1)
-    assert huge != pickled
+    count, many = (pickle.dumps(n, 4)[2:-1] for n in (255, 2**40))
+    assert count in pickled
     with pytest.raises(HandbenchError, match="is refused"):
-        read_dictionary(npy(tmp_path / "a.npy", huge))
+        read_dictionary(npy(tmp_path / "a.npy", pickled.replace(count, many, 1)))
 
 
 @pytest.mark.parametrize(

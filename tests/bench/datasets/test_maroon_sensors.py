@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon_alignment import kinect_camera, save_alignment
+from handbench.bench.datasets.maroon_alignment import kinect_camera
 from handbench.bench.run.reconstruct_stage import Imager
-from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.grid import PixelGrid
@@ -48,61 +47,53 @@ def write(folder, name, pictures, calibration):
     (folder / name / "calibration.json").write_text(json.dumps(calibration))
 
 
-def align(folder, name, unit_m=1e-3, axes=FACING, place=PLACE):
+def align(folder, name, unit_m=1e-3, axes=FACING, place=PLACE, **more):
     """Put a sensor's matrix into alignment.json; its points are multiples of unit_m."""
-    calib = json.loads((folder / "alignment.json").read_text())
-    calib[f"{name}2radar"] = (
-        np.diag([-1, 1, 1, 1]) @ np.r_[np.c_[unit_m * axes.T, place], [[0, 0, 0, 1]]]
-    ).tolist()
-    (folder / "alignment.json").write_text(json.dumps(calib))
+    matrix = np.diag([-1, 1, 1, 1]) @ np.r_[np.c_[unit_m * axes.T, place], [[0, 0, 0, 1]]]
+    file = folder / "alignment.json"
+    calib = json.loads(file.read_text()) | {f"{name}2radar": matrix.tolist(), **more}
+    file.write_text(json.dumps(calib))
 
 
 def found(folder, name, frame=0):
     chosen = method(name)
     axes = {
         axis: {"start_m": values_m[0], "stop_m": values_m[-1], "step_m": 0.002}
-        for axis, values_m in zip("xy", (GRID.x_m, GRID.y_m), strict=True)
+        for axis, values_m in (("x", GRID.x_m), ("y", GRID.y_m))
     }
-    return chosen.run(
-        open_capture(folder).echoes(), chosen.configure(axes, "test"), frame
-    ).depth.z_m
+    echoes = open_capture(folder).echoes()
+    return chosen.run(echoes, chosen.configure(axes, "test"), frame).depth.z_m
 
 
 LENS = {"fx": 400.0, "fy": 400.0, "cx": 40.3, "cy": 50.7}
 
 
-@pytest.mark.parametrize(("name", "side"), [("realsense", ""), ("zed", "left/")])
-def test_stereo_cameras(mine, name, side):
+@pytest.mark.parametrize(
+    ("name", "picture", "lens"),
+    [("realsense", "depth/000000.png", "rgb"), ("zed", "depth/left/000000.png", "left")],
+)
+def test_stereo_cameras(mine, name, picture, lens):
     """sensors/realsense_data_loader.py and zed_data_loader.py: xyz = K⁻¹ (u z, v z, z), pixels
     counted from 0."""
     depth = np.round(depth_mm(rays_of(100, 80, 400.0, 40.3, 50.7))).astype(np.uint16)
-    write(
-        mine,
-        name,
-        {f"depth/{side}000000.png": depth},
-        {"rgb" if name == "realsense" else "left": LENS},
-    )
+    write(mine, name, {picture: depth}, {lens: LENS})
     align(mine, name)
-    z_m = found(mine, name)
-    np.testing.assert_allclose(z_m, np.broadcast_to(plane_m(GRID.x_m), z_m.shape), atol=ROUNDED_M)
-    assert (
-        abs((z_m - plane_m(GRID.x_m)).mean()) < 0.1e-3
-    )  # and not half a pixel aside, which were 0.07 mm by the lean
+    off_m = found(mine, name) - plane_m(GRID.x_m)
+    assert np.abs(off_m).max() < ROUNDED_M
+    assert abs(off_m.mean()) < 0.1e-3  # and not half a pixel aside, which were 0.07 mm by the lean
     align(mine, name, unit_m=1.0)  # a matrix from metres
-    np.testing.assert_allclose(found(mine, name), z_m, atol=1e-9)
+    np.testing.assert_allclose(found(mine, name) - plane_m(GRID.x_m), off_m, atol=1e-9)
     align(mine, name, unit_m=0.01)
     with pytest.raises(HandbenchError, match=r"scales by 0\.01; expected 0\.001 or 1"):
         found(mine, name)
 
 
 def test_steps_of_more_than_a_centimetre_are_not_joined(mine):
-    depth = np.full((80, 100), 300, np.uint16)
-    depth[:, 40:60], depth[:, 60:] = 309, 320
+    depth = np.tile(np.repeat([300, 309, 320], [40, 20, 40]).astype(np.uint16), (80, 1))
     write(mine, "realsense", {"depth/000000.png": depth}, {"rgb": LENS})
     align(mine, "realsense")
     vertices, faces = open_capture(mine).sensors()["realsense"].triangles()
-    spans_mm = np.ptp(vertices[faces][..., 2], axis=1)
-    assert set(spans_mm.round(9)) == {0.0, 9.0}
+    assert set(np.ptp(vertices[faces][..., 2], axis=1).round(9)) == {0.0, 9.0}
     assert len(faces) == 2 * 79 * 98  # all quads but a column
 
 
@@ -154,7 +145,7 @@ def entry(place, factory, rotation=None, shift_m=(0, 0, 0)):
 
 
 def test_a_kinect_s_lens_bends_as_its_maker_s_does():
-    """Terms of each kind, strong enough to be told apart; the first pixel's centre is at ½ with
+    """Terms of each kind, strong enough to be distinguished; the first pixel's centre is at ½ with
     us."""
     strong = [*FACTORY[:12], 0.02, -0.03]
     points = np.random.default_rng(3).uniform([-0.2, -0.2, 0.5], [0.2, 0.2, 1.0], (20, 3))
@@ -169,37 +160,33 @@ def test_a_kinect_with_its_lenses(mine, space):
     that kinect_calib names."""
     shutil.rmtree(mine / "kinect")
     net = np.meshgrid(np.arange(-0.05, -0.01, 0.0002), np.arange(0, 0.04, 0.0002))
-    x, y = (axis.ravel() for axis in net)
-    points_mm = 1e3 * (np.stack([x, y, plane_m(x)], axis=1) - PLACE) @ FACING.T
+    hole = np.array([-0.028, 0.024])
+    edges = hole + 0.003 * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    points_mm, corners_mm = (
+        1e3 * (np.stack([x, y, plane_m(x)], axis=-1) - PLACE) @ FACING.T
+        for x, y in (map(np.ravel, net), edges.T)
+    )
     u, v = seen_by(FACTORY, DEPTH_MODE, points_mm).round().astype(int).T
-    depth = np.zeros((576, 640), np.uint16)
+    depth, mask = np.zeros((576, 640), np.uint16), np.full((1080, 1920), 255, np.uint8)
     depth[v, u] = np.round(points_mm[:, 2])
     rotation, _ = cv2.Rodrigues(np.array([0.05, -0.02, 0.01]))
     shift_m = np.array([-0.032, -0.002, 0.004])
-    hole = np.array([-0.028, 0.024])
-    edges = hole + np.array([(-0.003, -0.003), (-0.003, 0.003), (0.003, -0.003), (0.003, 0.003)])
-    corners = np.c_[edges, plane_m(edges[:, 0])]
-    in_colour = 1e3 * ((corners - PLACE) @ FACING.T @ rotation.T + shift_m)
-    mask = np.full((1080, 1920), 255, np.uint8)
-    places = seen_by(COLOUR, COLOUR_MODE, in_colour).round().astype(np.int32)
-    cv2.fillConvexPoly(mask, cv2.convexHull(places), 0)
+    places = seen_by(COLOUR, COLOUR_MODE, corners_mm @ rotation.T + 1e3 * shift_m)
+    cv2.fillConvexPoly(mask, cv2.convexHull(places.round().astype(np.int32)), 0)
     cameras = [entry("D0", FACTORY), entry("PV0", COLOUR, rotation, shift_m.tolist())]
     pictures = {"depth/000000.png": depth, "mask/000000.png": mask}
     write(mine, "kinect", pictures, {"CalibrationInformation": {"Cameras": cameras}})
     if space == "depth":
         align(mine, "kinect")
-    else:  # p_radar = M (R p + t): the colour camera's own place
-        align(mine, "kinect", axes=rotation @ FACING, place=PLACE - FACING.T @ rotation.T @ shift_m)
-        calib = json.loads((mine / "alignment.json").read_text())
-        calib["kinect_calib"] = {}  # their default is the colour camera
-        (mine / "alignment.json").write_text(json.dumps(calib))
-    z_m = found(mine, "kinect")
+    else:  # p_radar = M (R p + t): the colour camera's own place, which is their default
+        place = PLACE - FACING.T @ rotation.T @ shift_m
+        align(mine, "kinect", axes=rotation @ FACING, place=place, kinect_calib={})
+    off_m = found(mine, "kinect") - plane_m(GRID.x_m)
     near = np.abs(np.stack(np.meshgrid(GRID.x_m, GRID.y_m), axis=-1) - hole).max(axis=-1)
-    assert np.isnan(z_m[near < 0.002]).all() and np.isfinite(z_m[near > 0.005]).all()
-    off_m = (z_m - plane_m(GRID.x_m))[near > 0.005]
+    assert np.isnan(off_m[near < 0.002]).all()
     # a net's point lies up to half a pixel beside the pixel's centre
-    assert np.abs(off_m).max() < ROUNDED_M + 0.1e-3
-    assert np.abs(off_m.mean()) < 0.05e-3
+    assert np.abs(off_m[near > 0.005]).max() < ROUNDED_M + 0.1e-3
+    assert np.abs(off_m[near > 0.005].mean()) < 0.05e-3
 
 
 def test_a_rendered_kinect_is_imaged_beside_the_radar_and_guides_it(native, maroon, tmp_path):
@@ -217,20 +204,10 @@ def test_a_rendered_kinect_is_imaged_beside_the_radar_and_guides_it(native, maro
         Imager(native, "kinect", {}).images()
 
 
-def test_a_sensor_without_a_matrix_is_none(mine):
-    (mine / "alignment.json").unlink()
-    save_alignment(mine / "alignment.json", Transform("photo", "radar", np.eye(4)))
-    assert not open_capture(mine).echoes().sensors
-
-
 OTHER_LENS = entry("D0", FACTORY) | {"Intrinsics": {"ModelType": "Rational6KT"}}
 REFUSED = {
     "no picture": ("depth/000000.png", b"no picture", "is not a readable photograph"),
-    "8 bits": (
-        "depth/000000.png",
-        np.zeros((576, 640), np.uint8),
-        "has pixels of mode L; expected grey ones of 16 bits",
-    ),
+    "8 bits": ("depth/000000.png", np.zeros((576, 640), np.uint8), "grey ones of 16 bits"),
     "size": ("depth/000000.png", np.ones((576, 600), np.uint16), "does not fit its .*600"),
     "empty": ("depth/000000.png", np.zeros((576, 640), np.uint16), "saw nothing at the radar's"),
     "list": ("calibration.json", [], "holds no table"),

@@ -49,11 +49,8 @@ def test_every_method_finds_the_panel(folder, name):
     # well.
     coarse = {axis: {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.025} for axis in "xy"}
     config = NativeCapture(folder).about.methods[name] | coarse
-    depth = (
-        method(name)
-        .run(NativeCapture(folder).echoes(), method(name).configure(config, name), 0)
-        .depth
-    )
+    chosen = method(name)
+    depth = chosen.run(NativeCapture(folder).echoes(), chosen.configure(config, name), 0).depth
     assert 0.09 <= np.nanmedian(depth.z_m) <= 0.11
     assert np.isfinite(depth.z_m).mean() > 0.6
 

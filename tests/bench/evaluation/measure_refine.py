@@ -81,18 +81,12 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     captures = [maps(folder, FIRST_PERSON + n) for n in range(HANDS)]
     for id in METHODS:
-        all_told = []
+        found = []
         for capture in captures:
             files = [folder / f"{capture.name}-maps" / f"{id}_{draw}.npz" for draw in range(DRAWS)]
-            found = [refine_files(file, capture / TRUTH, None) for file in files]
-            told = np.array([misfit(transform) for transform in found], float)
-            all_told.append(told)
-            moved = [[*t.refined["translation_mm"], *t.refined["rotation_deg"]] for t in found]
-            rms = np.sqrt(np.mean(np.square(moved), axis=0)).round(2)
-            moves = f"moved by {rms[:3]} mm and {rms[3:]}° (rms)"
-            print(f"{capture.name} {id}: χ² {told.round(1)}; {moves}", flush=True)
-        known = np.concatenate(all_told)
-        known = known[np.isfinite(known)]
+            found += [misfit(refine_files(file, capture / TRUTH, None)) for file in files]
+            print(f"{capture.name} {id}: χ² {found[-DRAWS:]}", flush=True)
+        known = np.array([each for each in found if each is not None])
         inside = int((known < chi2.ppf(0.95, 6)).sum())
         print(f"{id}: inside {inside} of {HANDS * DRAWS} (with covariance: {len(known)})")
         print(f"{id}: χ² of 6: mean {known.mean():.2f}, median {np.median(known):.2f}")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from handbench.bench.evaluation.paired import compare, f_test, paired_test, welch_test
+from handbench.bench.evaluation.paired import compare, f_test, welch_test
 from handbench.bench.results.result_folder import best, shown
 from handbench.support.errors import HandbenchError
 
@@ -18,31 +18,28 @@ def speckle(seed: int, captures: int = 6) -> np.ndarray:
     return 1 + 0.1 * np.random.default_rng(seed).normal(size=captures)
 
 
-def test_identical_methods_do_not_differ():
-    lines = compare({"2fsk": speckle(0), "3fsk": speckle(0)}, "truth", titles=TITLES)
-    [line] = lines.itertuples()
-    assert (line.difference, line.low, line.high, line.p_corrected) == (0, 0, 0, 1)
-    assert np.isnan(line.effect) and best(lines, "mae_mm", "truth") == ("2fsk", "3fsk")
-    assert line.sentence.startswith("no difference shown between 2-FSK and 3-FSK in MAE: 0.000 mm")
-
-
-def test_a_constant_shift_is_known_exactly():
+@pytest.mark.parametrize(
+    ("shift_mm", "first", "sentence"),
+    [
+        (0, ("2fsk", "3fsk"), "no difference shown between 2-FSK and 3-FSK in MAE: 0.000 mm"),
+        (1, ("3fsk",), "3-FSK is better than 2-FSK by 1.0 mm [1.0, 1.0] (MAE)"),
+    ],
+)
+def test_a_constant_shift_is_known_exactly(shift_mm, first, sentence):
     """What both methods share cancels, so nothing is left to doubt (float64: 1e-9 mm)."""
-    lines = compare({"2fsk": speckle(0) + 1, "3fsk": speckle(0)}, "truth", titles=TITLES)
+    lines = compare({"2fsk": speckle(0) + shift_mm, "3fsk": speckle(0)}, "truth", titles=TITLES)
     [line] = lines.itertuples()
-    assert (line.better, line.worse) == ("3fsk", "2fsk") and line.p_corrected < 1e-12
-    assert (line.difference, line.low, line.high) == pytest.approx((1, 1, 1), abs=1e-9)
-    assert line.sentence == "3-FSK is better than 2-FSK by 1.0 mm [1.0, 1.0] (MAE)"
-    assert line.n_captures == 6 and best(lines, "mae_mm", "truth") == ("3fsk",)
+    assert (line.p_corrected < 1e-12) == bool(shift_mm) and line.n_captures == 6
+    assert (line.difference, line.low, line.high) == pytest.approx([shift_mm] * 3, abs=1e-9)
+    assert line.sentence.startswith(sentence) and best(lines, "mae_mm", "truth") == first
 
 
 def test_six_captures_have_students_paired_test():
     one, other = speckle(1), speckle(2) + 0.05
     [line] = compare({"a": one, "b": other}, "truth").itertuples()
-    assert line.p_corrected == pytest.approx(stats.ttest_rel(one, other).pvalue, rel=1e-9)
     d = other - one
+    assert line.p_corrected == pytest.approx(stats.ttest_rel(one, other).pvalue, rel=1e-9)
     assert line.effect == pytest.approx(abs(d.mean()) / d.std(ddof=1), rel=1e-9)
-    assert line.difference == pytest.approx(abs(d.mean()))
     assert line.low <= line.difference <= line.high
 
 
@@ -52,11 +49,10 @@ def test_two_samples_have_welchs_test():
     found = welch_test(one, other)
     assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
     assert found[1:3] == pytest.approx(tuple(expected.confidence_interval(0.95)), rel=1e-9)
-    ones, none = np.ones(5), np.full(6, np.nan)
+    ones = np.ones(5)
     assert welch_test(ones, 1.5 * ones) == (0.5, 0.5, 0.5, 0.0)  # which do not scatter
-    assert welch_test(ones, ones) == (0, 0, 0, 1)
     assert welch_test(ones[:4], 1.5 * ones)[0] == 0.5 and np.isnan(welch_test(ones[:4], ones).p)
-    assert np.isnan(welch_test(none, ones)[0]) and np.isnan(paired_test(none, none)[0])
+    assert np.isnan(welch_test(np.nan * ones, ones)[0])
 
 
 @pytest.mark.slow
@@ -105,9 +101,6 @@ def test_the_ratio_of_precisions_lies_between_quantiles_of_f():
     9)."""
     a, b = np.linspace(-1, 1, 10), np.linspace(-1, 1, 12)
     a, b = 1e-3 * a / a.std(ddof=1), 2e-3 * b / b.std(ddof=1)
-    found = f_test([a], [b])
     low, high = (2 / np.sqrt(stats.f.ppf(tail, 11, 9)) - 1 for tail in (0.975, 0.025))
-    assert (found.difference, found.low, found.high) == pytest.approx((1.0, low, high), rel=1e-9)
-    assert f_test([a], [a]) == (0, 0, 0, 1)
-    still = f_test([a], [np.zeros(5)])
-    assert still.difference == pytest.approx(-1) and np.isnan(still[1:]).all()
+    assert f_test([a], [b])[:3] == pytest.approx((1.0, low, high), rel=1e-9)
+    assert f_test([a], [np.zeros(5)]) == pytest.approx((-1, *[np.nan] * 3), nan_ok=True)

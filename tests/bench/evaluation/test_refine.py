@@ -8,9 +8,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
+from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.evaluation import refine as refine_module
-from handbench.bench.evaluation.refine import _paired, _Pixels, refine, refine_files
+from handbench.bench.evaluation.refine import refine
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.depth import reference_on_grid
@@ -34,9 +34,9 @@ def surface_of(height, half_m: float = 0.1, count: int = 81) -> Surface:
     """z = height(x, y) as triangles over a square."""
     axis = np.linspace(-half_m, half_m, count)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
-    corner = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    corner = np.arange(count**2).reshape(count, count)[:-1, :-1].ravel()[:, None]
     halves = [(0, count, 1), (1, count, count + 1)]
-    faces = np.concatenate([np.stack([corner + i for i in half], axis=1) for half in halves])
+    faces = np.concatenate([corner + half for half in halves])
     vertices_m = np.stack([x, y, height(x, y)], axis=1)
     return Surface(vertices_m, faces, np.full(len(x), np.nan), np.ones(len(x), bool))
 
@@ -75,7 +75,6 @@ def test_a_plane_holds_three_directions_and_keeps_the_others():
     found = refine(plane, depth_of(seen(plane, truth)), identity("radar"))
     report = found.refined
     assert len(report["held"]) == len(report["free"]) == 3
-    assert all(float(free.split("condition ")[1][:-1]) > 1e6 for free in report["free"])
     assert found.covariance is None  # the start knew nothing of the three
     assert report["uncertainty"].startswith("no covariance: the surface does not hold ")
     assert all(direction in report["uncertainty"] for direction in report["free"])
@@ -93,10 +92,9 @@ def test_along_free_directions_the_covariance_is_the_starts(rng):
     noisy = depth_of(seen(plane) + 1e-4 * rng.standard_normal((61, 61)))
     start = motion((0, 0, 0), (0, 0, 0), np.diag([4e-6, 1e-6, 9e-6, 1e-6, 1e-6, 1e-4]))
     found = refine(plane, noisy, start)
-    x, y, z = np.sqrt(np.diag(found.point_covariance(CENTRE_M)))
-    before = np.sqrt(np.diag(start.point_covariance(CENTRE_M)))
-    np.testing.assert_allclose([x, y], before[:2], rtol=0.01)  # 1 %: the plane's estimated tilt
-    assert z < 0.03 * before[2]  # the radar's bias: 0.06 of 3 mm
+    ratio = np.diag(found.point_covariance(CENTRE_M)) / np.diag(start.point_covariance(CENTRE_M))
+    np.testing.assert_allclose(ratio[:2], 1, rtol=0.02)  # σ to 1 %: the plane's estimated tilt
+    assert ratio[2] < 0.03**2  # the radar's bias: 0.06 of 3 mm
     assert found.covariance[5, 5] == pytest.approx(1e-4, rel=0.01)
 
 
@@ -108,15 +106,14 @@ def test_a_fifth_of_garbage_does_not_pull(rng):
     stranger = rng.random(z_m.shape) < 0.2
     z_m[stranger] += rng.uniform(0.005, 0.03, stranger.sum())  # all on one side
     found = refine(BUMPS, depth_of(z_m), identity("radar"))
-    report = found.refined
     assert apart_mm(found, truth) < 0.06
-    assert report["left_out"] > 0.9 * stranger[1:-1, 1:-1].sum()
+    assert found.refined["left_out"] > 0.9 * stranger[1:-1, 1:-1].sum()
 
 
 @pytest.mark.parametrize("reach_pixels", [0, 2])
 def test_the_covariance_is_honest(rng, monkeypatch, reach_pixels):
     """Errors squared against the covariance, six per run, for noise of 0.2 mm that pixels share
-    over a reach that is not told, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8
+    over a reach that is not known, without a bias: χ² of 6 degrees of freedom has the mean 6 ± 0.8
     over 20 runs; its bounds are three times that away."""
     monkeypatch.setattr(refine_module, "BIAS_M", 0.0)
     clean, squares = seen(BUMPS), []
@@ -148,18 +145,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def test_sums_over_pairs_are_those_of_the_definition(rng):
-    """Against all pairs one by one, on a grid with holes and unequal steps."""
-    x_m, y_m = np.cumsum(rng.uniform(0.5e-3, 2e-3, (2, 12)), axis=1)
-    place_m = np.stack(np.meshgrid(x_m, y_m)).reshape(2, -1)[:, rng.random(144) < 0.7]
-    values = rng.standard_normal((place_m.shape[1], 3))
-    separation_m = np.linalg.norm(place_m[:, :, None] - place_m[:, None], axis=0)
-    expected = values.T @ np.exp(-((separation_m / 3e-3) ** 2) / 2) @ values
-    pixels = _Pixels(np.arange(0), place_m, values[:, 0], values, np.zeros(3), 1.0)
-    np.testing.assert_allclose(_paired(values, pixels, 3e-3), expected, rtol=1e-12)
-
-
-def test_the_command_starts_from_maroons_file_and_tells_the_covariance_or_why_there_is_none(
+def test_the_command_starts_from_maroons_file_and_says_the_covariance_or_why_there_is_none(
     tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
@@ -171,23 +157,17 @@ def test_the_command_starts_from_maroons_file_and_tells_the_covariance_or_why_th
         depth_of(seen(surface, truth)).save(tmp_path / f"{name}.npz")
         command = f"calibrate --refine {name}.npz --mesh {name}.ply -o {name}.json"
         assert main([*command.split(), "--transform", "alignment.json"]) == 0
-    told = capsys.readouterr().err
-    assert "one σ at the surface's middle 0." in told
-    assert "no covariance: the surface does not hold" in told
+    written = capsys.readouterr().err
+    assert "one σ at the surface's middle 0." in written
+    assert "no covariance: the surface does not hold" in written
     found = load_transform(tmp_path / "bumps.json")
     assert apart_mm(found, truth) < 0.01 and found.covariance is not None
     assert found.refined["depth"] == "bumps.npz" and "cannot show" in found.refined["reason"]
     assert load_transform(tmp_path / "plane.json").covariance is None
-    alone = refine_files(tmp_path / "bumps.npz", tmp_path / "bumps.ply", None)
-    assert (alone.source, alone.target) == ("radar", "radar")
-    np.testing.assert_allclose(alone.matrix, found.matrix, atol=1e-9)
-    Transform("radar", "photo", np.eye(4)).save(tmp_path / "back.json")
-    with pytest.raises(HandbenchError, match="expected one from 'radar' to 'radar'"):
-        load_any_transform(tmp_path / "back.json")
 
 
 @pytest.mark.parametrize(("shift_mm", "turn_deg", "scale"), [
-    ((0, 0, 3), (0, 0, 0), 1.02), ((1, 2, -2), (1, -1, 1.5), 1), ((6, -5, 6), (3, 2, -3.5), 1)
+    ((0, 0, 3), (0, 0, 0), 1.02), ((6, -5, 6), (3, 2, -3.5), 1)
 ])  # fmt: skip
 def test_a_known_motion_comes_back_and_the_scale_stays(shift_mm, turn_deg, scale):
     """Without errors the distances vanish at the truth; what is left is the ray caster's single
@@ -198,8 +178,7 @@ def test_a_known_motion_comes_back_and_the_scale_stays(shift_mm, turn_deg, scale
     found = refine(mesh, depth_of(seen(BUMPS, truth)), Transform("photo", "radar", start))
     report = found.refined
     assert apart_mm(found, Transform("photo", "radar", truth.matrix @ start)) < 0.01
-    assert report["free"] == [] and len(report["held"]) == 6
-    assert report["rms_after_mm"] < 1e-3 < report["rms_before_mm"]
+    assert report["free"] == [] and report["rms_after_mm"] < 1e-3 < report["rms_before_mm"]
     np.testing.assert_array_equal(report["start"], start)
     np.testing.assert_allclose(report["rotation_deg"], turn_deg, atol=0.01)
     if not any(turn_deg):

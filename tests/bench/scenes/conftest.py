@@ -17,19 +17,9 @@ from handbench.support.config import parse
 
 
 def ball_scene(**photos: object) -> Scene:
-    return build(
-        parse(
-            SceneFile,
-            {
-                "version": 1,
-                "name": "ball",
-                "seed": 5,
-                "target": {"kind": "sphere", "edge_m": 2e-3},
-                "photos": {"cameras": 3, "width": 150, "height": 100} | photos,
-            },
-            "test",
-        )
-    )
+    photos = {"cameras": 3, "width": 150, "height": 100} | photos
+    values = {"version": 1, "name": "ball", "seed": 5, "photos": photos}
+    return build(parse(SceneFile, values | {"target": {"kind": "sphere", "edge_m": 2e-3}}, "test"))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,6 @@
 """Smoothness of a meshed hand to the radar: angles between neighbouring facets, and what one
 subdivision of the mesh onto the true surface changes in the echoes and in the depths that three
-tones tell.
+tones show.
 
     python -m tests.bench.scenes.hand_smoothness [LETTERS]
 

@@ -13,13 +13,14 @@ from handbench.bench.scenes.bones import (
     FINGERS,
     PALMAR,
     RADIAL,
-    RADII_MM,
     Bone,
+    radii_m,
     skeleton,
     skeleton_of_palm,
 )
 from handbench.bench.scenes.hand import TIP_TISSUE_MM
 from handbench.bench.scenes.hand_pose import POSES, Pose
+from handbench.bench.scenes.people import MEAN, Person
 from tests.bench.scenes.hand_field import hand_field
 
 DIGITS = (*FINGERS, "thumb")
@@ -41,34 +42,42 @@ TOUCHING = {
 APART_M = {"C": 0.030, "G": 0.005, "L": 0.020, "Q": 0.005, "Y": 0.020}  # thumb from index, at least
 
 
-def flesh(name: str, digit: tuple[Bone, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
+def flesh(
+    name: str, digit: tuple[Bone, ...], person: Person
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Centres [n, 3] and radii [n] of balls along each phalanx, metres: an independent, plainer
     hand."""
-    radii_m, balls = 1e-3 * np.array(RADII_MM[name]), []
-    t = np.linspace(0, 1, 20)
+    radius_m, balls, t = radii_m(name, person), [], np.linspace(0, 1, 20)
     for number, bone in enumerate(digit[1:]):
-        length_m = bone.length_m + (1e-3 * TIP_TISSUE_MM - radii_m[-1] if bone is digit[-1] else 0)
-        radius_m = radii_m[number] + (radii_m[number + 1] - radii_m[number]) * t
-        balls.append((bone.start_m + length_m * t[:, None] * bone.axis, radius_m))
+        tissue_m = 1e-3 * TIP_TISSUE_MM - radius_m[-1] if bone is digit[-1] else 0
+        along_m = (bone.length_m + tissue_m) * t[:, None] * bone.axis
+        balls.append((bone.start_m + along_m, np.interp(t, [0, 1], radius_m[number : number + 2])))
     return balls
 
 
-def clearance_m(pose: Pose, one: str, other: str) -> tuple[float, np.ndarray]:
+def gaps_m(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Distances between the surfaces of balls [n] and balls [m]."""
+    (a, ra), (b, rb) = one, other
+    return np.linalg.norm(a[:, None] - b, axis=2) - ra[:, None] - rb
+
+
+def clearance_m(
+    pose: Pose, one: str, other: str, person: Person = MEAN
+) -> tuple[float, np.ndarray]:
     """Smallest distance between two digits' flesh, negative where they overlap, and the place. Webs
     do not count."""
-    bones = skeleton(pose)
-    neighbours = (
-        one in FINGERS and other in FINGERS and abs(FINGERS.index(one) - FINGERS.index(other)) == 1
-    )
+    bones = skeleton(pose, person)
+    neighbours = abs(DIGITS.index(one) - DIGITS.index(other)) == 1 and "thumb" not in (one, other)
     smallest, place = np.inf, np.zeros(3)
-    for i, (a, ra) in enumerate(flesh(one, bones[one])):
-        for j, (b, rb) in enumerate(flesh(other, bones[other])):
-            gap = np.linalg.norm(a[:, None] - b, axis=2) - ra[:, None] - rb
+    for i, a in enumerate(flesh(one, bones[one], person)):
+        for j, b in enumerate(flesh(other, bones[other], person)):
+            gap = gaps_m(a, b)
             if neighbours and i == j == 0:
                 gap[:8], gap[:, :8] = np.inf, np.inf
             k, m = np.unravel_index(gap.argmin(), gap.shape)
             if gap[k, m] < smallest:
-                smallest, place = gap[k, m], (a[k] * rb[m] + b[m] * ra[k]) / (ra[k] + rb[m])
+                (p, p_m), (q, q_m) = (a[0][k], a[1][k]), (b[0][m], b[1][m])
+                smallest, place = gap[k, m], (p * q_m + q * p_m) / (p_m + q_m)
     return smallest, place
 
 
@@ -77,31 +86,27 @@ def overlap_m(pose: Pose) -> float:
     overlap."""
     bones = skeleton(pose)
     gaps = [clearance_m(pose, one, other)[0] for one, other in itertools.combinations(DIGITS, 2)]
-    t = np.linspace(0, 0.9, 20)
-    metacarpals = np.concatenate(
-        [np.array([bones[f][0].at(x * bones[f][0].length_m) for x in t]) for f in FINGERS]
-    )
-    palm = metacarpals, np.full(len(metacarpals), 9e-3)
+    t = np.linspace(0, 0.9, 20)[:, None]
+    metacarpals = (bones[name][0] for name in FINGERS)
+    palm = np.concatenate([b.start_m + t * b.length_m * b.axis for b in metacarpals])
     for name in DIGITS:
-        balls = flesh(name, bones[name])
-        for (a, ra), (b, rb) in (
-            (balls[-1], palm),
-            *([(balls[0], balls[2])] if name in FINGERS else []),
-        ):
-            gaps.append((np.linalg.norm(a[:, None] - b, axis=2) - ra[:, None] - rb).min())
+        first, *_, last = balls = flesh(name, bones[name], MEAN)
+        gaps.append(gaps_m(last, (palm, np.full(len(palm), 9e-3))).min())
+        if name in FINGERS:
+            gaps.append(gaps_m(first, balls[2]).min())
     return -min(gaps)
 
 
 def test_pointing_letters_point_as_the_viewer_sees_them() -> None:
     """The thumb's side of an upright palm is the viewer's right. R's fingers cross, and V's are
     apart."""
-    tips = {k: [skeleton(POSES[k])[n][-1] for n in ("index", "middle")] for k in "GHPQRUV"}
+    bones = {letter: skeleton(POSES[letter]) for letter in "CGHOPQRUV"}
+    tips = {k: (of["index"][-1], of["middle"][-1]) for k, of in bones.items()}
     assert all(tips[letter][0].axis @ RADIAL > 0.9 for letter in "GH")
     assert all(tips[letter][0].axis @ -DISTAL > 0.7 for letter in "PQ")
-    towards = {k: skeleton(POSES[k])["middle"][0].palmar for k in "COPQ"}
     # the viewer sees the back of the hand, or a hand that is open to the right
-    assert all(towards[letter] @ PALMAR < -0.7 for letter in "PQ")
-    assert all(towards[letter] @ RADIAL > 0.6 for letter in "CO")
+    assert all(bones[letter]["middle"][0].palmar @ PALMAR < -0.7 for letter in "PQ")
+    assert all(bones[letter]["middle"][0].palmar @ RADIAL > 0.6 for letter in "CO")
     across = {letter: middle.end_m - index.end_m for letter, (index, middle) in tips.items()}
     assert across["R"] @ RADIAL > 0.005 and across["R"] @ PALMAR < -0.005
     assert np.linalg.norm(across["U"]) < 0.025 and np.linalg.norm(across["V"]) > 0.040

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handbench.bench.scenes.bones import person_pose, radii_m, skeleton
+from handbench.bench.scenes.bones import person_pose, skeleton
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, Pose
-from handbench.bench.scenes.implicit import Field, zero_set
 from handbench.bench.scenes.people import LENGTHS_MM, MEAN, MOST_PEOPLE, person, placement
 from tests.bench.scenes.hand_field import hand_field
+from tests.bench.scenes.test_letters import clearance_m
 
 COARSE_M = 5e-3
 NUMBERS = st.integers(1, MOST_PEOPLE)
@@ -30,10 +30,8 @@ MEAN_FIELD_M = [
 def test_the_mean_hand_is_what_it_was() -> None:
     assert person(0) is MEAN and person_pose(POSES["F"], 0) is POSES["F"]
     points_m = np.random.default_rng(0).uniform((-0.06, -0.09, -0.04), (0.06, 0.12, 0.03), (12, 3))
-    for field in (hand_field(POSES["F"]), hand_field(POSES["F"], person(0))):
-        assert (
-            np.abs(field(points_m) - MEAN_FIELD_M).max() < 1e-16
-        )  # the same bits, but for another processor's square roots
+    # the same bits, but for another processor's square roots
+    assert np.abs(hand_field(POSES["F"])(points_m) - MEAN_FIELD_M).max() < 1e-16
 
 
 @given(NUMBERS)
@@ -47,12 +45,11 @@ def test_sizes_and_proportions_are_the_published_ones() -> None:
     """Both sexes of the 1988 survey together; the tails that are cut take a tenth of the deviation
     within each. Bones as Buryanov & Kotiuk: 0.08 to 0.15, with the radiographs' error."""
     people = [person(number) for number in range(1, 801)]
-    bones = {
-        name: np.array(own) * [p.bones[name] for p in people] for name, own in LENGTHS_MM.items()
-    }
+    bones = {n: np.array(own) * [p.bones[n] for p in people] for n, own in LENGTHS_MM.items()}
+    breadth, length, _ = np.transpose([p.palm for p in people])
     palm_mm = 189.2 - sum(LENGTHS_MM["middle"][1:])
-    length_mm = palm_mm * np.array([p.palm[1] for p in people]) + bones["middle"][:, 1:].sum(axis=1)
-    breadth_mm = 83.4 * np.array([p.palm[0] for p in people])
+    length_mm = palm_mm * length + bones["middle"][:, 1:].sum(axis=1)
+    breadth_mm = 83.4 * breadth
     assert length_mm.mean() == pytest.approx((193.8 + 180.5) / 2, abs=1.5)
     assert np.hypot(9.75 * 0.9, 6.65) == pytest.approx(length_mm.std(), rel=0.12)
     assert breadth_mm.mean() == pytest.approx((90.4 + 79.4) / 2, abs=1)
@@ -76,44 +73,23 @@ def test_every_person_has_one_sound_hand(number: int, letter: str) -> None:
     assert hand_field(pose, own)(joints).max() < -5e-4
 
 
-def depth_of_contact_m(pose: Pose, one: str, other: str, number: int) -> float:
-    """How far the bones' middle lines keep apart, less the flesh: negative where digits overlap.
-    Independent of the chains that `held` uses: sampled densely, with the radii of joints alone."""
-    own, found = skeleton(pose, person(number)), np.inf
-    t = np.linspace(0, 1, 40)[:, None]
-    for i, a in enumerate(own[one][1:]):
-        for j, b in enumerate(own[other][1:]):
-            ra, rb = (
-                radii_m(name, person(number))[k : k + 2] for name, k in ((one, i), (other, j))
-            )
-            pa, pb = (bone.start_m + t * bone.length_m * bone.axis for bone in (a, b))
-            flesh = (ra[0] + t * (ra[1] - ra[0])) + (rb[0] + t * (rb[1] - rb[0])).T
-            found = min(found, float((np.linalg.norm(pa[:, None] - pb, axis=2) - flesh).min()))
-    return found
-
-
 @pytest.mark.parametrize("number", [2, 12, 66, 177])
 @pytest.mark.parametrize(("letter", "finger"), [("F", "index"), ("U", "ring"), ("O", "middle")])
 def test_digits_that_touch_in_a_letter_touch_in_every_hand(
     letter: str, finger: str, number: int
 ) -> None:
-    mean_m = depth_of_contact_m(POSES[letter], "thumb", finger, 0)
-    own_m = depth_of_contact_m(person_pose(POSES[letter], number), "thumb", finger, number)
+    mean_m, _ = clearance_m(POSES[letter], "thumb", finger)
+    own_m, _ = clearance_m(person_pose(POSES[letter], number), "thumb", finger, person(number))
     assert own_m == pytest.approx(mean_m, abs=1e-3)
 
 
 def test_a_hand_that_is_larger_by_one_factor_is_the_mean_hand_scaled() -> None:
     """Places and radii all follow: nothing of palm, thumb and wrist was left behind but blends and
     pads of a few mm."""
-    scale = 1.15
+    scale, at_m = 1.15, np.asarray(hand_mesh(Pose(), 6e-3).vertices)
     large = replace(
         MEAN, palm=(scale,) * 3, bones={n: (scale,) * len(own) for n, own in LENGTHS_MM.items()},
         girth=dict.fromkeys(LENGTHS_MM, scale),
     )  # fmt: skip
-    at_m = vertices_of(hand_field(Pose(), MEAN))
-    assert np.abs(hand_field(Pose(), large)(scale * at_m)).max() < 2e-3
-    assert np.abs(hand_field(Pose(), large)(scale * at_m)).mean() < 3e-4
-
-
-def vertices_of(field: Field) -> np.ndarray:
-    return zero_set(field, np.array([-0.12, -0.11, -0.08]), np.array([0.09, 0.17, 0.05]), 6e-3)[0]
+    off_m = np.abs(hand_field(Pose(), large)(scale * at_m))
+    assert off_m.max() < 2e-3 and off_m.mean() < 3e-4

@@ -22,8 +22,6 @@ from handbench.bench.scenes.photographs import (
 from handbench.bench.scenes.scene_file import Photos, SceneFile
 from handbench.support.config import parse
 
-QUIET = {"full_well_e": 1e12, "read_noise_e": 0.0}
-
 
 def linear(image: np.ndarray) -> np.ndarray:
     """An sRGB photograph made proportional to the light again, 1 at white: sRGB's own curve moves
@@ -32,15 +30,15 @@ def linear(image: np.ndarray) -> np.ndarray:
     return np.where(value < 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
-def make_scene(seed: int = 5, **photos: float) -> Scene:
+def make_scene(**photos: float) -> Scene:
     photos = {"cameras": 2, "width": 1200, "height": 800} | photos
-    values = {"version": 1, "name": "t", "seed": seed, "photos": photos}
+    values = {"version": 1, "name": "t", "seed": 5, "photos": photos}
     return build(parse(SceneFile, values | {"target": {"kind": "calibration_target"}}, "test"))
 
 
 @pytest.fixture(scope="module")
-def studio() -> Studio:
-    return Studio(make_scene())
+def studio(scene: Scene) -> Studio:
+    return Studio(scene)
 
 
 @pytest.fixture(scope="module")
@@ -48,26 +46,16 @@ def scene() -> Scene:
     return make_scene()
 
 
-@pytest.fixture(scope="module")
-def image(studio: Studio, scene: Scene) -> np.ndarray:
-    return studio.photograph(scene.cameras[0], 0)
-
-
-def test_markers_are_where_the_true_camera_projects_them(scene: Scene, image: np.ndarray) -> None:
+def test_markers_are_where_the_true_camera_projects_them(scene: Scene, studio: Studio) -> None:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    light = np.round(255 * linear(image)).astype(np.uint8)
-    found, ids, _ = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters).detectMarkers(
-        light
-    )
+    detector = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters)
+    light = 255 * linear(studio.photograph(scene.cameras[0], 0))
+    found, ids, _ = detector.detectMarkers(np.round(light).astype(np.uint8))
     assert len(ids) >= 10
-    corners_m = scene.board.corners_m()
-    error = np.stack(
-        [  # OpenCV's first pixel lies at 0, ours at 0.5
-            corners[0] + 0.5 - scene.cameras[0].project(corners_m[int(number)])
-            for corners, number in zip(found, ids.ravel(), strict=True)
-        ]
-    )
+    places_m = scene.board.corners_m()
+    places = [scene.cameras[0].project(places_m[int(number)]) for number in ids.ravel()]
+    error = np.concatenate(found) + 0.5 - places  # OpenCV's first pixel lies at 0, ours at 0.5
     # OpenCV draws the corners of a blurred marker 0.15 to 0.3 px inwards, evenly: its centre stays.
     # Medians, since spheres hide some corners.
     assert np.median(np.linalg.norm(error, axis=2)) < 0.35
@@ -78,27 +66,24 @@ def test_markers_are_where_the_true_camera_projects_them(scene: Scene, image: np
 def test_spheres_are_where_the_true_camera_projects_them(studio: Studio, scene: Scene) -> None:
     camera = scene.cameras[1]
     centres_m = scene.radar_from_photo.inverse().points(scene.balls_m)
-    directions = camera.ray_directions()
-    _, depth, label = studio.shoot(camera.centre_m, directions)
-    for centre_m, element, pixel in zip(
-        centres_m, scene.target.element, camera.project(centres_m), strict=True
-    ):
-        column, row = np.floor(pixel).astype(int)
-        assert label[row, column] == 0
-        expected_m = np.linalg.norm(centre_m - camera.centre_m) - element.sphere_radius_m
-        # Half a pixel off the centre's ray costs a micrometre; facets are flat to 0.01 mm.
-        assert depth[row, column] == pytest.approx(expected_m, abs=2e-5)
+    column, row = np.floor(camera.project(centres_m)).astype(int).T
+    _, depth, label = studio.shoot(camera.centre_m, camera.ray_directions())
+    assert not label[row, column].any()
+    radii_m = [element.sphere_radius_m for element in scene.target.element]
+    expected_m = np.linalg.norm(centres_m - camera.centre_m, axis=1) - radii_m
+    # Half a pixel off the centre's ray costs a micrometre; facets are flat to 0.01 mm.
+    assert depth[row, column] == pytest.approx(expected_m, abs=2e-5)
 
 
-def test_effects_are_off_unless_told(ball: Callable[..., Studio]) -> None:
+def test_effects_are_off_unless_asked_for(ball: Callable[..., Studio]) -> None:
     """Nothing is left for the last three of those that are off to change."""
-    zero = ("highlights", "exposure_spread", "white_balance_spread", "motion_px", "speckle")
-    off = dict.fromkeys(zero, 0.0) | {"speckle_on_board": True, "roughness": 0.2, "focus_m": 0.1}
+    on = {"highlights": 1.0, "exposure_spread": 0.3, "white_balance_spread": 0.2}
+    on |= {"motion_px": 2.0, "speckle": 0.5}
+    off = dict.fromkeys(on, 0.0) | {"speckle_on_board": True, "roughness": 0.2, "focus_m": 0.1}
     camera = ball.scene().cameras[0]
     plain = ball().photograph(camera, 0)
     assert np.array_equal(ball(**off).photograph(camera, 0), plain)
-    values = {**dict(zip(zero, (1.0, 0.3, 0.2, 2.0, 0.5), strict=True)), "f_number": 4.0}
-    for effect, value in values.items():
+    for effect, value in (on | {"f_number": 4.0}).items():
         studio = ball(**{effect: value})
         image = studio.photograph(camera, 0)
         assert (image != plain).mean() > 0.02, effect
@@ -117,11 +102,11 @@ def test_noise_has_the_stated_level() -> None:
 
 
 def test_an_exposure_scales_the_light_and_what_is_clipped_is_white() -> None:
-    row = np.linspace(0.05, 0.3, 40, dtype=np.float32)
-    radiance = np.broadcast_to(row[None, :, None], (2, 40, 3))
+    radiance = np.linspace(0.05, 0.3, 120, dtype=np.float32).reshape(1, 40, 3)
+    photos = Photos(exposure_spread=0.5, full_well_e=1e12, read_noise_e=0.0)
     for number in range(3):
-        image = linear(develop(radiance, Photos(exposure_spread=0.5, **QUIET), 7, number))
         gain = exposure(0.5, generator(7, EXPOSURE, number))
+        image = linear(develop(radiance, photos, 7, number))
         assert image == pytest.approx(gain * radiance, rel=0.03)
     image = develop(np.full((2, 2, 3), 5.0, np.float32), Photos(white_balance_spread=0.5), 3, 0)
     assert (image == 255).all()

@@ -36,24 +36,20 @@ def scene_file(values: dict) -> SceneFile:
     ("change", "message"),
     [
         ({"sed": 1}, "unknown key 'sed'; did you mean 'seed'"),
-        ({"target": {"kind": "hand", "pos": "B"}}, "did you mean 'pose'"),
         ({"target": {"kind": "hand", "pose": "J"}}, "unknown pose"),
         ({"target": {"kind": "foot"}}, "'foot'"),
-        ({"target": {"kind": "hand", "pose": "B", "distance_m": 0}}, "greater than 0"),
         ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
+        ({"target": {"kind": "hand", "pose": {"index": {"mcp_deg": 120}}}}, "less than or equal"),
         ({"target": {"kind": "hand", "pose": "B", "material": {"kind": "gold"}}}, "'gold'"),
-        ({"target": {"kind": "sphere", "radius_m": -1}}, "greater than 0"),
         ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
         ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "a direction"),
         ({"target": {"kind": "calibration_target", "material": {"kind": "skin"}}}, "unknown key"),
-        ({"sensor": {"sweep": [{"start_hz": 1, "stop": 2, "count": 3}]}}, "did you mean 'stop_hz'"),
         ({"sensor": {"sweep": []}}, "the radar measures nothing"),
         ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
         ({"version": 2}, "'version' is 2"),
         ({"name": "../b"}, "'name'"),
         ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
         ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
-        ({"noise": {"snr_db": -1e4}}, "greater than or equal to -200"),
         ({"effects": "all"}, '"auto" or a list'),
         ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
         ({"effects": ["noise", "noise"]}, "twice"),
@@ -67,24 +63,24 @@ def test_mistakes_are_named(change: dict, message: str) -> None:
 
 def test_hand_scene_geometry() -> None:
     scene = build(scene_file(HAND))
-    vertices = np.asarray(scene.target_mesh.vertices)
-    assert vertices[:, 2].min() > 0.25 and vertices[:, 2].max() < 0.33
-    assert np.abs(vertices[:, :2]).max() < 0.15  # the paper's image
+    vertices_m, box_m = np.asarray(scene.target_mesh.vertices), scene.box_m
+    assert vertices_m[:, 2].min() > 0.25 and vertices_m[:, 2].max() < 0.33
+    assert np.abs(vertices_m[:, :2]).max() < 0.15  # the paper's image
     turn = scene.radar_from_photo.rotation
     assert np.linalg.det(turn) == pytest.approx(1.0)
     # the board looks at the radar, but not squarely
     assert turn[2, 2] < -0.95 and np.abs(turn - np.diag([-1, 1, -1])).max() > 0.02
-    in_photo_m = scene.radar_from_photo.inverse().points(vertices)
-    inside = ((in_photo_m > scene.box_m[0]) & (in_photo_m < scene.box_m[1])).all(axis=1)
+    in_photo_m = scene.radar_from_photo.inverse().points(vertices_m)
+    inside = ((in_photo_m > box_m[0]) & (in_photo_m < box_m[1])).all(axis=1)
     assert inside.mean() > 0.85  # all but the end of the forearm, in its block
-    assert max(in_photo_m[~inside, 1].max(), scene.block_m[1, 1]) < scene.box_m[0, 1]
-    assert scene.box_m[0, 2] > 0.03  # well before the plate
+    assert max(in_photo_m[~inside, 1].max(), scene.block_m[1, 1]) < box_m[0, 1]
+    assert box_m[0, 2] > 0.03  # well before the plate
 
 
 def test_cameras_stand_around_the_radar_and_see_the_target() -> None:
     scene = build(scene_file(HAND))
-    vertices = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
-    corners = np.concatenate(list(scene.board.corners_m().values()))
+    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
+    corners_m = np.concatenate(list(scene.board.corners_m().values()))
     assert len({camera.params for camera in scene.cameras}) == len(scene.cameras) == 8
     for camera in scene.cameras:
         centre = scene.radar_from_photo.points(camera.centre_m)
@@ -92,12 +88,10 @@ def test_cameras_stand_around_the_radar_and_see_the_target() -> None:
         at_aperture = centre - centre[2] / line[2] * line  # the line of sight in the array's plane
         assert np.hypot(*centre[:2]) > 0.12
         assert np.hypot(*at_aperture[:2]) > 0.10  # outside the 14 cm aperture's corners
-        target, board = (
-            ((pixels > 0) & (pixels < [camera.width, camera.height])).all(axis=1)
-            for pixels in map(camera.project, (vertices, corners))
-        )
-        assert target.all() and board.mean() > 0.6
-        spacing_m = np.linalg.norm(vertices.mean(axis=0) - camera.centre_m) / camera.params[0]
+        pixels = camera.project(np.concatenate([vertices_m, corners_m]))
+        seen = ((pixels > 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+        assert seen[: len(vertices_m)].all() and seen[len(vertices_m) :].mean() > 0.6
+        spacing_m = np.linalg.norm(vertices_m.mean(axis=0) - camera.centre_m) / camera.params[0]
         assert 0.15e-3 < spacing_m < 0.18e-3
     one, again, other = (
         build(scene_file(TARGET | {"photos": {}, "seed": seed})).cameras for seed in (1, 1, 2)
@@ -109,12 +103,10 @@ def test_calibration_target_is_placed_and_turned() -> None:
     scene = build(scene_file(TARGET))
     assert scene.balls_m.mean(axis=0) == pytest.approx([0, 0, 0.30], abs=0.01)
     assert np.ptp(scene.balls_m[:4, 2]) > 5e-3
-    vertices = np.asarray(scene.target_mesh.vertices)
-    nearest = np.linalg.norm(vertices[:, None] - scene.balls_m, axis=2).min(axis=1)
-    radii = [e.sphere_radius_m for e in scene.target.element]
-    assert min(radii) - 1e-5 < nearest.min() and nearest.max() < max(radii) + 1e-5
-    assert scene.block_m is None
-    assert scene.cameras == ()
+    off_m = np.asarray(scene.target_mesh.vertices)[:, None] - scene.balls_m
+    radii_m = np.array([element.sphere_radius_m for element in scene.target.element])
+    assert np.abs(np.linalg.norm(off_m, axis=2) - radii_m).min(axis=1).max() < 1e-5
+    assert scene.block_m is None and scene.cameras == ()
 
 
 def test_mesh_target_from_a_file_in_millimetres(tmp_path: Path) -> None:
@@ -139,10 +131,10 @@ def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> N
     mesh = build(scene_file({"version": 1, "name": "s", "target": placed})).target_mesh
     assert np.asarray(mesh.vertices).mean(axis=0)[:2] == pytest.approx([0, 0], abs=1e-3)
     assert mesh.get_max_bound() - mesh.get_min_bound() == pytest.approx(size_m, rel=0.01)
-    a, b, c = (np.asarray(mesh.vertices) - [0, 0, 0.3])[np.asarray(mesh.triangles)].swapaxes(0, 1)
-    flux = np.cross(b - a, c - a)
+    corners_m = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)] - [0, 0, 0.3]
+    flux = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
     assert np.abs(flux.sum(axis=0)).max() < 1e-12  # closed
-    assert (a * flux).sum() > 0  # outwards
+    assert np.linalg.det(corners_m).sum() > 0  # outwards
 
 
 def test_capture_folder(tmp_path: Path) -> None:
@@ -152,7 +144,7 @@ def test_capture_folder(tmp_path: Path) -> None:
     scene = build(scene_file(TARGET | {"photos": photos, "seed": 4}))
     write_photos(scene, tmp_path)
     content = tomllib.loads((tmp_path / "capture.toml").read_text())
-    assert content["kind"] == "target" and content["units"] == "m" and content["version"] == 1
+    assert (content["kind"], content["units"], content["version"]) == ("target", "m", 1)
     assert all((tmp_path / name).exists() for name in content["contains"])
     assert np.allclose(content["box_m"], scene.box_m.ravel(), atol=1e-6)
     assert load_target(tmp_path / "target.toml") == scene.target
@@ -164,24 +156,20 @@ def test_capture_folder(tmp_path: Path) -> None:
     assert len(read_mesh(tmp_path / "truth.ply").triangles) == len(scene.target_mesh.triangles)
 
 
+LARGE = {"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}
+
+
 @pytest.mark.parametrize(
-    ("target", "offset_m", "more", "message"),
+    ("target", "more", "message"),
     [
-        ({"kind": "mesh", "path": "../secret.ply"}, 0, {}, "leaves the folder"),
-        (HAND["target"], 0.32, {"photos": {}}, "back plate"),
-        (
-            {"kind": "sphere", "radius_m": 0.25, "distance_m": 0.1},
-            3,
-            {},
-            "behind the array's plane",
-        ),
-        ({"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}, 3, {}, "triangles"),
+        ({"kind": "mesh", "path": "../secret.ply"}, {}, "leaves the folder"),
+        (HAND["target"], {"photos": {}, "mount": {"offset_m": [0, 0, 0.32]}}, "back plate"),
+        ({"kind": "sphere", "distance_m": 0.01}, {}, "behind the array's plane"),
+        (LARGE, {}, "triangles"),
     ],
 )
 def test_targets_that_no_scene_can_have_are_refused(
-    target: dict, offset_m: float, more: dict, message: str, tmp_path: Path
+    target: dict, more: dict, message: str, tmp_path: Path
 ) -> None:
-    mount = {"offset_m": [0, 0, offset_m]}
-    values = {"version": 1, "name": "s", "target": target, "mount": mount, **more}
     with pytest.raises(HandbenchError, match=message):
-        build(scene_file(values), tmp_path)
+        build(scene_file({"version": 1, "name": "s", "target": target, **more}), tmp_path)

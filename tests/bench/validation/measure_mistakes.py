@@ -96,7 +96,7 @@ def run() -> None:
     for seed in range(RIGHT, RIGHT + options.right):
         with tempfile.TemporaryDirectory() as scratch:
             capture, surface = recorded(seed, Path(scratch))
-            for known in (surface, None):  # without one, focus is left to tell by
+            for known in (surface, None):  # without one, focus is left to go by
                 words = of_capture(Path(scratch) / "capture", capture, known)
                 doubted = "warning: " in words.replace("warning: nothing to score against", "")
                 count("right captures", FINE, "doubted" if doubted else FINE)

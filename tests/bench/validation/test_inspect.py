@@ -6,6 +6,7 @@ are put into the files: nothing is shared with the check."""
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -141,89 +142,72 @@ def test_a_surface_in_another_frame_or_unit_is_doubted(right, tmp_path, capsys, 
 CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
 BANDS_HZ = {
     "wide": np.linspace(72e9, 82e9, 32),
-    "16 of 4 GHz": np.linspace(60e9, 64e9, 16),
     "26 GHz": np.linspace(22e9, 26e9, 41),
-    "1 GHz": np.linspace(76e9, 77e9, 32),
     "narrow": np.linspace(24e9, 24.12e9, 16),
     "few": np.array([82e9, 81.8e9, 79.5e9]),
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("band", BANDS_HZ)
-def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(band):
+@pytest.mark.parametrize("tones_hz", BANDS_HZ.values(), ids=BANDS_HZ)
+def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(tones_hz):
     draw = np.random.default_rng(2)
     for number in range(8):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
         points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m
-        capture = points_before(CROSS, BANDS_HZ[band], points_m + [0, 0, distance_m])
-        noise = np.random.default_rng(1).standard_normal((2, *capture.samples.shape))
-        noise *= 0.1 * (number % 2)
-        noise *= np.abs(capture.samples).max()
-        noisy = (capture.samples + noise[0] + 1j * noise[1]).astype(np.complex64)
-        assert conjugation_warnings(replace(capture, samples=noisy)) == []
+        capture = points_before(CROSS, tones_hz, points_m + [0, 0, distance_m])
+        noise = np.random.default_rng(1).standard_normal((*capture.samples.shape, 2)) @ [1, 1j]
+        noise *= 0.1 * (number % 2) * np.abs(capture.samples).max()
+        noisy = replace(capture, samples=(capture.samples + noise).astype(np.complex64))
+        assert conjugation_warnings(noisy) == []
 
 
-def scan_of(point_m: np.ndarray) -> RadarCapture:
-    """The echoes of a point of a transceiver that is moved over a square."""
-    along_m, tones_hz = np.linspace(-0.05, 0.05, 30), BANDS_HZ["26 GHz"]
-    places_m = np.stack(np.meshgrid(along_m, along_m, [0.0]), axis=-1).reshape(-1, 3)
-    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
-    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)[None]
-    return RadarCapture(samples.astype(np.complex64), tones_hz, PlanarScan(places_m))
-
-
-def test_missing_columns_scans_and_single_tones_tell_their_sign(right):
-    point_m = np.array([[-0.03, 0.0, 0.3]])
+def test_missing_columns_scans_and_single_tones_have_a_sign(right):
+    """The scan is of a transceiver that is moved over a square before a point."""
+    point_m, tones_hz = np.array([[-0.03, 0.0, 0.3]]), BANDS_HZ["26 GHz"]
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
     columns = points_before(array, BANDS_HZ["wide"], point_m)
     columns.samples[:, :, ::2] = 0
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
-    for capture in (columns, scan_of(point_m), one):
+    places_m = np.mgrid[-0.05:0.05:30j, -0.05:0.05:30j, 0:1].reshape(3, -1).T
+    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
+    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)
+    scan = RadarCapture(samples[None].astype(np.complex64), tones_hz, PlanarScan(places_m))
+    for capture in (columns, scan, one):
         [text] = conjugation_warnings(conjugate(capture))
         assert conjugation_warnings(capture) == [] and "conjugate" in text
 
 
 def test_a_depth_map_that_fills_the_image_or_contradicts_itself_is_doubted():
-    axis = np.arange(-5, 6) * 1e-2
-    z_m = np.full((11, 11), 0.3)
-    full = DepthMap(axis, axis, z_m, np.zeros_like(z_m), "m", p_gross=np.full_like(z_m, 0.9))
-    assert [text.split()[0:2] for text in checks.map_warnings(full)] == [["100", "%"], ["100", "%"]]
-    sure = replace(full, p_gross=np.full_like(z_m, 0.1))
-    for right in (
-        replace(sure, z_m=np.where(np.arange(11) < 3, z_m, np.nan)),
-        replace(sure, x_m=axis / 10, y_m=axis / 10),  # cropped
-    ):
-        assert list(checks.map_warnings(right)) == []
+    axis_m, z_m = np.arange(-5, 6) * 1e-2, np.full((11, 11), 0.3)
+    full = DepthMap(axis_m, axis_m, z_m, 0 * z_m, "m", p_gross=3 * z_m)
+    assert [text[:5] for text in checks.map_warnings(full)] == ["100 %"] * 2
+    part = replace(full, z_m=np.where(np.arange(11) < 3, z_m, np.nan), p_gross=z_m / 3)
+    cropped = replace(full, x_m=axis_m / 10, y_m=axis_m / 10, p_gross=z_m / 3)
+    assert [*checks.map_warnings(part), *checks.map_warnings(cropped)] == []
 
 
 @pytest.mark.slow
 def test_imaging_and_scoring_say_what_they_doubt_and_inspect_does(right, tmp_path, capsys):
     depth = tmp_path / "depth.npz"
-    image = "--method", "3fsk", "-o", str(depth), "--overwrite"
-    surfaces = {}
-    for name, capture, change in (
-        ("conjugated", conjugate(right), ONE),
-        ("right", right, ONE),
-        ("behind", right, Z),
-        ("mirrored", right, X),
-    ):
-        folder = written(tmp_path / name, capture, change)
-        surfaces[name] = str(folder / "truth.ply")
-        if change is ONE:
-            assert main(["reconstruct", str(folder), *image]) == 0
-            assert ("conjugate the samples" in capsys.readouterr().err) == (name == "conjugated")
-    assert main(["evaluate", str(depth), "--mesh", surfaces["behind"]]) == 0
+    for name, capture in (("conjugated", conjugate(right)), ("right", right)):
+        folder = written(tmp_path / name, capture)
+        image = "--method", "3fsk", "-o", str(depth), "--overwrite"
+        assert main(["reconstruct", str(folder), *image]) == 0
+        assert ("conjugate the samples" in capsys.readouterr().err) == (name == "conjugated")
+    mesh, behind = (str(at / "truth.ply") for at in (folder, written(tmp_path / "z", right, Z)))
+    assert main(["evaluate", str(depth), "--mesh", behind]) == 0
     found = capsys.readouterr()
     assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
-    assert main(["evaluate", str(depth), "--mesh", surfaces["right"]]) == 0
+    assert main(["evaluate", str(depth), "--mesh", mesh]) == 0
     assert "doubts" not in json.loads(capsys.readouterr().out)
-    assert "nothing looks wrong" in inspected(capsys, depth, "--mesh", surfaces["right"])
-    assert "mirrored in x" in inspected(capsys, depth, "--mesh", surfaces["mirrored"])
-    (tmp_path / "t.json").write_text('{"from": "photo"}')
-    words = depth, "--mesh", surfaces["right"], "--transform", tmp_path / "t.json"
-    assert f"{tmp_path / 't.json'}: " in inspected(capsys, *words)
-    assert main(["inspect", str(tmp_path / "right"), "--mesh", surfaces["right"]]) == 2
+    assert "nothing looks wrong" in inspected(capsys, depth, "--mesh", mesh)
+    assert "mirrored in z" in inspected(capsys, depth, "--mesh", behind)
+    transform = tmp_path / "t.json"
+    transform.write_text('{"from": "photo"}')
+    words = depth, "--mesh", mesh, "--transform", transform
+    assert f"{transform}: " in inspected(capsys, *words)
+    assert main(["inspect", str(folder), "--mesh", mesh]) == 2
     assert "capture has its own surface" in capsys.readouterr().err
 
 
@@ -236,10 +220,8 @@ def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, ca
     assert inspected(capsys, folder).strip() == f"{folder}: nothing looks wrong"
     file, board = folder / "cameras.json", folder / "board.toml"
     right = file.read_text()
-    content = json.loads(right)
-    for camera in content["cameras"]:
-        camera["width"], camera["height"] = camera["height"], camera["width"]
-    file.write_text(json.dumps(content))
+    turned = {"width": "height", "height": "width"}
+    file.write_text(re.sub("width|height", lambda name: turned[name[0]], right))
     assert "exchange width and height" in inspected(capsys, folder)
     file.write_text(right)
     content = tomllib.loads(board.read_text())
@@ -249,16 +231,19 @@ def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, ca
     assert "ten times too large" in inspected(capsys, folder)
 
 
-def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys):
-    corners_m = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)])
+@pytest.mark.parametrize(
+    ("kept", "words"),
+    [
+        (np.s_[:], "nothing looks wrong"),
+        (np.s_[:, ::-1], "inside out"),
+        (np.s_[:2], "belong to only one triangle"),
+    ],
+)
+def test_a_mesh_inside_out_or_full_of_holes_is_doubted(tmp_path, capsys, kept, words):
+    corners_m = 0.1 * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
     outside = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
-    for name, faces, words in (
-        ("right", outside, "nothing looks wrong"),
-        ("turned", outside[:, ::-1], "inside out"),
-        ("open", outside[:2], "belong to only one triangle"),
-    ):
-        write_mesh(tmp_path / f"{name}.ply", mesh(corners_m, faces))
-        assert words in inspected(capsys, tmp_path / f"{name}.ply")
+    write_mesh(tmp_path / "a.ply", mesh(corners_m, outside[kept]))
+    assert words in inspected(capsys, tmp_path / "a.ply")
 
 
 def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, capsys):
@@ -288,10 +273,14 @@ def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monk
     monkeypatch.setattr(checks, "CHECKS", always)
     surface = read_surface(written(tmp_path / "plate", right) / "truth.ply")
     depth = DepthMap(np.arange(3.0), np.arange(2.0), np.full((2, 3), 0.3), np.zeros((2, 3)), "3fsk")
-    figures = {"mae_mm": 1.0, "relative_accuracy_percent": 99.0}
-    found = [*checks.array_warnings(right), *checks.pair_warnings(right)]
-    found += [*checks.surface_warnings(surface), *checks.mesh_warnings(surface)]
-    found += checks.transform_warnings(Transform("photo", "radar", np.eye(4)), surface)
-    found += [*checks.map_warnings(depth), *checks.figure_warnings(depth, figures)]
+    found = [
+        *checks.array_warnings(right),
+        *checks.pair_warnings(right),
+        *checks.surface_warnings(surface),
+        *checks.mesh_warnings(surface),
+        *checks.transform_warnings(Transform("photo", "radar", np.eye(4)), surface),
+        *checks.map_warnings(depth),
+        *checks.figure_warnings(depth, {"mae_mm": 1.0, "relative_accuracy_percent": 99.0}),
+    ]
     kinds = {"array", "pairs", "surface", "mesh", "transform", "depth map", "figures"}
     assert len(found) == sum(check.of in kinds for check in always) and "{" not in "".join(found)

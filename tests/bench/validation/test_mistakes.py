@@ -29,7 +29,7 @@ def plate_map(slope: float, off_m: float = 0.0, noise_m: float = 1e-4) -> DepthM
     return DepthMap(axis_m, axis_m, z_m, random.uniform(-10, 0, z_m.shape), "3fsk")
 
 
-def test_a_slight_tilt_tells_a_mirrored_axis_by_its_error_where_most_pixels_lie_near():
+def test_a_slight_tilt_shows_a_mirrored_axis_by_its_error_where_most_pixels_lie_near():
     depth = plate_map(SLOPE)
     as_is = mistakes.fit(depth, plate(-SLOPE))
     assert (

@@ -11,7 +11,6 @@ import pytest
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.validation.inspection import problems_of, show
 from handbench.bench.validation.problems import line_of, lines_of
-from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray
@@ -87,8 +86,8 @@ def test_every_key_has_its_line():
         place = tuple(int(part) if part.isdigit() else part for part in name.split("."))
         assert found.get(place) == line, name
     assert line_of(found, ("list", 1, "missing")) == 11 and line_of(found, ("nothing",)) is None
-    text = json.dumps({"cameras": [{"name": "a: {b}"}, {"R": [[1, 0], [0, 1]]}]}, indent=1)
-    assert text.splitlines()[lines_of(text, toml=False)["cameras", 1, "R"] - 1].strip() == '"R": ['
+    text = '{"cameras": [{"name": "a: {b}"},\n{\n"R": [[1, 0], [0, 1]]}]}'
+    assert lines_of(text, toml=False)["cameras", 1, "R"] == 3
 
 
 def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
@@ -200,17 +199,12 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
     for name in ("echoes.h5", "truth.ply"):
         (folder / name).write_bytes((folder / name).read_bytes()[:-20])
     (folder / "photos").mkdir()
-    target = folder / "target.toml"
-    save_target(target, default_target())
-    before, _, after = target.read_text().partition("sphere_radius_m")
-    line = before.count("\n") + 1
-    wrong = f"{before}sphere_radius_m = 0\ncolour = 'white'{after[after.index(chr(10)) :]}"
     for name, text in {
         "mesh.ply": "ply\n",
         "array.json": "{}",
         "empty.h5": "",
         "radar_from_photo.json": '{\n "from": "photo",\n "to" "radar"}',
-        "target.toml": wrong,
+        "target.toml": "version = 1\ncolour = 'white'\n",
         "photos/board.toml": "[[marker]]\nid = 1\n",
         "photos/cameras.json": '{"cameras": [\n{"name": "a.jpg"},\n{"nome": "b.jpg"}\n]}',
     }.items():
@@ -218,8 +212,7 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
     found = found_in(folder)
     assert {problem.split(": ")[0] for problem in found} >= {
         *("echoes.h5", "truth.ply", "mesh.ply", "radar_from_photo.json:3", "photos"),
-        *(f"target.toml:{line}", f"target.toml:{line + 1}", "photos/board.toml:1"),
-        *("photos/cameras.json:2", "photos/cameras.json:3"),
+        *("target.toml:2", "photos/board.toml:1", "photos/cameras.json:2"),
     }
     assert any("found 0 photographs" in problem for problem in found)
     words = "photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'"
@@ -236,7 +229,6 @@ def test_a_capture_without_its_parts_is_named(tmp_path):
         (folder / name).unlink()
     expected = ("capture.toml", "expected a capture description"), (".", "nothing to score against")
     same(found_in(folder), *expected)
-    same(found_in(tmp_path / "nowhere.toml"), ("nowhere.toml", "found nothing"))
 
 
 def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
@@ -310,5 +302,5 @@ def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_benc
             (folder / "truth.ply").write_bytes(b"")
     with pytest.raises(HandbenchError, match="inspect: 2 problems, 3 warnings, 1 input"):
         show([str(tmp_path / "data")])
-    out = capsys.readouterr().out.splitlines()
-    assert len(out) == 5 and sum("no benchmark can hold both" in line for line in out) == 3
+    out = capsys.readouterr().out
+    assert out.count("\n") == 5 and out.count("no benchmark can hold both") == 3
