@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth.dense.dense import ViewDepth
-from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, fuse
+from handbench.groundtruth.dense.fusion import AGREEMENT_PX, FEW_VIEWS, Cloud, fuse
 from handbench.groundtruth.dense.views import View
 
 FOCAL_PX, WALL_M = 100.0, 1.0
@@ -22,9 +22,9 @@ def wall(i, off_m=0.0, normal=TOWARDS, size=SIZE):
     return ViewDepth(view, depth_m, np.broadcast_to(normal, (*size, 3)).copy())
 
 
-def test_points_are_means_and_spreads_are_standard_deviations():
-    """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them
-    show."""
+def test_points_are_means_and_spreads_are_standard_deviations(tmp_path):
+    """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them show.
+    A kept cloud comes back."""
     offs_m = PIXEL_M * np.array([0.0, 0.3, -0.2, 0.5])
     cloud = fuse([wall(i, off_m) for i, off_m in enumerate(offs_m)], None)
     everyone = cloud.views.all(axis=1)
@@ -38,6 +38,8 @@ def test_points_are_means_and_spreads_are_standard_deviations():
     first = (cloud.views == (False, True, True, True)).all(axis=1)
     assert first.any()
     np.testing.assert_allclose(cloud.spread_m[first], offs_m[1:].std(ddof=1), rtol=1e-9)
+    cloud.save(tmp_path / "cloud.npz")
+    np.testing.assert_equal(vars(Cloud.load(tmp_path / "cloud.npz")), vars(cloud))
 
 
 def test_a_cloud_names_the_views_that_agree():
