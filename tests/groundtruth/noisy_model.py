@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
@@ -142,3 +143,9 @@ def poses_of(model):
     """All poses [n, 3, 4] as they stand, by name."""
     images = sorted(model.images.values(), key=lambda image: image.name)
     return np.array([image.cam_from_world().matrix() for image in images])
+
+
+def board_of(corners_m):
+    """The description of a board with these corners, by marker."""
+    markers = (Marker(id=i, corners_m=corners.tolist()) for i, corners in corners_m.items())
+    return Board(marker=tuple(markers))
