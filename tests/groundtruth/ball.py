@@ -69,10 +69,8 @@ def view(name, angle_x, angle_y, height=SIZE, width=SIZE):
 
 def scene(sizes):
     """Views of these sizes [height, width], the true depth of each, and the sources of each."""
-    taken = [
-        view(f"v{i}", *pair, *size)
-        for i, (pair, size) in enumerate(zip(ANGLES, sizes, strict=True))
-    ]
+    angles = zip(ANGLES, sizes, strict=True)
+    taken = [view(f"v{i}", *pair, *size) for i, (pair, size) in enumerate(angles)]
     views, depths_m = zip(*taken, strict=True)
     points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
     return views, depths_m, choose_sources(views, np.ones((50, 5), dtype=bool), points_m)
@@ -80,8 +78,8 @@ def scene(sizes):
 
 def check(maps, depths_m, *, known, rim, angle_deg, points):
     """At least the share `known` of a map is given and right to a twentieth of a pixel of
-    disparity, its normals to `angle_deg`; windows at the sphere's rim see two surfaces: 5 % are off by up to
-    `rim`. Fused points, at least so many, lie on the sphere and in their box."""
+    disparity, its normals to `angle_deg`; windows at the sphere's rim see two surfaces: 5 % are off
+    by up to `rim`. Fused points, at least so many, lie on the sphere and in their box."""
     for m, depth_m in zip(maps, depths_m, strict=True):
         given = np.isfinite(m.depth_m)
         error = np.abs(m.depth_m - depth_m)[given] / DISPARITY_M

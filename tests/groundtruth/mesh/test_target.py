@@ -65,13 +65,6 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     assert "above the board: dropped" in capsys.readouterr().err
 
 
-def test_a_board_alone_is_refused_in_a_sentence():
-    with pytest.raises(
-        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
-    ):
-        kept(together(plate()))
-
-
 def test_all_that_stands_before_the_board_is_kept_and_nothing_behind_it(capsys):
     back_m, normals = ball(0.0, 0.09)
     behind = back_m * (1, 1, -1) - (0, 0, 0.1), -normals

@@ -31,35 +31,18 @@ def meeting_point(images, pixels, start_m):
     return least_squares(off, start_m, method="lm", x_scale=1e-3, xtol=1e-14, ftol=1e-14).x
 
 
-def bare(seen_m, poses, model):
-    """The pixels [images, 2] of one point under the true poses."""
-    lens = model.cameras[1]
-    return [np.asarray(lens.img_from_cam((seen_m @ R.T + t)[None]))[0] for R, t in poses]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("free", "shared"), [((), False), (INTRINSICS, True)])
-def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
+def test_errors_of_cameras_are_as_large_as_promised(free, shared):
     """Their squares in units of the covariance are 1 a parameter. 25 draws of 30 or 38 parameters
-    tell that to 5 %, and of two points to 12 %. Cauchy's weights make the promise up to 22 % larger
-    than it need be."""
-    at_m = np.array([(0.08, 0.05, 0.03), (-0.09, -0.06, -0.04)])
-    of_cameras, of_points = [], []
-    exact = noisy_model(noise=0).model  # whose lens nobody adjusts
+    tell that to 5 %. Cauchy's weights make the promise up to 22 % larger than it need be."""
+    of_cameras = []
     for seed in range(DRAWS):
         scene = noisy_model(seed, shared=shared)
         bundle, known = adjusted(scene, free)
         error = scene.error(bundle)
         of_cameras.append(error @ np.linalg.solve(known.matrix, error) / len(error))
-        covariances = point_covariance(bundle.images, known, at_m, np.ones((2, 5), bool))
-        poses = [scene.poses[image.name] for image in bundle.images]
-        for point_m, covariance in zip(at_m, covariances, strict=True):
-            found_m = meeting_point(bundle.images, bare(point_m, poses, exact), point_m)
-            of_points.append(
-                (found_m - point_m) @ np.linalg.solve(covariance, found_m - point_m) / 3
-            )
     assert 0.75 < np.mean(of_cameras) < 1.15
-    assert 0.55 < np.mean(of_points) < 1.5
 
 
 def ratios(centres):

@@ -9,7 +9,6 @@ from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.sfm import (
     Lenses,
-    camera_changes,
     describe_refinement,
     find_features,
     pipeline_options,
@@ -83,8 +82,5 @@ def test_cameras_that_moved_and_turned_are_compared():
         R = R @ camera.rotation
         pose = {"R": R.tolist(), "t": tuple(-R @ (camera.centre_m + step_m))}
         moved.append(camera.model_copy(update=pose))
-    distances, angles_rad = camera_changes(model, tuple(moved))
-    np.testing.assert_allclose(distances, [0.3, 0.4], rtol=1e-9)
-    np.testing.assert_allclose(np.degrees(angles_rad), [0, 30], atol=1e-5)
     assert "moved by 0.35 (at most 0.4; " in describe_refinement(model, tuple(moved))
     assert "turned by 15° (at most 30°)" in describe_refinement(model, tuple(moved))
