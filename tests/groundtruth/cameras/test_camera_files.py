@@ -8,14 +8,14 @@ from handbench.groundtruth.cameras.cameras import save_cameras
 from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.cameras.test_metashape import export
-from tests.groundtruth.synthetic_model import photos_of, synthetic_model
+from tests.groundtruth.noisy_model import exact_model, photos_of
 
 CENTRES = [(1.0, 0.1 * i, 0.2) for i in range(4)]
 
 
 @pytest.fixture
 def model():
-    return synthetic_model(CENTRES)
+    return exact_model(CENTRES)
 
 
 def write(model, folder, binary=True):
@@ -68,7 +68,7 @@ def test_a_camera_of_an_upright_picture_is_turned(tmp_path, model):
 def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
     for image in model.images.values():
         image.name = f"images/{image.name}"
-    loaded = load_model(write(model, tmp_path / "model"), photos_of(synthetic_model(CENTRES[:3])))
+    loaded = load_model(write(model, tmp_path / "model"), photos_of(exact_model(CENTRES[:3])))
     assert sorted(i.name for i in loaded.images.values() if i.has_pose) == [
         "p0.png",
         "p1.png",
@@ -124,8 +124,8 @@ NONSENSE = "no sensible numbers"
             lambda model, folder: (write(model, folder) / "cameras.bin").unlink(),
             "is not readable as a COLMAP model",
         ),
-        (lambda _, folder: write(synthetic_model(CENTRES, 19), folder), "holds 0 of the 4"),
-        (lambda _, folder: write(synthetic_model(CENTRES[:2]), folder), "holds 2 of the 4"),
+        (lambda _, folder: write(exact_model(CENTRES, 19), folder), "holds 0 of the 4"),
+        (lambda _, folder: write(exact_model(CENTRES[:2]), folder), "holds 2 of the 4"),
         (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), NONSENSE),
         (_lens(440, 441, 201, -9, 0, 0, 0, 0), NONSENSE),
         (_lens(39, 39, 201, 149, 0, 0, 0, 0), NONSENSE),
@@ -138,4 +138,4 @@ def test_a_wrong_model_is_refused(tmp_path, model, change, words):
     picture's 400 pixels, and a distortion beyond 100."""
     change(model, tmp_path / "model")
     with pytest.raises(HandbenchError, match=words):
-        load_model(tmp_path / "model", photos_of(synthetic_model(CENTRES)))
+        load_model(tmp_path / "model", photos_of(exact_model(CENTRES)))

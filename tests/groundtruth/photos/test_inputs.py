@@ -12,8 +12,8 @@ from handbench.groundtruth.sparse.inputs import gather, resolve
 from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
+from tests.groundtruth.noisy_model import exact_model
 from tests.groundtruth.room import around, look, photograph, true_camera
-from tests.groundtruth.synthetic_model import synthetic_model
 
 
 def options_of(*arguments):
@@ -73,7 +73,7 @@ def test_a_distance_or_a_metric_model_is_enough(tmp_path):
     photograph(tmp_path)
     folder = tmp_path / "model"
     folder.mkdir()
-    synthetic_model(around(4)).write_binary(folder)
+    exact_model(around(4)).write_binary(folder)
     assert gather(tmp_path, Options(**between("p0.png", "p1.png")))[0].model is None
     by_model, _ = gather(tmp_path, Options(model=folder, metric=True))
     by_poses, _ = gather(tmp_path, Options(cameras=folder, metric=True))

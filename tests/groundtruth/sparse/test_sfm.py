@@ -13,7 +13,7 @@ from handbench.groundtruth.sparse.sfm import (
     find_features,
     pipeline_options,
 )
-from tests.groundtruth.synthetic_model import synthetic_model
+from tests.groundtruth.noisy_model import exact_model
 
 
 def photographs(folder, models):
@@ -73,7 +73,7 @@ def test_what_is_known_of_lenses_decides_who_shares_a_camera():
 
 def test_cameras_that_moved_and_turned_are_compared():
     """By 0.3 m and 0.4 m off, one of them turned by 30° about its own axis of sight."""
-    model = synthetic_model([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6)])
+    model = exact_model([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6)])
     turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
     moved = []
     for camera, R, step_m in zip(
