@@ -234,44 +234,27 @@ def mirror(seed: int, points: np.ndarray) -> np.ndarray:
 
 @given(
     seed=seeds,
+    shape=st.sampled_from([FIVE, PLANE, SOLID, None]),
     with_scale=st.booleans(),
-    which=st.integers(0, 4),
     log_size=st.floats(-1.5, 6),
     at_source=st.booleans(),
-    shape=st.sampled_from(["five", "plane", "solid"]),
 )
-@examples(25)
-def test_one_wrong_pair_in_five_of_any_size_changes_nothing(
-    seed, with_scale, which, log_size, at_source, shape
+@examples(30)
+def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(
+    seed, shape, with_scale, log_size, at_source
 ):
-    """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000
-    km off, where the centres err by 0.24 mm and a deviation is 0.4 mm."""
-    p, q = scenario(seed, SHAPES[shape])
+    """The answer is that of the others (of 50 digits), and so is the covariance; 30 mm to 1000 km
+    off, where the centres err by 0.24 mm and a deviation is 0.4 mm. One of five, or 16 of 40: then
+    the triples are drawn, 220, of which a fifth are without a wrong pair."""
     rng = np.random.default_rng(seed + 1)
-    way = rng.standard_normal(3)
-    (p if at_source else q)[which] += 10**log_size * way / np.linalg.norm(way)
-    rest = np.delete(np.arange(5), which)
+    p, q = scenario(seed, rng.uniform(-0.06, 0.06, (40, 3)) if shape is None else shape)
+    bad = rng.choice(len(p), 16 if shape is None else 1, replace=False)
+    good = np.setdiff1d(np.arange(len(p)), bad)
+    way = rng.standard_normal((len(bad), 3))
+    (p if at_source else q)[bad] += 10**log_size * way / np.linalg.norm(way, axis=1)[:, None]
     spread_m2 = 9e-8 * np.eye(3)
     source, target = (candidates(side, covariance_m2=spread_m2) for side in (p, q))
     found = align(source, target, with_scale)
-    if not with_scale or shape != "plane":
-        assert found.residuals_m.argmax() == which
-    alone = align([source[i] for i in rest], [target[i] for i in rest], with_scale)
+    alone = align([source[i] for i in good], [target[i] for i in good], with_scale)
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9, atol=1e-20)
-    assert max(errors(found.matrix, p[rest], q[rest], with_scale)) < BAR
-
-
-@pytest.mark.parametrize(("count", "wrong"), [(6, 2), (40, 16)])
-@given(seed=seeds)
-@examples(5)
-def test_a_majority_of_60_percent_suffices(count, wrong, seed):
-    """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40
-    %."""
-    rng = np.random.default_rng(seed)
-    p, q = scenario(seed, rng.uniform(-0.5, 0.5, (count, 3)) * EXTENT_M)
-    bad = rng.choice(count, wrong, replace=False)
-    good = np.setdiff1d(np.arange(count), bad)
-    q[bad] = q.mean(axis=0) + rng.uniform(-1, 1, (wrong, 3))
-    spread_m2 = 9e-8 * np.eye(3)
-    found = align(candidates(p, covariance_m2=spread_m2), candidates(q, covariance_m2=spread_m2))
-    assert max(errors(found.matrix, p[good], q[good], False)) < BAR
+    assert max(errors(found.matrix, p[good], q[good], with_scale)) < BAR
