@@ -20,14 +20,6 @@ def maps(scene):
     return depth_maps(views, sources, iterations=3, seed=0)
 
 
-def test_half_the_resolution_looks_along_the_same_rays(scene):
-    half = scene[0][0].halved()
-    whole_rays = scene[0][0].rays()
-    np.testing.assert_allclose(
-        half.rays(), (whole_rays[::2, ::2] + whole_rays[1::2, 1::2]) / 2, atol=1e-12
-    )
-
-
 def test_depths_and_fused_points_are_right_where_they_are_given(scene, maps):
     ball.check(maps, scene[1], known=0.6, rim=0.6, angle_deg=6, points=3000)
 

