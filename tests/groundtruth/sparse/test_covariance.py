@@ -14,7 +14,6 @@ from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import adjusted, noisy_model
 
-BOARD = Scale("board")
 DRAWS = 25
 INTRINSICS = tuple(range(8))
 
@@ -95,17 +94,3 @@ def test_a_point_moves_to_where_the_rays_of_the_moved_cameras_meet():
         np.testing.assert_allclose(
             covariance, np.outer(shift_m, shift_m), atol=1e-4 * (shift_m @ shift_m)
         )
-
-
-def test_along_a_single_ray_nothing_is_promised_to_move():
-    scene = noisy_model(noise=0, off=0)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    known = camera_covariance(bundle, BOARD)
-    point_m = np.array([0.03, -0.05, 0.04])
-    [covariance] = point_covariance(bundle.images, known, point_m[None], np.eye(5, dtype=bool)[:1])
-    ray = point_m - bundle.images[0].projection_center()
-    ray /= np.linalg.norm(ray)
-    assert ray @ covariance @ ray < 1e-6 * np.trace(covariance)
-    assert np.isfinite(covariance).all()
-    [unseen] = point_covariance(bundle.images, known, point_m[None], np.zeros((1, 5), bool))
-    assert not unseen.any()
