@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from handbench.groundtruth.dense.volume import plane_through
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.groundtruth.mesh.target import keep_target, margin_m, remove_board
 from handbench.support.errors import HandbenchError
+from tests.groundtruth.dense.test_volume import PLANE
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
-
-CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
-PLANE = plane_through(CORNERS_M, np.array([(0.0, 0.1, 0.5), (0.1, 0.0, 0.6)]), 1e-4)
 
 
 def plate(half_m=0.15, noise_m=0.3e-3):
