@@ -27,9 +27,8 @@ from handbench.radar.simulation.catalogue import Effect
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.config import Config
 from tests.radar.simulated_points import point_capture
-from tests.test_docs import DOCS, PAGES, ROOT, blocks
+from tests.test_docs import DOCS, FENCE, PAGES, ROOT, blocks
 
-FENCES = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 NOT_RUN = {  # how a block begins → why it is not executed here
     "import sys\n\nimport h5py": "docs/submissions.md: takes arguments; run in "
     "tests/bench/run/test_foreign_methods.py",
@@ -51,11 +50,8 @@ def of_point(folder: Path, names: dict[str, Any]) -> None:
 
 def of_arrays(folder: Path, names: dict[str, Any]) -> None:
     """Captures of the calibration target and of a point, by every third antenna and 32 tones."""
-    array, tones_hz = (
-        AntennaArray(qar50().tx_m[::3], qar50().rx_m[::3]),
-        np.linspace(72e9, 82e9, 32),
-    )
-    target = default_target()
+    array = AntennaArray(qar50().tx_m[::3], qar50().rx_m[::3])
+    tones_hz, target = np.linspace(72e9, 82e9, 32), default_target()
     balls = zip(
         target.centres_m + [0.0, 0.0, 0.31], target.element, target.foam_delay_m, strict=True
     )
@@ -64,12 +60,10 @@ def of_arrays(folder: Path, names: dict[str, Any]) -> None:
     )
     noise = np.random.default_rng(0).standard_normal((*seen.shape, 2)) @ [1, 1j]
     seen = seen + 0.01 * np.abs(seen).mean() * noise
+    capture = RadarCapture(seen[None].astype(np.complex64), tones_hz, array)
     for name in ("target", "hand"):
         (folder / name).mkdir()
-        save_capture(
-            folder / name / "echoes.h5",
-            RadarCapture(seen[None].astype(np.complex64), tones_hz, array),
-        )
+        save_capture(folder / name / "echoes.h5", capture)
         (folder / name / "capture.toml").write_text(f'version = 1\nname = "{name}"\n', "utf-8")
     (folder / "target" / "target.toml").write_text(tomlkit.dumps(target.model_dump()), "utf-8")
 
@@ -86,13 +80,8 @@ def of_tutorial(folder: Path, names: dict[str, Any]) -> None:
 def of_contributor(folder: Path, names: dict[str, Any]) -> None:
     """What the files that the page's blocks are added to know already."""
     for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
-        names.update(
-            {
-                k: v
-                for k, v in vars(importlib.import_module(module)).items()
-                if not k.startswith("__")
-            }
-        )
+        known = vars(importlib.import_module(module)).items()
+        names.update({name: value for name, value in known if not name.startswith("__")})
     names["Config"], names["Effect"] = Config, Effect
 
 
@@ -107,7 +96,7 @@ PREPARED: dict[str, Callable[[Path, dict[str, Any]], None]] = {
 
 def ran(page: Path) -> list[tuple[str, str]]:
     """The page's Python blocks, each with the text block behind it, "" where there is none."""
-    found = FENCES.findall(page.read_text("utf-8"))
+    found = FENCE.findall(page.read_text("utf-8"))
     after = [*found, ("", "")][1:]
     return [
         (code, told if kind == "text" else "")

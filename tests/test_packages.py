@@ -16,22 +16,9 @@ ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
-def test_every_folder_with_code_is_installed_inside_handbench():
-    code = [file for top in (*ROOMS, "handbench") for file in (ROOT / top).rglob("*.py")]
-    folders = {file.parent.relative_to(ROOT) for file in code}
-    assert all((ROOT / folder / "__init__.py").is_file() for folder in folders)
-    installed = PYPROJECT["tool"]["setuptools"]
-    names = ((folder, ".".join(folder.parts).removeprefix("handbench")) for folder in folders)
-    packages = {f"handbench.{name.lstrip('.')}".rstrip(".") for _, name in names}
-    assert sorted(installed["packages"]) == sorted(packages)
-    rooms = {f"handbench.{room}": room for room in ROOMS}
-    assert installed["package-dir"] == {"handbench": "handbench"} | rooms
-
-
 @pytest.mark.slow
-def test_every_data_file_is_installed(tmp_path):
-    """The files of the repository that are no code, and those of a wheel, whose only top-level name
-    is handbench."""
+def test_every_file_is_installed(tmp_path):
+    """The files of the repository and those of a wheel, whose only top-level name is handbench."""
     tree, listing = tmp_path / "tree", ["git", "ls-files", "-z"]
     listed = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     names = [name for name in listed.split("\0") if name and not name.startswith("tests/")]

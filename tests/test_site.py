@@ -15,7 +15,6 @@ ROOT = Path(__file__).parents[1]
 FETCHED = re.compile(
     r'<(?:script|link|img|iframe|source)[^>]*(?:src|href|srcset)="?(?:https?:)?//[^" >]*'
 )
-LINKED = re.compile(r'<a [^>]*href="([^"#:]+)(?:#([^"]*))?"')
 pytestmark = pytest.mark.slow
 
 
@@ -44,18 +43,10 @@ def test_every_page_is_built_and_in_the_navigation(site):
     assert {name for name in names if f'href="{name}"' not in navigation} == set()
 
 
-def test_nothing_is_fetched_and_links_lead_to_pages_and_headings(site):
-    """No page asks another host for a script, a style, a font or a picture; each link of each page
-    is read once more from what was built."""
-    pages = {page.resolve(): page.read_text("utf-8") for page in site.rglob("*.html")}
-    anchors = {page: set(re.findall(r' id="([^"]+)"', text)) for page, text in pages.items()}
-    for page, text in pages.items():
-        assert FETCHED.findall(text) == [], page
-        for target, anchor in LINKED.findall(text) if page.name != "404.html" else ():
-            there = (page.parent / target).resolve()
-            assert there.exists(), (page.name, target)
-            found = not anchor or there not in anchors or anchor in anchors[there]
-            assert found, (page.name, target, anchor)
+def test_nothing_is_fetched(site):
+    """No page asks another host for a script, a style, a font or a picture."""
+    for page in site.rglob("*.html"):
+        assert FETCHED.findall(page.read_text("utf-8")) == [], page
     for style in site.rglob("*.css"):
         text = style.read_text("utf-8")
         assert not re.search(r"(?:@import|url\()[^)]{0,9}(?:https?:)?//", text), style

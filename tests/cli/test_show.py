@@ -85,11 +85,16 @@ def test_x_grows_to_the_left_and_y_upwards_on_every_panel():
     assert places == [[3, 1], [4, 1], [3, 4]]  # rows upwards, columns along x, x and z
 
 
+def flat(method, z_m, config) -> DepthMap:
+    """A map of one depth, all of it on target."""
+    axis_m = np.linspace(-0.05, 0.05, 40)
+    depths = np.full((40, 40), z_m), np.zeros((40, 40), np.float32)
+    return DepthMap(axis_m, axis_m, *depths, method, config)
+
+
 def test_doubts_come_first(shown, tmp_path, capsys):
     """A map ten times as far as the ball."""
-    x_m = np.linspace(-0.07, 0.07, 50)
-    given = np.full((50, 50), 3.0), np.zeros((50, 50), np.float32)
-    DepthMap(x_m, x_m, *given, "3fsk").save(tmp_path / "far.npz")
+    flat("3fsk", 3.0, {}).save(tmp_path / "far.npz")
     assert main(["evaluate", str(tmp_path / "far.npz"), "--mesh", str(shown / "mesh.ply")]) == 0
     said = capsys.readouterr()
     assert next(iter(json.loads(said.out))) == "doubts"
@@ -106,11 +111,10 @@ def test_doubts_come_first(shown, tmp_path, capsys):
     ],
 )
 def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
-    axis_m = np.linspace(-0.05, 0.05, 40)
-    truth = np.where(np.isfinite(hand_m(axis_m, axis_m)), 0.29, np.nan)
-    given = np.full((40, 40), z_m), np.zeros((40, 40), np.float32)
-    depth = DepthMap(axis_m, axis_m, *given, "broadband", config)
-    [*found] = figure_warnings(depth, pool([error_map(axis_m, axis_m, depth.z_m, truth)]))
+    depth = flat("broadband", z_m, config)
+    truth = np.where(np.isfinite(hand_m(depth.x_m, depth.y_m)), 0.29, np.nan)
+    errors = error_map(depth.x_m, depth.y_m, depth.z_m, truth)
+    [*found] = figure_warnings(depth, pool([errors]))
     assert len(found) == bool(said) and all(said in doubt for doubt in found)
 
 

@@ -3,7 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from handbench.groundtruth.dense.dense import choose_sources
+from handbench.groundtruth.dense.fusion import fuse
 from handbench.groundtruth.dense.views import View
 
 RADIUS_M, WALL_M, DISTANCE_M = (
@@ -62,3 +65,33 @@ def view(name, angle_x, angle_y, height=SIZE, width=SIZE):
     depth_m, _ = surface(bare.rays(), R, t)
     gray = texture(world_points_m(bare, depth_m)).astype(np.float32)
     return replace(bare, gray=gray), depth_m
+
+
+def scene(sizes):
+    """Views of these sizes [height, width], the true depth of each, and the sources of each."""
+    angles = zip(ANGLES, sizes, strict=True)
+    taken = [view(f"v{i}", *pair, *size) for i, (pair, size) in enumerate(angles)]
+    views, depths_m = zip(*taken, strict=True)
+    points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
+    return views, depths_m, choose_sources(views, np.ones((50, 5), dtype=bool), points_m)
+
+
+def check(maps, depths_m, *, known, rim, angle_deg, points):
+    """At least the share `known` of a map is given and right to a twentieth of a pixel of
+    disparity, its normals to `angle_deg`; windows at the sphere's rim see two surfaces: 5 % are off
+    by up to `rim`. Fused points, at least so many, lie on the sphere and in their box."""
+    for m, depth_m in zip(maps, depths_m, strict=True):
+        given = np.isfinite(m.depth_m)
+        error = np.abs(m.depth_m - depth_m)[given] / DISPARITY_M
+        _, normals = surface(m.view.rays(), m.view.R, m.view.t)
+        cosine = (m.normals * normals).sum(axis=-1)[given]
+        assert m.depth_m.shape == m.view.gray.shape and given.mean() > known
+        assert np.median(error) < 0.05 and np.quantile(error, 0.95) < rim
+        assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < angle_deg
+    box_m = np.array([[-0.05, -0.05, -0.1], [0.05, 0.05, -0.02]])
+    cloud = fuse(maps, box_m)
+    error = np.abs(np.linalg.norm(cloud.points_m, axis=1) - RADIUS_M) / DISPARITY_M
+    assert ((cloud.points_m >= box_m[0]) & (cloud.points_m <= box_m[1])).all()
+    assert len(cloud.points_m) > points and np.median(error) < 0.05
+    assert np.quantile(error, 0.99) < 0.3
+    assert cloud.pixel_m == pytest.approx(PIXEL_M, rel=0.1)

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
 from handbench.groundtruth.sparse.frame import Scale
@@ -65,11 +67,13 @@ def noisy_model(
     params=PARAMS,
     spread=1.0,
     depth=1.0,
+    centres=(),
 ):
     """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by
     turns), and a board of five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the
     poses at the start, radians and 1/3 m. spread: of the cameras' places, 1: over 70°, less: turned
-    about themselves too, 0: all in one place. depth: of the points, 1: 160 mm, 0: on the board."""
+    about themselves too, 0: all in one place. depth: of the points, 1: 160 mm, 0: on the board.
+    centres: of the cameras, in place of the arc."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)
     model = colmap.Reconstruction()
     points_m = np.random.default_rng(99).uniform(
@@ -79,7 +83,7 @@ def noisy_model(
     square = np.array([(0, SIDE_M, 0), (SIDE_M, SIDE_M, 0), (SIDE_M, 0, 0), (0, 0, 0)])
     corners_m = {i: square + (*at, BOARD_M) for i, at in enumerate(MARKERS_M)}
     tracks, corners, poses = [[] for _ in points_m], {}, {}
-    for i, angle in enumerate(np.linspace(-0.6, 0.6, views)):
+    for i, angle in enumerate(np.linspace(-0.6, 0.6, len(centres) or views)):
         camera = colmap.Camera(
             camera_id=1 if shared else i + 1,
             model="OPENCV",
@@ -92,6 +96,7 @@ def noisy_model(
         angle = spread * angle + 0.2 * (spread < 1)
         height = spread * (0.35 * np.cos(3 * i) - 0.3)
         centre = 0.6 * np.array([np.sin(angle), height, np.cos(angle)])
+        centre = np.array(centres[i]) if len(centres) else centre
         towards = Rotation.align_vectors([(0, 0, 1), (0, 1, 0)], [-centre, (0, -1, 0)])[0]
         roll = (spread < 1) * 0.1 * np.array([np.cos(2 * i), np.sin(2 * i), i])
         R = (Rotation.from_rotvec(roll) * towards).as_matrix()
@@ -124,6 +129,17 @@ def noisy_model(
     return Noisy(model, corners, corners_m, poses, points_m, params)
 
 
+def exact_model(centres, points=60):
+    """A model whose cameras at `centres` [n, 3] look at points about the origin; all see all."""
+    return noisy_model(noise=0, off=0, shared=True, centres=centres, points=points).model
+
+
+def photos_of(model, width=WIDTH, height=HEIGHT):
+    """Photographs of the model's names, without files."""
+    names = sorted(image.name for image in model.images.values())
+    return tuple(Photo(None, name, width, height) for name in names)
+
+
 def adjusted(scene, free=()):
     """The bundle after the adjustment, and the covariance of its parameters."""
     adjust(scene.model, scene.corners, scene.corners_m, free)
@@ -142,3 +158,9 @@ def poses_of(model):
     """All poses [n, 3, 4] as they stand, by name."""
     images = sorted(model.images.values(), key=lambda image: image.name)
     return np.array([image.cam_from_world().matrix() for image in images])
+
+
+def board_of(corners_m):
+    """The description of a board with these corners, by marker."""
+    markers = (Marker(id=i, corners_m=corners.tolist()) for i, corners in corners_m.items())
+    return Board(marker=tuple(markers))

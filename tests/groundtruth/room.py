@@ -77,7 +77,7 @@ def true_camera(name, centre_m, params=(440.0, 440.0, 200.0, 150.0), size=(400, 
         model="PINHOLE",
         params=params,
         R=tuple(map(tuple, R.tolist())),
-        t=tuple((-R @ centre_m).tolist()),
+        t=tuple((-R @ centre_m).round(12).tolist()),  # nothing below 1e-30 is accepted
     )
 
 

@@ -5,9 +5,9 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from handbench.groundtruth.cameras.cameras import Camera, save_cameras
-from handbench.groundtruth.mesh.mesh_files import load_open3d
-from tests.groundtruth.room import camera_rotation
+from handbench.groundtruth.cameras.cameras import save_cameras
+from handbench.groundtruth.mesh.mesh_files import load_open3d, raycasting_scene
+from tests.groundtruth.room import true_camera
 
 SIZE, FOCAL_PX, VIEWS = (640, 480), 1150.0, 16
 DISTANCE_M, ELEVATIONS_RAD = 1.0, (0.10, 0.35)
@@ -63,35 +63,16 @@ def ring():
         centre = DISTANCE_M * np.array(
             (np.cos(angle) * np.cos(up), np.sin(angle) * np.cos(up), np.sin(up))
         )
-        R = camera_rotation(-centre)
         params = (FOCAL_PX, FOCAL_PX, width / 2, height / 2)
-        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre).tolist())}
-        cameras.append(
-            Camera(
-                name=f"t{k:02d}.png",
-                width=width,
-                height=height,
-                model="PINHOLE",
-                params=params,
-                **pose,
-            )
-        )
+        cameras.append(true_camera(f"t{k:02d}.png", centre, params, SIZE))
     return tuple(cameras)
-
-
-def scene_of(mesh):
-    """The mesh as rays meet it."""
-    o3d = load_open3d()
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
-    return scene
 
 
 def photograph(folder, views=range(VIEWS)):
     """Write t00.png …, of some views alone, and cameras.json with K, R and t; returns the true
     surface and the cameras."""
     mesh, cameras = temple(), tuple(ring()[view] for view in views)
-    scene = scene_of(mesh)
+    scene = raycasting_scene(mesh)
     for camera in cameras:
         Image.fromarray(_picture(scene, camera)).save(folder / camera.name)
     save_cameras(folder / "cameras.json", cameras)
@@ -118,12 +99,14 @@ def _picture(scene, camera):
     return ((picture + noise).clip(0, 1) * 255).round().astype(np.uint8)
 
 
-def completeness(mesh, cameras, found, within_m, fewest=3, box_m=None):
-    """Share of the true surface (in a box [2, 3]) that at least `fewest` cameras see which is
-    within `within_m` of a found mesh."""
-    scene, points_m = scene_of(mesh), np.asarray(mesh.sample_points_uniformly(60_000).points)
-    if box_m is not None:
-        points_m = points_m[((points_m > box_m[0]) & (points_m < box_m[1])).all(axis=1)]
+def completeness(mesh, cameras, found, within_m, box_m):
+    """Share of the true surface in a box [2, 3] that at least three cameras see which is within
+    `within_m` of a found mesh."""
+    points_m = np.asarray(mesh.sample_points_uniformly(60_000).points)
+    scene, points_m = (
+        raycasting_scene(mesh),
+        points_m[((points_m > box_m[0]) & (points_m < box_m[1])).all(axis=1)],
+    )
     count = np.zeros(len(points_m), int)
     for camera in cameras:
         away = camera.centre_m - points_m
@@ -132,5 +115,5 @@ def completeness(mesh, cameras, found, within_m, fewest=3, box_m=None):
         rays = np.concatenate([points_m + 1e-4 * away, away], axis=1).astype(np.float32)
         hidden = np.isfinite(scene.cast_rays(load_open3d().core.Tensor(rays))["t_hit"].numpy())
         count += inside & ~hidden
-    points_m = points_m[count >= fewest].astype(np.float32)
-    return float(np.mean(scene_of(found).compute_distance(points_m).numpy() <= within_m))
+    points_m = points_m[count >= 3].astype(np.float32)
+    return float(np.mean(raycasting_scene(found).compute_distance(points_m).numpy() <= within_m))

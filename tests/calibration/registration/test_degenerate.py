@@ -184,6 +184,7 @@ WITH_ONE_BESIDE = np.vstack(
 )
 OPEN = r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"
 BROKEN = "pair 6: its centre or covariance"
+CONTRADICT = r"its {} pairs of centres contradict .*residuals in mm: pair 1 \d"
 
 
 @pytest.mark.parametrize("with_scale", [False, True])
@@ -201,11 +202,14 @@ BROKEN = "pair 6: its centre or covariance"
         (WITH_ONE_BESIDE, 0, np.inf, BROKEN),
         (WITH_ONE_BESIDE, 0, -1.0, BROKEN),
         (WITH_ONE_BESIDE, np.nan, 1e-8, BROKEN),
+        (SOLID[:3], 0.05, 1e-8, CONTRADICT.format(3)),
+        (SOLID[:4], 0.05, 1e-8, CONTRADICT.format(4)),
     ],
 )
 def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, words, with_scale):
     """Lines and points; a narrow rectangle of half length a and half width b, √((a² + b²)/b²) =
-    24.02; the one centre off the line (the last) badly known, or wrong; numbers that are none."""
+    24.02; the one centre off the line (the last) badly known, or wrong; numbers that are none. Of
+    four, three that agree are no majority: triangles that fit are no rarity."""
     source, target = candidates(points), candidates(points)
     last = points[-1] + [shift_m, 0, 0]
     target[-1] = Candidate(last, np.diag([last_m2] * 3), ())
@@ -230,60 +234,27 @@ def mirror(seed: int, points: np.ndarray) -> np.ndarray:
 
 @given(
     seed=seeds,
+    shape=st.sampled_from([FIVE, PLANE, SOLID, None]),
     with_scale=st.booleans(),
-    which=st.integers(0, 4),
     log_size=st.floats(-1.5, 6),
     at_source=st.booleans(),
-    shape=st.sampled_from(["five", "plane", "solid"]),
 )
-@examples(25)
-def test_one_wrong_pair_in_five_of_any_size_changes_nothing(
-    seed, with_scale, which, log_size, at_source, shape
+@examples(30)
+def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(
+    seed, shape, with_scale, log_size, at_source
 ):
-    """The answer is that of the other four (of 50 digits), and so is the covariance; 30 mm to 1000
-    km off, where the centres err by 0.24 mm and a deviation is 0.4 mm."""
-    p, q = scenario(seed, SHAPES[shape])
+    """The answer is that of the others (of 50 digits), and so is the covariance; 30 mm to 1000 km
+    off, where the centres err by 0.24 mm and a deviation is 0.4 mm. One of five, or 16 of 40: then
+    the triples are drawn, 220, of which a fifth are without a wrong pair."""
     rng = np.random.default_rng(seed + 1)
-    way = rng.standard_normal(3)
-    (p if at_source else q)[which] += 10**log_size * way / np.linalg.norm(way)
-    rest = np.delete(np.arange(5), which)
+    p, q = scenario(seed, rng.uniform(-0.06, 0.06, (40, 3)) if shape is None else shape)
+    bad = rng.choice(len(p), 16 if shape is None else 1, replace=False)
+    good = np.setdiff1d(np.arange(len(p)), bad)
+    way = rng.standard_normal((len(bad), 3))
+    (p if at_source else q)[bad] += 10**log_size * way / np.linalg.norm(way, axis=1)[:, None]
     spread_m2 = 9e-8 * np.eye(3)
     source, target = (candidates(side, covariance_m2=spread_m2) for side in (p, q))
     found = align(source, target, with_scale)
-    if not with_scale or shape != "plane":
-        assert found.residuals_m.argmax() == which
-    alone = align([source[i] for i in rest], [target[i] for i in rest], with_scale)
+    alone = align([source[i] for i in good], [target[i] for i in good], with_scale)
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9, atol=1e-20)
-    assert max(errors(found.matrix, p[rest], q[rest], with_scale)) < BAR
-
-
-@pytest.mark.parametrize(("count", "wrong"), [(6, 2), (40, 16)])
-@given(seed=seeds)
-@examples(5)
-def test_a_majority_of_60_percent_suffices(count, wrong, seed):
-    """Beyond 12 pairs the triples are drawn: 220, of which a fifth are without a wrong pair at 40
-    %."""
-    rng = np.random.default_rng(seed)
-    p, q = scenario(seed, rng.uniform(-0.5, 0.5, (count, 3)) * EXTENT_M)
-    bad = rng.choice(count, wrong, replace=False)
-    good = np.setdiff1d(np.arange(count), bad)
-    q[bad] = q.mean(axis=0) + rng.uniform(-1, 1, (wrong, 3))
-    spread_m2 = 9e-8 * np.eye(3)
-    found = align(candidates(p, covariance_m2=spread_m2), candidates(q, covariance_m2=spread_m2))
-    assert max(errors(found.matrix, p[good], q[good], False)) < BAR
-
-
-@pytest.mark.parametrize(("count", "wrong"), [(3, 1), (4, 1), (5, 2)])
-@given(seed=seeds)
-@examples(5)
-def test_without_a_majority_the_residuals_are_shown(count, wrong, seed):
-    """Of four, three that agree are no majority: triangles that fit are no rarity."""
-    rng = np.random.default_rng(seed)
-    p = SOLID[:count]
-    q = p.copy()
-    q[:wrong] += 0.05 * rng.uniform(0.5, 1, (wrong, 3)) * rng.choice([-1, 1], (wrong, 3))
-    with pytest.raises(
-        HandbenchError,
-        match=rf"its {count} pairs of centres contradict .*residuals in mm: pair 1 \d",
-    ):
-        align(candidates(p), candidates(q))
+    assert max(errors(found.matrix, p[good], q[good], with_scale)) < BAR

@@ -38,22 +38,6 @@ def captured(
     return Pairs.of(*(candidates(side, covariance_m2=SPREAD_M**2 * np.eye(3)) for side in sides))
 
 
-def test_the_combined_covariance_is_honest(rng):
-    """Over 300 rigs with three captures each, the squared error at the hand in units of what is
-    predicted averages 3 (four standard errors √(6/300), and 3 % for the enlarged ones), the error
-    that all captures share included."""
-    nees, single = [], []
-    for _ in range(300):
-        shared_m = np.sqrt(COMMON_M2[2, 2]) * rng.standard_normal()
-        captures = [captured(rng, shared_m=shared_m) for _ in range(3)]
-        found = solve(captures[0] + captures[1] + captures[2], common_m2=COMMON_M2)
-        miss = found.points(HAND_M) - HAND_M
-        nees.append(miss @ np.linalg.solve(found.point_covariance(HAND_M), miss))
-        single.append(found.point_covariance(HAND_M)[2, 2])
-    assert np.mean(nees) == pytest.approx(3, abs=4 * np.sqrt(6 / 300) + 0.09)
-    assert min(single) > COMMON_M2[2, 2]  # no number of captures averages it away
-
-
 def test_a_wrong_pair_is_named_with_its_capture(rng, capsys):
     captures = [captured(rng) for _ in range(2)]
     captures[1].target_m[3] += [0, 0.04, 0]

@@ -14,22 +14,13 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 from tests.calibration.spheres.test_balls import centres, noise
+from tests.calibration.spheres.test_balls import sphere_echo as specular_echo
 
-C = 299_792_458.0
 WHOLE = qar50()
 ARRAY = AntennaArray(WHOLE.tx_m[::4], WHOLE.rx_m[::4])
 TONES_HZ = np.linspace(72e9, 82e9, 32)
 FACE = 0.02  # of the foam's front against its ball, about −34 dB; the real one's
 X, Y = np.eye(3)[:2]
-
-
-def face_echo(centre_m: np.ndarray, radius_m: float, array: AntennaArray) -> np.ndarray:
-    """exp(−j2πf·path/c)/(f·|c − t||c − r|) over the sphere's specular points, [f, t, r]."""
-    to, back = centre_m - array.tx_m, centre_m - array.rx_m
-    d_to, d_back = np.linalg.norm(to, axis=1)[:, None], np.linalg.norm(back, axis=1)[None, :]
-    cos_beta = np.sqrt((1 + (to / d_to) @ (back / d_back.T).T) / 2)
-    path_m = d_to + d_back - 2 * radius_m * cos_beta
-    return np.stack([np.exp(-2j * np.pi * f * path_m / C) / (f * d_to * d_back) for f in TONES_HZ])
 
 
 def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -> np.ndarray:
@@ -39,7 +30,8 @@ def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -
         target.element, target.foam_delay_m, centres_m, strict=True
     ):
         ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, TONES_HZ, array)
-        face = face_echo(centre_m, element.sphere_radius_m, array)
+        face = specular_echo(centre_m, element.sphere_radius_m, 0.0, TONES_HZ, array)
+        face /= TONES_HZ[:, None, None]
         samples += ball + FACE * np.linalg.norm(ball) / np.linalg.norm(face) * face
     return samples
 

@@ -55,11 +55,6 @@ def test_a_wrong_board_is_refused(tmp_path, text, words):
         board.charuco.cv_board()
 
 
-def test_a_marker_may_have_the_first_number_that_the_chessboard_leaves(tmp_path):
-    (tmp_path / "board.toml").write_text(MARKER_FILE.replace("9", "10") + CHARUCO_FILE)
-    assert load_board(tmp_path / "board.toml").corners_m().keys() == {10, CHESSBOARD}
-
-
 def slanted(width, height):
     """A camera that sees a board of this size, metres, at an angle."""
     R = Rotation.from_euler("xyz", (150, 20, 10), degrees=True).as_matrix()

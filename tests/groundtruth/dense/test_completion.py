@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from handbench.groundtruth.mesh.mesh_files import raycasting_scene
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.pipeline import reconstruct
 from tests.groundtruth import temple
@@ -20,9 +21,9 @@ def test_most_of_what_three_cameras_see_is_found(tmp_path):
         tmp_path, Options(quality="thorough", box_m=tuple(BOX_M.ravel())), tmp_path / "work"
     ).surface
     inside_m = BOX_M + np.array([[5e-3], [-5e-3]])
-    assert temple.completeness(mesh, cameras, found.mesh, 5e-4, box_m=inside_m) > 0.85
+    assert temple.completeness(mesh, cameras, found.mesh, 5e-4, inside_m) > 0.85
     off_m = (
-        temple.scene_of(mesh)
+        raycasting_scene(mesh)
         .compute_distance(found.vertices_m[found.observed].astype(np.float32))
         .numpy()
     )

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
-from handbench.groundtruth.dense import cuda, dense
-from handbench.groundtruth.dense.dense import choose_sources
-from handbench.groundtruth.dense.fusion import fuse
+from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.photos import read_gray
 from handbench.groundtruth.sparse import inputs
 from handbench.support.errors import HandbenchError
-from tests.groundtruth.ball import ANGLES, DISPARITY_M, RADIUS_M, surface, view
+from tests.groundtruth import ball
+from tests.groundtruth.ball import DISPARITY_M, RADIUS_M, surface
 from tests.groundtruth.room import photograph
 
 SIZES = [
@@ -32,19 +31,7 @@ HOLE, FAR = (
 
 @pytest.fixture(scope="module")
 def scene():
-    views, depths_m = zip(
-        *(
-            view(f"v{i}", *pair, *size)
-            for i, (pair, size) in enumerate(zip(ANGLES, SIZES, strict=True))
-        ),
-        strict=True,
-    )
-    points_m = np.random.default_rng(0).normal(scale=0.04, size=(50, 3))
-    return (
-        list(views),
-        depths_m,
-        choose_sources(list(views), np.ones((50, 5), dtype=bool), points_m),
-    )
+    return ball.scene(SIZES)
 
 
 def write_map(file: Path, values: np.ndarray) -> None:
@@ -79,23 +66,9 @@ def stand_in(workspace: Path, options: dict) -> None:
         write_map(workspace / "stereo" / "normal_maps" / f"{image.name}.{kind}.bin", normals @ R.T)
 
 
-def right(maps: list[dense.ViewDepth], depths_m: tuple[np.ndarray, ...]) -> None:
+def right(maps, depths_m):
     """Check that the maps are as good as the processor's."""
-    for m, depth_m in zip(maps, depths_m, strict=True):
-        known = np.isfinite(m.depth_m)
-        error = np.abs(m.depth_m - depth_m)[known] / DISPARITY_M
-        _, normals = surface(m.view.rays(), m.view.R, m.view.t)
-        assert m.depth_m.shape == m.view.gray.shape and known.mean() > 0.55
-        assert np.median(error) < 0.05 and np.quantile(error, 0.95) < 0.3
-        assert (
-            np.median(
-                np.degrees(np.arccos(np.clip((m.normals * normals).sum(axis=-1)[known], -1, 1)))
-            )
-            < 12
-        )
-    cloud = fuse(maps, np.array([[-0.05, -0.05, -0.1], [0.05, 0.05, -0.02]]))
-    error = np.abs(np.linalg.norm(cloud.points_m, axis=1) - RADIUS_M) / DISPARITY_M
-    assert len(cloud.points_m) > 2500 and np.median(error) < 0.05 and np.quantile(error, 0.99) < 0.3
+    ball.check(maps, depths_m, known=0.55, rim=0.3, angle_deg=12, points=2500)
 
 
 @pytest.mark.slow
@@ -117,7 +90,7 @@ def test_maps_are_of_the_views_and_right(scene, monkeypatch):
 
     monkeypatch.setattr(cuda, "search", search)
     maps = cuda.depth_maps(views, sources, "high")
-    assert [m.view for m in maps] == views
+    assert [m.view for m in maps] == list(views)
     right(maps, depths_m)
     for m in maps:
         assert np.isnan(m.depth_m[HOLE]).all() and np.isnan(m.depth_m[FAR]).all()
@@ -187,13 +160,10 @@ def test_a_search_that_ends_its_process_is_one_line(tmp_path, monkeypatch, endin
     [("auto", 0, "cpu"), ("auto", 2, "cuda"), ("cpu", 2, "cpu"), ("cuda", 1, "cuda")],
 )
 def test_where_depth_maps_are_made(tmp_path, monkeypatch, choice, devices, place):
+    """Without a device CUDA is refused before the work."""
     photograph(tmp_path, size=(160, 120))
     monkeypatch.setattr(inputs, "cuda_devices", lambda: devices)
-    _, options = inputs.resolve(tmp_path, Options(unscaled=True, dense=choice))
-    assert options.dense == place
-
-
-def test_cuda_without_cuda_is_refused_before_the_work(monkeypatch, tmp_path):
+    assert inputs.resolve(tmp_path, Options(unscaled=True, dense=choice))[1].dense == place
     monkeypatch.setattr(inputs, "cuda_devices", lambda: 0)
     with pytest.raises(
         HandbenchError, match=r"dense: cuda is asked for.*handbench\[cuda\].*leave the option out"

@@ -4,11 +4,10 @@ together."""
 import numpy as np
 
 from handbench.groundtruth.mesh.surface import Surface, read_surface
+from tests.groundtruth.mesh.test_hostile_meshes import XYZ, header
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 1 / 3), (0, 0.1, 0.3), (0.1, 0.1, 0.3 + 1e-15)])
 FACES = np.array([(0, 2, 1), (1, 2, 3)])
-FACE_LINES = "element face 1\nproperty list uchar int vertex_indices\n"
-XYZ = "property float x\nproperty float y\nproperty float z\n"
 
 
 def test_everything_comes_back(tmp_path):
@@ -34,8 +33,8 @@ def test_one_of_the_two_is_enough_and_of_any_type(tmp_path):
     ):
         places = ("0 0 0", "1 0 0", "0 1 0")
         lines = [f"{place} {row}" for place, row in zip(places, rows, strict=True)]
-        header = f"ply\nformat ascii 1.0\nelement vertex 3\n{XYZ}{extra}{FACE_LINES}end_header"
-        (tmp_path / "a.ply").write_text("\n".join([header, *lines, "3 0 1 2", ""]))
+        begun = header("ascii", vertices=3, faces=1, of_vertex=XYZ + extra)
+        (tmp_path / "a.ply").write_bytes(begun + "\n".join([*lines, "3 0 1 2", ""]).encode())
         found = read_surface(tmp_path / "a.ply")
         assert found.observed.tolist() == observed
         np.testing.assert_array_equal(found.sigma_m, sigma_m)

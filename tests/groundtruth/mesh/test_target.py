@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from handbench.groundtruth.dense.volume import plane_through
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.groundtruth.mesh.target import keep_target, margin_m, remove_board
 from handbench.support.errors import HandbenchError
+from tests.groundtruth.dense.test_volume import PLANE
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
-
-CORNERS_M = np.array([(x, y, 0.0) for x in (-0.15, 0.15) for y in (-0.1, 0.1)])
-PLANE = plane_through(CORNERS_M, np.array([(0.0, 0.1, 0.5), (0.1, 0.0, 0.6)]), 1e-4)
 
 
 def plate(half_m=0.15, noise_m=0.3e-3):
@@ -63,13 +60,6 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     assert KDTree(vertices_m).query(seen)[0].max() < 3 * PIXEL_M  # all of it, down to the margin
     assert len(target.parts) == 1 and target.kept == "what stands off the board"
     assert "above the board: dropped" in capsys.readouterr().err
-
-
-def test_a_board_alone_is_refused_in_a_sentence():
-    with pytest.raises(
-        HandbenchError, match=r"^target: nothing rises more than 12\.0 mm above the board's plane"
-    ):
-        kept(together(plate()))
 
 
 def test_all_that_stands_before_the_board_is_kept_and_nothing_behind_it(capsys):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.uncertainty import (
@@ -102,24 +103,16 @@ def test_beyond_the_points_it_grows_and_was_not_seen(cameras):
 def test_the_border_is_less_certain_as_far_as_a_matching_window_reaches():
     """A grid of one pixel's spacing, its right half unseen: at the border of what was seen 0.1 px
     more, none from 3 px on."""
-    pixel_m, n = 1e-3, 21
+    n = 21
     column, row = (axis.ravel() for axis in np.meshgrid(np.arange(n), np.arange(n)))
-    corner = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (
-        corner[i : n - 1 + i, j : n - 1 + j].ravel() for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))
-    )
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
-    vertices_m = pixel_m * np.stack([column, row, 0 * row], axis=1)
-    sigma_m = window_sigma(vertices_m, faces, column <= 15, pixel_m)
-    assert sigma_m.reshape(n, n)[10] == pytest.approx(
-        1e-3
-        * np.hypot(
-            SHARED_PX, np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0])
-        )
-    )
-    assert (
-        window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), pixel_m) == SHARED_PX * pixel_m
-    ).all()
+    vertices_m = PIXEL_M * np.stack([column, row, 0 * row], axis=1)
+    faces = Delaunay(vertices_m[:, :2]).simplices
+    sigma_m = window_sigma(vertices_m, faces, column <= 15, PIXEL_M)
+    more_px = np.interp(np.arange(n), [0, 3, 12, 15, 18, 20], [0.1, 0, 0, 0.1, 0, 0])
+    expected_m = PIXEL_M * np.hypot(SHARED_PX, more_px)
+    assert sigma_m.reshape(n, n)[10] == pytest.approx(expected_m)
+    unseen = window_sigma(vertices_m, faces, np.zeros(n * n, dtype=bool), PIXEL_M)
+    assert (unseen == SHARED_PX * PIXEL_M).all()
 
 
 def test_two_maps_of_one_pair_take_the_spread_of_the_others():

@@ -23,13 +23,18 @@ def photograph(path, **tags):
     return read_exif(path)
 
 
+def colmaps_camera(folder, name):
+    """The camera of a photograph as COLMAP reads it."""
+    colmap = load_pycolmap()
+    colmap.Database.open(folder / "database.db").close()
+    colmap.import_images(folder / "database.db", folder, colmap.CameraMode.AUTO, [name])
+    with colmap.Database.open(folder / "database.db") as stored:
+        return stored.read_all_cameras()[0]
+
+
 def test_an_equivalent_focal_length_is_colmaps_first_guess(tmp_path):
     exif = photograph(tmp_path / "a.jpg", f=4.2, f35=26)
-    colmap = load_pycolmap()
-    colmap.Database.open(tmp_path / "database.db").close()
-    colmap.import_images(tmp_path / "database.db", tmp_path, colmap.CameraMode.AUTO, ["a.jpg"])
-    with colmap.Database.open(tmp_path / "database.db") as stored:
-        [camera] = stored.read_all_cameras()
+    camera = colmaps_camera(tmp_path, "a.jpg")
     assert camera.has_prior_focal_length
     assert focal_length_px(exif, WIDTH, HEIGHT) == pytest.approx(
         camera.focal_length, rel=3e-4

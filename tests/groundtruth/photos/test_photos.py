@@ -10,6 +10,7 @@ from PIL import Image
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.photos.photos import find_photos, read_gray, select_usable
 from handbench.support.errors import HandbenchError
+from tests.groundtruth.photos.test_exif import colmaps_camera
 from tests.groundtruth.room import photograph
 
 
@@ -67,6 +68,10 @@ def test_wrong_photographs_are_refused(tmp_path, change, words):
         [read_gray(photo.path) for photo in find_photos(tmp_path / "photos")]
 
 
+def colmaps_gray(path):
+    return np.asarray(load_pycolmap().Bitmap.read(str(path), as_rgb=False).to_array())
+
+
 @pytest.mark.parametrize("name", ["a.L.png", "a.RGB.png", "a.RGBA.png", "a.CMYK.jpg", "a.16.tif"])
 def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, name):
     path, mode = tmp_path / name, name.split(".")[1]
@@ -80,8 +85,7 @@ def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, name):
         if mode == "RGBA":
             converted.putalpha(Image.fromarray(255 - grey))
         converted.save(path, quality=98)
-    as_colmap = np.asarray(load_pycolmap().Bitmap.read(str(path), as_rgb=False).to_array())
-    assert np.abs(255 * read_gray(path) - as_colmap).max() <= 2.5
+    assert np.abs(255 * read_gray(path) - colmaps_gray(path)).max() <= 2.5
     assert np.abs(255 * read_gray(path) - grey).mean() <= 2
 
 
@@ -94,16 +98,9 @@ def test_pixels_stay_as_the_sensor_stored_them_here_and_in_colmap(tmp_path, grey
     photos = find_photos(tmp_path)
     assert (photos[0].width, photos[0].height, photos[0].orientation) == (64, 48, 6)
     assert photos[0].body == photos[1].body is not None
-    colmap = load_pycolmap()
-    colmap.Database.open(tmp_path / "database.db").close()
-    colmap.import_images(
-        tmp_path / "database.db", tmp_path, colmap.CameraMode.PER_IMAGE, ["p0.jpg"]
-    )
-    with colmap.Database.open(tmp_path / "database.db") as stored:
-        [camera] = stored.read_all_cameras()
+    camera = colmaps_camera(tmp_path, "p0.jpg")
     assert (camera.width, camera.height) == (64, 48)
-    as_colmap = np.asarray(colmap.Bitmap.read(str(photos[0].path), as_rgb=False).to_array())
-    np.testing.assert_allclose(255 * photos[0].gray(), as_colmap, atol=2.5)
+    np.testing.assert_allclose(255 * photos[0].gray(), colmaps_gray(photos[0].path), atol=2.5)
 
 
 def names(photos):

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import PARAMS, adjusted, noisy_model, off_in_sigmas, poses_of
 
 DISTORTION, INTRINSICS = (4, 5, 6, 7), tuple(range(8))
@@ -52,23 +50,6 @@ def test_one_camera_of_all_photographs_has_one_set_of_columns():
     variance, of_each = np.diag(of_shared.matrix), np.diag(of_own.matrix)
     assert variance[30:38].max() < of_each[30:38].max() / 5
     assert (np.abs(shared.error(together)) / np.sqrt(variance)).max() < 4.5
-
-
-def test_false_features_of_two_photographs_bend_nothing():
-    """30 crossings that two neighbours show and that are nowhere, all 3 px to the right in the
-    second."""
-    colmap, clean, scene = load_pycolmap(), noisy_model(), noisy_model()
-    images = {image.name: image for image in registered_images(scene.model)}
-    for point in np.random.default_rng(5).uniform(-0.1, 0.1, (30, 3)):
-        elements = []
-        for name, right_px in (("p1.png", 0.0), ("p2.png", 3.0)):
-            image = images[name]
-            image.points2D.append(colmap.Point2D(project(image, point[None])[0] + (right_px, 0)))
-            elements.append(colmap.TrackElement(image.image_id, len(image.points2D) - 1))
-        scene.model.add_point3D(point, colmap.Track(elements), np.zeros(3, np.uint8))
-    adjusted(clean)
-    adjusted(scene)
-    np.testing.assert_array_equal(poses_of(scene.model), poses_of(clean.model))
 
 
 def test_of_three_photographs_two_suffice_and_what_is_left_out_follows():

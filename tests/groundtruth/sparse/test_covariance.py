@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 
 from handbench.groundtruth.sparse.adjust import (
     CameraCovariance,
-    adjust,
     camera_covariance,
     point_covariance,
 )
@@ -15,7 +14,6 @@ from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.jacobians import project
 from tests.groundtruth.noisy_model import adjusted, noisy_model
 
-BOARD = Scale("board")
 DRAWS = 25
 INTRINSICS = tuple(range(8))
 
@@ -31,72 +29,18 @@ def meeting_point(images, pixels, start_m):
     return least_squares(off, start_m, method="lm", x_scale=1e-3, xtol=1e-14, ftol=1e-14).x
 
 
-def bare(seen_m, poses, model):
-    """The pixels [images, 2] of one point under the true poses."""
-    lens = model.cameras[1]
-    return [np.asarray(lens.img_from_cam((seen_m @ R.T + t)[None]))[0] for R, t in poses]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("free", "shared"), [((), False), (INTRINSICS, True)])
-def test_errors_of_cameras_and_points_are_as_large_as_promised(free, shared):
+def test_errors_of_cameras_are_as_large_as_promised(free, shared):
     """Their squares in units of the covariance are 1 a parameter. 25 draws of 30 or 38 parameters
-    tell that to 5 %, and of two points to 12 %. Cauchy's weights make the promise up to 22 % larger
-    than it need be."""
-    at_m = np.array([(0.08, 0.05, 0.03), (-0.09, -0.06, -0.04)])
-    of_cameras, of_points = [], []
-    exact = noisy_model(noise=0).model  # whose lens nobody adjusts
+    tell that to 5 %. Cauchy's weights make the promise up to 22 % larger than it need be."""
+    of_cameras = []
     for seed in range(DRAWS):
         scene = noisy_model(seed, shared=shared)
         bundle, known = adjusted(scene, free)
         error = scene.error(bundle)
         of_cameras.append(error @ np.linalg.solve(known.matrix, error) / len(error))
-        covariances = point_covariance(bundle.images, known, at_m, np.ones((2, 5), bool))
-        poses = [scene.poses[image.name] for image in bundle.images]
-        for point_m, covariance in zip(at_m, covariances, strict=True):
-            found_m = meeting_point(bundle.images, bare(point_m, poses, exact), point_m)
-            of_points.append(
-                (found_m - point_m) @ np.linalg.solve(covariance, found_m - point_m) / 3
-            )
     assert 0.75 < np.mean(of_cameras) < 1.15
-    assert 0.55 < np.mean(of_points) < 1.5
-
-
-def ratios(centres):
-    """Of distances between five places [5, 3]; no frame and no scale changes them."""
-    a, b, c, d, e = centres
-    return np.array(
-        [
-            np.linalg.norm(a - e) / np.linalg.norm(b - d),
-            np.linalg.norm(a - c) / np.linalg.norm(c - e),
-        ]
-    )
-
-
-@pytest.mark.slow
-def test_without_a_board_ratios_of_distances_are_as_promised():
-    """40 draws tell a variance to 22 %; without a board the unknowns fit a third of the residuals,
-    which the noise must make up for."""
-    errors, promised = [], []
-    for seed in range(40):
-        scene = noisy_model(seed)
-        adjust(scene.model, {}, {})
-        bundle = Bundle(scene.model, {}, {})
-        known = camera_covariance(bundle, Scale("none"))
-        centres = np.array([image.projection_center() for image in bundle.images])
-        slope = np.zeros((2, bundle.size))
-        for i, image in enumerate(bundle.images):
-            steps = 1e-6 * np.eye(3)[:, None] * np.eye(5)[i][:, None]
-            by_centre = np.stack(
-                [(ratios(centres + s) - ratios(centres)) / 1e-6 for s in steps], axis=1
-            )
-            slope[:, known.places[image.name][:3]] = (
-                -by_centre @ image.cam_from_world().rotation.matrix().T
-            )
-        promised.append(np.diag(slope @ known.matrix @ slope.T))
-        errors.append(ratios(centres) - ratios([-R.T @ t for R, t in scene.poses.values()]))
-    honest = np.mean(np.square(errors) / promised, axis=0)
-    assert honest.min() > 0.5 and honest.max() < 1.7
 
 
 def test_without_a_board_seven_freedoms_are_left_out_and_nothing_else():
@@ -150,17 +94,3 @@ def test_a_point_moves_to_where_the_rays_of_the_moved_cameras_meet():
         np.testing.assert_allclose(
             covariance, np.outer(shift_m, shift_m), atol=1e-4 * (shift_m @ shift_m)
         )
-
-
-def test_along_a_single_ray_nothing_is_promised_to_move():
-    scene = noisy_model(noise=0, off=0)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    known = camera_covariance(bundle, BOARD)
-    point_m = np.array([0.03, -0.05, 0.04])
-    [covariance] = point_covariance(bundle.images, known, point_m[None], np.eye(5, dtype=bool)[:1])
-    ray = point_m - bundle.images[0].projection_center()
-    ray /= np.linalg.norm(ray)
-    assert ray @ covariance @ ray < 1e-6 * np.trace(covariance)
-    assert np.isfinite(covariance).all()
-    [unseen] = point_covariance(bundle.images, known, point_m[None], np.zeros((1, 5), bool))
-    assert not unseen.any()

@@ -9,10 +9,9 @@ numbers one is beyond 4.8 σ once in 1800 times.
 import numpy as np
 import pytest
 
-from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.sparse.frame import board_from_model
 from handbench.support.errors import HandbenchError
-from tests.groundtruth.noisy_model import noisy_model, off_in_sigmas
+from tests.groundtruth.noisy_model import board_of, noisy_model, off_in_sigmas
 
 KNOWN, FREE = (), tuple(range(8))  # parameters of the lens that are adjusted too
 
@@ -46,13 +45,10 @@ def test_a_board_seen_from_places_that_draw_together_has_the_right_scale_or_none
     """σ = stated residual over the root of the corners' squared extents, at most: all errors lie
     along one axis. Without a base no corner has a depth: the board is missed by over 3 %."""
     scene = noisy_model(spread=spread, off=0.0, shared=True)
-    markers = [
-        Marker(id=i, corners_m=tuple(map(tuple, c.tolist()))) for i, c in scene.corners_m.items()
-    ]
     extent_m = np.concatenate(list(scene.corners_m.values()))
     lever_m = np.sqrt(((extent_m - extent_m.mean(axis=0)) ** 2).sum())
     try:
-        matrix, scale = board_from_model(scene.model, scene.corners, Board(marker=tuple(markers)))
+        matrix, scale = board_from_model(scene.model, scene.corners, board_of(scene.corners_m))
     except HandbenchError as error:
         assert spread < 0.1 and "places apart" in str(error)
     else:

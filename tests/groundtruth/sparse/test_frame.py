@@ -1,73 +1,23 @@
-"""The metric frame: markers in a picture, one similarity to the whole board."""
+"""The metric frame: markers in a picture, one similarity to the whole board; or the scale from
+distances between cameras."""
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.board.markers import detect_corners
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
+from handbench.groundtruth.options import Distance
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import (
     apply,
     board_from_model,
     check_fit,
+    distances_from_model,
     trimmed_similarity,
 )
 from handbench.support.errors import HandbenchError
-
-SIDE_M = 0.03
-MARKERS = {7: (0.0, 0.0), 3: (0.10, 0.0), 11: (0.10, 0.08), 5: (0.0, 0.08), 9: (0.04, 0.05)}
-
-
-@pytest.fixture
-def board():
-    square = np.array([(0, SIDE_M, 0), (SIDE_M, SIDE_M, 0), (SIDE_M, 0, 0), (0, 0, 0)])
-    return Board(
-        marker=tuple(
-            Marker(id=i, corners_m=tuple(map(tuple, (square + (*at, 0)).tolist())))
-            for i, at in MARKERS.items()
-        )
-    )
-
-
-@pytest.fixture
-def similarity():
-    matrix = np.eye(4)
-    matrix[:3, :3] = 3.7 * Rotation.from_euler("xyz", (40, -25, 110), degrees=True).as_matrix()
-    matrix[:3, 3] = (0.3, -1.2, 2.0)
-    return matrix
-
-
-def model_of(board, focal_px=900.0, views=4):
-    """A COLMAP model in the board's frame, without points, and the exact corner pixels of every
-    view."""
-    colmap = load_pycolmap()
-    model, seen = colmap.Reconstruction(), {}
-    model.add_camera_with_trivial_rig(
-        colmap.Camera(
-            camera_id=1,
-            model="PINHOLE",
-            width=800,
-            height=600,
-            params=[focal_px, focal_px, 400, 300],
-        )
-    )
-    for i in range(views):
-        R = Rotation.from_euler(
-            "xyz", (180 - 25 + 10 * i, 30 - 15 * i, 5 * i), degrees=True
-        ).as_matrix()
-        pose = colmap.Rigid3d(colmap.Rotation3d(R), np.array([0, 0, 0.4]) - R @ (0.06, 0.05, 0))
-        model.add_image_with_trivial_frame(
-            colmap.Image(name=f"{i}.png", camera_id=1, image_id=i + 1), pose
-        )
-        seen[f"{i}.png"] = {
-            (marker, k): model.cameras[1].img_from_cam((pose * corner)[None])[0]
-            for marker, corners in board.corners_m().items()
-            for k, corner in enumerate(corners)
-        }
-    return model, seen
+from tests.groundtruth.noisy_model import board_of, exact_model, noisy_model, poses_of
 
 
 @pytest.mark.parametrize(
@@ -78,36 +28,37 @@ def test_too_few_points_and_points_on_a_line_are_refused(points_m):
         trimmed_similarity(points_m, points_m, "board corners")
 
 
-def test_a_model_is_carried_to_the_board_despite_a_wrong_corner(board, similarity):
-    model, seen = model_of(board)
-    centres_m = np.array([image.projection_center() for image in registered_images(model)])
-    apply(model, np.linalg.inv(similarity))
-    seen["2.png"][(3, 1)] = seen["2.png"][(3, 1)] + (25.0, -10.0)  # seen by three others still
-    matrix, scale = board_from_model(model, seen, board)
+def test_a_model_is_carried_to_the_board_despite_a_wrong_corner():
+    """Which four others still show."""
+    scene, similarity = noisy_model(noise=0, off=0), np.eye(4)
+    turn = Rotation.from_euler("xyz", (40, -25, 110), degrees=True)
+    similarity[:3] = np.c_[3.7 * turn.as_matrix(), (0.3, -1.2, 2.0)]
+    poses = poses_of(scene.model)
+    apply(scene.model, np.linalg.inv(similarity))
+    scene.corners["p2.png"][3, 1] += (25.0, -10.0)
+    matrix, scale = board_from_model(scene.model, scene.corners, board_of(scene.corners_m))
     np.testing.assert_allclose(matrix, similarity, rtol=1e-6, atol=1e-7)
     assert scale.source == "board" and scale.features == 20 and scale.residual_m < 1e-7
-    apply(model, matrix)
-    np.testing.assert_allclose(
-        [image.projection_center() for image in registered_images(model)], centres_m, atol=1e-7
-    )
+    apply(scene.model, matrix)
+    np.testing.assert_allclose(poses_of(scene.model), poses, atol=1e-7)
 
 
-def test_markers_are_found_in_colmaps_pixels(board, tmp_path):
-    picture = np.full((600, 800), 255, np.uint8)
+def test_markers_are_found_in_colmaps_pixels(tmp_path):
+    picture = np.full((1000, 1200), 255, np.uint8)
     scale = 4000  # pixels a metre, so that a marker's outline runs along pixel borders
-    for marker, (x, y) in MARKERS.items():
-        top, left = round(500 - scale * (y + SIDE_M)), round(100 + scale * x)
+    corners_m = noisy_model().corners_m
+    board, middle_px = board_of(corners_m), (500, 500)
+    for marker, corners in corners_m.items():
+        left, top = (middle_px + scale * corners[0, :2] * (1, -1)).round().astype(int)
         picture[top : top + 120, left : left + 120] = cv2.aruco.generateImageMarker(
             board.cv_dictionary(), marker, 120
         )
     cv2.imwrite(str(tmp_path / "a.png"), picture)
-    found = detect_corners(Photo(tmp_path / "a.png", "a.png", 800, 600), board)
-    assert {marker for marker, _ in found} == set(MARKERS)
+    found = detect_corners(Photo(tmp_path / "a.png", "a.png", 1200, 1000), board)
+    assert {marker for marker, _ in found} == set(corners_m)
     for (marker, k), pixel in found.items():
-        x, y, _ = board.corners_m()[marker][k]
-        np.testing.assert_allclose(
-            pixel, (100 + scale * x, 500 - scale * y), atol=0.15
-        )  # half a pixel would show
+        expected = middle_px + scale * corners_m[marker][k, :2] * (1, -1)
+        np.testing.assert_allclose(pixel, expected, atol=0.15)  # half a pixel would show
 
 
 def test_points_off_a_plane_tell_its_mirror_image():
@@ -138,3 +89,39 @@ def test_a_misfit_of_three_per_cent_is_the_last_that_passes():
         HandbenchError, match=r"board corners are 30\.4 mm off after the best fit, 3%"
     ):
         check_fit(0.0304, 1.0, "board corners")
+
+
+# 0.3, 0.4 and 0.5 apart
+APART_M = [(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)]
+
+
+def pair(a, b, metres):
+    return Distance(first=f"p{a}.png", second=f"p{b}.png", distance_m=metres)
+
+
+def test_one_distance_scales_and_leaves_the_frame():
+    matrix, scale = distances_from_model(exact_model(APART_M), (pair(0, 2, 1.25),))
+    np.testing.assert_allclose(matrix, np.diag([2.5, 2.5, 2.5, 1]))
+    assert (scale.source, scale.features, scale.used, scale.residual_m) == ("distances", 1, 1, None)
+
+
+def test_several_are_balanced_and_their_residual_reported():
+    """(0.3 · 0.304 + 0.4 · 0.397)/0.25 is 1, and the residuals are −4 and 3 mm."""
+    matrix, scale = distances_from_model(
+        exact_model(APART_M), (pair(0, 1, 0.304), pair(1, 2, 0.397))
+    )
+    assert matrix[0, 0] == pytest.approx(1)
+    assert scale.residual_m == pytest.approx(5e-3 / 2**0.5)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "words"),
+    [
+        ([(0, 9, 1.0)], r"p9\.png is not among the registered photographs \(p0\.png, p1"),
+        ([(0, 1, 0.3), (1, 2, 0.45)], r"p0\.png to p1\.png is given as 0\.3 m.*agree to 2%"),
+        ([(0, 0, 0.3)], "taken from the same point"),
+    ],
+)
+def test_what_cannot_be_is_refused(pairs, words):
+    with pytest.raises(HandbenchError, match=words):
+        distances_from_model(exact_model(APART_M), tuple(pair(*each) for each in pairs))

@@ -9,12 +9,11 @@ from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.sfm import (
     Lenses,
-    camera_changes,
     describe_refinement,
     find_features,
     pipeline_options,
 )
-from tests.groundtruth.synthetic_model import synthetic_model
+from tests.groundtruth.noisy_model import exact_model
 
 
 def photographs(folder, models):
@@ -74,7 +73,7 @@ def test_what_is_known_of_lenses_decides_who_shares_a_camera():
 
 def test_cameras_that_moved_and_turned_are_compared():
     """By 0.3 m and 0.4 m off, one of them turned by 30° about its own axis of sight."""
-    model = synthetic_model([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6)])
+    model = exact_model([(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6)])
     turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
     moved = []
     for camera, R, step_m in zip(
@@ -83,8 +82,5 @@ def test_cameras_that_moved_and_turned_are_compared():
         R = R @ camera.rotation
         pose = {"R": R.tolist(), "t": tuple(-R @ (camera.centre_m + step_m))}
         moved.append(camera.model_copy(update=pose))
-    distances, angles_rad = camera_changes(model, tuple(moved))
-    np.testing.assert_allclose(distances, [0.3, 0.4], rtol=1e-9)
-    np.testing.assert_allclose(np.degrees(angles_rad), [0, 30], atol=1e-5)
     assert "moved by 0.35 (at most 0.4; " in describe_refinement(model, tuple(moved))
     assert "turned by 15° (at most 30°)" in describe_refinement(model, tuple(moved))

@@ -17,18 +17,11 @@ from handbench.support.errors import HandbenchError
 
 PIXELS_PER_MM = 8
 BAR_M = 5e-5  # half a pixel is 0.06 mm; sharp edges are found to a fraction of it
-CHARUCO = {
-    "columns": 7,
-    "rows": 5,
-    "square_m": 0.03,
-    "marker_m": 0.021,
-    "dictionary": "DICT_5X5_50",
-}
 
 
-def raster(figure, pixels_per_mm=PIXELS_PER_MM):
+def raster(figure):
     """The sheet's grey values [height, width]."""
-    figure.set_dpi(pixels_per_mm * INCH_MM)
+    figure.set_dpi(PIXELS_PER_MM * INCH_MM)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., 0].copy()
@@ -113,7 +106,7 @@ def test_descriptions_are_written_and_drawn(tmp_path):
 @pytest.mark.parametrize("legacy", [False, True])
 @pytest.mark.parametrize("rows", [5, 6])  # the legacy pattern differs where rows are even
 def test_opencv_finds_every_charuco_corner_where_the_file_says(legacy, rows):
-    charuco = Charuco(**CHARUCO | {"rows": rows}, legacy=legacy)
+    charuco = Charuco(columns=7, rows=rows, square_m=0.03, marker_m=0.021, legacy=legacy)
     [figure] = board_sheets(Board(charuco=charuco), "charuco", "fit")
     detector = cv2.aruco.CharucoDetector(charuco.cv_board())
     corners, numbers, _, _ = detector.detectBoard(raster(figure))

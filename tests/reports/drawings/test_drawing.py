@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from handbench.calibration.spheres.description import Element, Target, default_target
+from handbench.calibration.spheres.description import default_target
 from handbench.reports.drawings.sheets import (
     BAR_MM,
     INCH_MM,
@@ -25,30 +25,6 @@ HOSTILE = 'a<script>alert("1")</script>&--> $\\frac{1}$ \u4e2d \x1b.toml'
 POINTS_PER_MM = 72 / INCH_MM
 
 
-def crowded():
-    """Eight spheres of three sizes, some with nearly the same coordinates."""
-    places = [
-        (0, 0, 0),
-        (70, 1, 5),
-        (69, 75, -8),
-        (-2, 71, 4),
-        (30, 36, 33),
-        (-60, 2, 1),
-        (-61, 73, 2),
-        (-30, -50, -6.25),
-    ]
-    return Target(
-        element=tuple(
-            Element(
-                centre_m=tuple(v / 1000 for v in place),
-                sphere_radius_m=0.015 + 0.003 * (i % 3),
-                ball_radius_m=0.003,
-            )
-            for i, place in enumerate(places)
-        )
-    )
-
-
 def on_page_mm(figure: Figure, patch: Circle):
     """Centre and radius of a circle on the page, millimetres."""
     scale = INCH_MM / figure.dpi
@@ -61,11 +37,11 @@ def on_page_mm(figure: Figure, patch: Circle):
 
 @pytest.mark.parametrize("paper", ["A4", "letter", "fit"])
 def test_the_views_are_at_true_scale_and_not_mirrored(paper):
-    target = crowded()
-    figure = target_sheets(target, "crowded", paper)[0]
+    target, count = default_target(), len(default_target().element)
+    figure = target_sheets(target, "", paper)[0]
     circles = [patch for axes in figure.axes for patch in axes.patches if isinstance(patch, Circle)]
-    assert len(circles) == 4 * len(target.element)  # foam and ball, front and side
-    for view, columns in ((circles[:16], [-1, 2]), (circles[16:], [3, 2])):
+    assert len(circles) == 4 * count  # foam and ball, front and side
+    for view, columns in ((circles[: 2 * count], [-1, 2]), (circles[2 * count :], [3, 2])):
         foam, balls = view[::2], view[1::2]
         seen = np.array([on_page_mm(figure, patch)[0] for patch in balls])
         wanted = 1000 * np.stack(
@@ -73,11 +49,10 @@ def test_the_views_are_at_true_scale_and_not_mirrored(paper):
         )
         # Floating point: the page is 500 mm, and figures count in pixels.
         assert np.abs((seen - seen[0]) - (wanted - wanted[0])).max() < 1e-6
-        assert [on_page_mm(figure, patch)[1] for patch in balls] == pytest.approx(
-            [3.0] * 8, abs=1e-6
-        )
-        radii = [1000 * e.sphere_radius_m for e in target.element]
-        assert [on_page_mm(figure, patch)[1] for patch in foam] == pytest.approx(radii, abs=1e-6)
+        for patches, radius in ((balls, "ball_radius_m"), (foam, "sphere_radius_m")):
+            wanted = [1000 * getattr(element, radius) for element in target.element]
+            found = [on_page_mm(figure, patch)[1] for patch in patches]
+            assert found == pytest.approx(wanted, abs=1e-6)
 
 
 def test_an_svg_is_true_to_scale_harmless_and_the_same_every_time(tmp_path):

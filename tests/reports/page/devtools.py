@@ -90,27 +90,13 @@ class Browser:
                 return message["result"]
             self.events.append(message)
 
-    def open(
-        self,
-        page: Path,
-        width: int = 1280,
-        height: int = 900,
-        scheme: str = "light",
-        scale: float = 1,
-    ) -> None:
-        """Load a file into a window of this size, in CSS pixels, and wait until it has drawn
+    def open(self, page: Path, width: int = 1280) -> None:
+        """Load a file into a window of this width, in CSS pixels, and wait until it has drawn
         itself."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=scale,
-            mobile=False,
-        )
-        self.call(
-            "Emulation.setEmulatedMedia",
-            features=[{"name": "prefers-color-scheme", "value": scheme}],
-        )
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+        light = [{"name": "prefers-color-scheme", "value": "light"}]
+        self.call("Emulation.setEmulatedMedia", features=light)
         self.events.clear()
         self.call("Page.navigate", url=page.resolve().as_uri())
         end = time.monotonic() + PATIENCE_S

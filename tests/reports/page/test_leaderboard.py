@@ -33,6 +33,12 @@ def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_pa
     page = (tmp_path / "out" / "index.html").read_text()
     assert 'href="report-1/index.html"' in page and "B <b>" not in page
     for number in (1, 2):
-        assert (tmp_path / "out" / f"report-{number}" / "table.csv").is_file()
+        report = tmp_path / "out" / f"report-{number}"
+        assert (report / "table.csv").is_file() and 'id="causes"' in (
+            report / "index.html"
+        ).read_text("utf-8")
+        assert {"causes__truth.png", "reliability.pdf"} <= {
+            path.name for path in (report / "figures").iterdir()
+        }
     assert main(["report", *results, "-o", str(tmp_path / "out"), "--tradeoff", results[0]]) == 2
     assert "belongs to one result" in capsys.readouterr().err

@@ -67,12 +67,8 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
     out = tmp_path / "out"
     run(result_folder, other_folder, "-o", out)
-    assert sorted(p.name for p in out.iterdir()) == [
-        "compare.csv",
-        "compare.json",
-        "compare.md",
-        "compare.tex",
-    ]
+    kinds = ("csv", "json", "md", "tex")
+    assert sorted(p.name for p in out.iterdir()) == [f"compare.{kind}" for kind in kinds]
     with (out / "compare.csv").open(encoding="utf-8") as stream:
         lines = list(csv.DictReader(stream))
     assert [line["better"] for line in lines if line["method"] == "3fsk"] == ["A", "", "A", "", ""]
