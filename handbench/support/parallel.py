@@ -108,4 +108,5 @@ _inside = local()
 
 
 _pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf
+os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
 _blas = cache(ThreadpoolController)  # the process's, found once: looking for it takes milliseconds

@@ -56,3 +56,14 @@ def test_changed_code_is_another_folder(of, monkeypatch):
     assert of("dense", ["a"]).key != before.key
     plugged = [Stage("dense", make, {}, ["a"], plugged=(code,)).key for code in ("one", "another")]
     assert len({before.key, *plugged}) == 3
+
+
+@pytest.mark.parametrize(
+    "content", ["{}", "[]", '{"version": 2}', '{"other.txt": [1, 2]}', ""]
+)
+def test_an_empty_or_foreign_manifest_is_a_broken_one(tmp_path, of, capsys, content):
+    stage = of("dense", ["a"])
+    cached(tmp_path, stage)
+    (stage.folder(tmp_path) / MANIFEST).write_text(content)
+    assert not cached(tmp_path, stage)[1] and len(made) == 2
+    assert f"its {MANIFEST} is missing or broken" in capsys.readouterr().err
