@@ -1,6 +1,7 @@
 """A forked child, as data loaders make, has none of its parent's threads."""
 
 import multiprocessing
+import time
 
 import pytest
 
@@ -16,7 +17,8 @@ def _squares(pipe):
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_forked_child_has_threads_of_its_own(monkeypatch):
     monkeypatch.setenv("HANDBENCH_WORKERS", "2")
-    for_each(lambda _: None, range(8))
+    for_each(lambda _: time.sleep(0.05), range(8))  # so that both threads are there, and wait
+    time.sleep(0.05)
     here, there = multiprocessing.Pipe()
     child = multiprocessing.get_context("fork").Process(target=_squares, args=(there,))
     child.start()
