@@ -66,18 +66,11 @@ def test_a_thick_cylinder_mirrors(polarisation):
     """Geometrical optics at normal incidence: Γ/R √(q/(q + R)) √½ e^{−2jkR}, 1/q = 1/R + 2/a; right
     to 1/ka. In the scale of the forward model, jλ times as much."""
     radius_m, distance_m = 0.1, 0.2
-    antenna_m = np.zeros((1, 3))
-    index = np.sqrt(SKIN)
+    array, index = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))), np.sqrt(SKIN)
     image_m = 1 / (1 / distance_m + 2 / radius_m)
     spreading = np.sqrt(image_m / (image_m + distance_m) / 2) / distance_m
     expected = (1 - index) / (1 + index) * spreading * np.exp(-2j * K * distance_m)
     f = K * SPEED_OF_LIGHT_M_S / (2 * np.pi)
     cylinder = Cylinder(0.0, distance_m + radius_m, radius_m)
-    found = cylinder_echoes(
-        [cylinder],
-        np.array([f]),
-        AntennaArray(antenna_m, antenna_m),
-        polarisation,
-        np.array([SKIN]),
-    )
+    found = cylinder_echoes([cylinder], np.array([f]), array, polarisation, np.array([SKIN]))
     assert found[0, 0, 0] == pytest.approx(1j * 2 * np.pi / K * expected, rel=1 / (K * radius_m))
