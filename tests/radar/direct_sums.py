@@ -14,12 +14,17 @@ def _ends_m(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def direct_sum(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+    samples: np.ndarray,
+    frequencies_hz: np.ndarray,
+    aperture: Aperture,
+    points_m: np.ndarray,
+    apart: bool = False,
 ) -> np.ndarray:
     """`image_points_exact` of an array's samples [f, t, r], or of those [f, n] of a scan, whose
-    n-th receiver receives from the n-th transmitter alone: complex128 [n] at points_m [n, 3]."""
+    n-th receiver receives from the n-th transmitter alone: complex128 [n] at points_m [n, 3], or
+    [f, n] with the tones apart."""
     tones = zip(samples, frequencies_hz, strict=True)
-    return sum(
+    images = [
         image_points_exact(
             (s if isinstance(aperture, AntennaArray) else np.diag(s))[None],
             [f],
@@ -27,7 +32,8 @@ def direct_sum(
             np.asarray(points_m),
         )
         for s, f in tones
-    )
+    ]
+    return np.array(images) if apart else sum(images)
 
 
 def direct_echoes(

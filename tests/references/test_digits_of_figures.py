@@ -58,8 +58,7 @@ def test_images_in_double_precision_change_no_figure_s_fourth_digit(monkeypatch)
         return np.array([np.nanmean(off_m), np.nanmax(off_m)])
 
     def points(samples, tones_hz, aperture, points_m, *_, **__):
-        apart = zip(samples[:, None], tones_hz[:, None], strict=True)
-        return np.array([direct_sum(one, tone_hz, aperture, points_m) for one, tone_hz in apart])
+        return direct_sum(samples, tones_hz, aperture, points_m, apart=True)
 
     def plane(samples, tones_hz, aperture, grid, *_, **__):
         found = points(samples, tones_hz, aperture, grid.points_m().reshape(-1, 3))

@@ -90,13 +90,11 @@ def test_samples_are_divided_by_gains(tmp_path):
 
 def test_repeated_sweeps_are_averaged_or_become_frames(tmp_path):
     sweeps = np.stack([SAMPLES + 1, SAMPLES - 1, SAMPLES], axis=1)
+    failed = np.where(np.arange(36).reshape(1, 3, 1, T, R) == 5, np.nan, sweeps)
+    with pytest.raises(HandbenchError, match="10 of 120 are NaN"):
+        loaded(tmp_path, {"sweeps": "mean"}, samples=failed)
     mean = loaded(tmp_path, {"sweeps": "mean"}, samples=sweeps)
     np.testing.assert_allclose(mean.samples, SAMPLES, atol=1e-6)
-    with pytest.raises(
-        HandbenchError, match="10 of 120 are NaN"
-    ):  # one sweep of a channel failed, the others did not
-        failed = np.where(np.arange(36).reshape(1, 3, 1, T, R) == 5, np.nan, sweeps)
-        loaded(tmp_path, {"sweeps": "mean"}, samples=failed)
     frames = loaded(tmp_path, {"sweeps": "frames"}, samples=sweeps)
     np.testing.assert_array_equal(frames.samples, sweeps.reshape(6, *SAMPLES.shape[1:]))
 
@@ -142,8 +140,6 @@ def test_several_arrays_receive_their_own_echoes_alone():
         np.testing.assert_array_equal(capture.aperture.rx_m[k * R : (k + 1) * R], RX_M + x)
     with pytest.raises(HandbenchError, match="the same frames and tones of all"):
         join_arrays([one, replace(one, samples=SAMPLES[:1])])
-    with pytest.raises(HandbenchError, match="1 of 2 are arrays"):
-        join_arrays([one, RadarCapture(SAMPLES[..., 0, :], TONES_HZ, PlanarScan(RX_M))])
 
 
 MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
@@ -197,13 +193,6 @@ def test_thinning_keeps_what_was_measured():
         np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)
     )
     np.testing.assert_array_equal(thin_antennas(capture, 2).aperture.measured, MEASURED[::2, ::2])
-    lonely = np.zeros((T, R), bool)
-    lonely[1, 1] = True
-    with pytest.raises(HandbenchError, match="is anything left"):
-        thin_antennas(
-            RadarCapture(np.where(lonely, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, lonely)),
-            2,
-        )
 
 
 def test_the_array_s_calibration_lies_inside(tmp_path):
@@ -235,11 +224,8 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
             {"tx_m": None, "samples": None},
             "version 2 lacks data set 'samples', data set 'tx_m'; add them",
         ),
-        ({"wave_speed": 1e8}, {}, "unknown 'wave_speed'; did you mean 'wave_speed_m_s'?"),
         ({}, {"gain": np.ones((T, R))}, "unknown 'gain'; did you mean 'gains'?"),
         ({"time": "jwt"}, {}, r"time is 'jwt'; expected '\+jwt' or '-jwt'"),
-        ({"frame": "z"}, {}, "frame is 'z'; expected 'x left, y up, z away' or"),
-        ({"units": "mm"}, {}, "units is 'mm'; expected 'm, Hz, m/s'"),
         (
             {"sweeps": "median"},
             {"samples": SAMPLES[:, None]},
@@ -251,14 +237,12 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
             r"samples: have shape \(2, 5, 3, 4\); expected \[frame, sweep, 5, 3, 4\]",
         ),
         ({"wave_speed_m_s": "fast"}, {}, "expected one number"),
-        ({"wave_speed_m_s": 3.1e8}, {}, "wave_speed_m_s: is"),
         ({"wave_speed_m_s": np.nan}, {}, "wave_speed_m_s: is"),
         (
             {},
             {"gains": np.ones((T, R + 1))},
             r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone",
         ),
-        ({}, {"gains": np.zeros((T, R))}, "no channel was measured"),
         ({}, {"pairs": EVERY}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, 5, 12\]"),
         (
             {},
@@ -275,7 +259,6 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
             {"position_m": TX_M},
             "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples",
         ),
-        ({}, {"array.json": np.ones(3)}, "holds float64 of shape"),
         ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],
 )

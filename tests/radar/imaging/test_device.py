@@ -81,9 +81,7 @@ def test_points(device, aperture, tolerance, apart):
     )
     assert there.shape == here.shape and there.dtype == np.complex64
     assert relative_error(there, here) < AGREED
-    each = [slice(f, f + 1) for f in range(len(tones_hz))] if apart else [slice(None)]
-    flat = points_m.reshape(-1, 3)
-    reference = np.stack([direct_sum(samples[f], tones_hz[f], aperture, flat) for f in each])
+    reference = direct_sum(samples, tones_hz, aperture, points_m.reshape(-1, 3), apart)
     assert relative_error(there.reshape(reference.shape), reference) < (tolerance or AGREED)
 
 
@@ -192,8 +190,6 @@ def test_a_device_that_is_missing_or_fails_is_named_in_one_line(change, message,
 
 
 def test_unknown_devices_are_refused(monkeypatch):
-    with pytest.raises(MemoryError), use_device("cpu"):
-        out_of_memory()
     monkeypatch.setenv(SETTING, "tpu")
     with pytest.raises(HandbenchError, match="is 'tpu'; expected cpu, cuda, numpy, or nothing"):
         current_device()

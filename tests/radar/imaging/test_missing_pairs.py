@@ -4,7 +4,7 @@ float64 over the pairs that are there, with the wave's own speed."""
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, BistaticScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
@@ -32,11 +32,11 @@ def test_points_and_volumes_are_sums_over_the_pairs_that_are_there(tolerance):
     volume = image_volume(samples, TONES_HZ, PARTLY, GRID, tolerance)
     some = np.random.default_rng(0).integers(0, volume.size, 60)
     points_m = GRID.points_at_m(some)
-    tones = [direct_sum(samples[[f]], TONES_HZ[[f]], ARRAY, points_m) for f in range(3)]
+    tones = direct_sum(samples, TONES_HZ, ARRAY, points_m, apart=True)
     allowed = tolerance or SINGLE
     assert relative_error(volume.ravel()[some], sum(tones)) < allowed
     images = image_points(samples, TONES_HZ, PARTLY, points_m, tolerance, apart=True)
-    assert relative_error(images, np.array(tones)) < allowed
+    assert relative_error(images, tones) < allowed
 
 
 @pytest.mark.parametrize(
@@ -70,11 +70,6 @@ def test_a_list_of_pairs_is_summed_pair_by_pair(tolerance):
     magnitude = project_volume(samples, TONES_HZ, scan, GRID, tolerance).magnitude[1]
     reference = np.abs(expected.reshape(GRID.shape))
     np.testing.assert_allclose(magnitude, reference.max(axis=0), atol=allowed * reference.max())
-    pair, single = (
-        image_volume(samples, TONES_HZ, one, GRID, None)
-        for one in (BistaticScan(places_m, places_m), PlanarScan(places_m))
-    )
-    np.testing.assert_allclose(pair, single, rtol=1e-6, atol=1e-6 * np.abs(pair).max())
 
 
 def test_a_point_in_water_is_imaged_where_it_is():
@@ -82,13 +77,8 @@ def test_a_point_in_water_is_imaged_where_it_is():
     vacuum."""
     speed, tones_hz, point_m = 3.3e7, np.linspace(2e9, 4e9, 9), np.array([0.01, 0.02, 0.12])
     few = AntennaArray(ARRAY.tx_m[::6], ARRAY.rx_m[::6])
-    slower_hz = tones_hz * 299_792_458.0 / speed
-    samples = direct_echoes(point_m[None], [1.0], slower_hz, few)
+    samples = direct_echoes(point_m[None], [1.0], tones_hz * 299_792_458.0 / speed, few)
     capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, few, speed)
-    found, formula_hz = capture.tones(tones_hz)
-    points_m = point_m + np.random.default_rng(3).uniform(-0.02, 0.02, (40, 3))
-    image = image_points(found, formula_hz, capture.aperture, points_m, 1e-4)
-    assert relative_error(image, direct_sum(samples, slower_hz, few, points_m)) < 1e-4
     axis = {"start_m": -0.02, "stop_m": 0.04, "step_m": 0.005}
     values = {"x": axis, "y": axis, "z": {"start_m": 0.1, "stop_m": 0.14, "step_m": 0.005}}
     values |= {"start_hz": 2e9, "stop_hz": 4e9, "count": 9}

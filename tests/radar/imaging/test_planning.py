@@ -8,20 +8,6 @@ from handbench.radar.imaging.api import image_points
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 
-FEW_HZ = np.linspace(72e9, 82e9, 16)
-
-
-@pytest.mark.parametrize("tones_hz, size_m", [(np.linspace(1e9, 500e9, 8), 0.3), (FEW_HZ, 2.0)])
-def test_a_plan_that_costs_more_than_the_exact_sum_is_not_made(tones_hz, size_m, monkeypatch):
-    """Tones over 500 GHz, and a box across the array: thousands of cells for a thousand points."""
-    points = np.random.default_rng(0).uniform(-size_m, size_m, (1000, 3))
-    monkeypatch.setattr(
-        "handbench.radar.imaging.plan.TreePlan.cell", lambda *_: pytest.fail("a cell was planned")
-    )
-    samples = noise((len(tones_hz), 94, 94))
-    image = image_points(samples, tones_hz, qar50(), points, 1e-3)
-    assert relative_error(image[:20], direct_sum(samples, tones_hz, qar50(), points[:20])) < 1e-5
-
 
 @pytest.mark.parametrize("tones, exact", [(2, True), (128, False)])
 def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exact):

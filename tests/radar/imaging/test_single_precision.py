@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.imaging.cpu.steering import cis_turns
-from handbench.radar.methods.fsk import depth_step_m
 from tests.hard_cases.cases import U_SINGLE as U
 from tests.hard_cases.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array
-from tests.radar.direct_sums import direct_sum as direct
-from tests.radar.exact import tone_images
 
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
 ANTENNAS = 2 * sum(small_array().channels)
@@ -28,25 +25,6 @@ def test_steering_is_good_to_four_roundings_at_any_range(range_m):
     phase = 2 * np.pi * np.mod(turns, 1.0)  # exact: the remainder of a float64 is one
     found = np.array([cis_turns(t) for t in turns])
     assert np.abs(found - np.stack([np.cos(phase), np.sin(phase)], axis=1)).max() <= STEER
-
-
-@pytest.mark.parametrize("other", [1, 3, 4])
-def test_a_depth_step_errs_by_what_sums_and_steering_round(other):
-    """Steering twice, and sums over both legs, of the pixels within 10 dB of the strongest."""
-    along_m = np.linspace(-0.004, 0.004, 9)
-    x, y = np.meshgrid(along_m, along_m)
-    points_m = np.stack([x, y, np.full_like(x, POINT_M[2] + 0.002)], axis=-1).reshape(-1, 3)
-    array, samples = small_array(), SAMPLES.astype(np.complex64)
-    single = tone_images(samples, TONES_HZ, array, points_m)
-    double = np.array([direct(samples[[f]], TONES_HZ[[f]], array, points_m) for f in range(5)])
-    seen = np.abs(double[0]) > np.abs(double[0]).max() * 10 ** (-10 / 20)
-    apart_hz = TONES_HZ[0] - TONES_HZ[other]
-    steps_m = [
-        depth_step_m(images[0, seen], images[other, seen], apart_hz) for images in (single, double)
-    ]
-    share = np.abs(samples[0]).sum() / np.abs(double[:, seen]).min()
-    bound_m = C / (4 * np.pi * apart_hz) * 2 * (2 * STEER + ANTENNAS * U) * share
-    assert np.abs(steps_m[0] - steps_m[1]).max() <= bound_m
 
 
 @pytest.mark.parametrize("id", ["2fsk", "3fsk", "nfsk"])

@@ -13,7 +13,6 @@ from handbench.radar.methods.alignment import (
     align,
     beside_nearer,
     capon,
-    coherence_factor,
 )
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
@@ -85,8 +84,6 @@ def test_capon_parts_what_a_sum_does_not():
     offs_m, rise = np.random.default_rng(0).uniform(-0.014, 0.014, 200), np.full(200, 2.0)
     found_m = capon(images(offs_m, MANY_HZ), MANY_HZ, rise, 0.015)
     assert np.abs(found_m - offs_m).max() <= CAPON_STEP_M / 2 * 1.001
-    found_m = coherence_factor(lambda shift_m: images(offs_m - shift_m, MANY_HZ), 0.015)
-    assert np.abs(found_m - offs_m).max() <= IMAGED_STEP_M / 2 * 1.001
     phases = np.exp(2j * np.pi * np.arange(12) / 12)
     both = images([0.0] * 12, MANY_HZ) + 0.7 * phases * images([0.010] * 12, MANY_HZ)
     found_m = capon(both, MANY_HZ, np.full(12, 2.0), 0.012)
@@ -136,7 +133,6 @@ def test_pixels_behind_an_outline_are_marked():
     ("id", "values", "words"),
     [
         ("broadband-aligned", {"count": 2}, "aligned needs 3 tones or more"),
-        ("joint", {"tones_hz": [82e9, 81e9]}, "three different tones"),
         ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three different tones"),
         ("prior-2fsk", {"close_hz": 79e9}, "close_hz is no witness"),
     ],

@@ -88,14 +88,9 @@ def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_am
             ["rung 2 (72 GHz)", "50.0 times", "allows 34.9", "near 80.59 GHz"],
         ),
         (
-            {"tones_hz": [82e9, 81.8e9, 79.5e9, 72e9], "phase_noise_rad": 0.1},
-            ["rung 2 (79.5 GHz)", "allows 10.5"],
-        ),
-        (
             {"tones_hz": [82e9, 81.8e9, 72e9, 79.5e9], "phase_noise_rad": 0.01},
             ["rung 3 (79.5 GHz)", "order the tones"],
         ),
-        ({"tones_hz": [82e9, 82e9, 79.5e9]}, ["rung 2", "0 GHz"]),
         ({"tones_hz": [82e9, 81.8e9]}, ["three tones or more"]),
         ({"phase_noise_rad": 0}, ["phase_noise_rad", "greater than 0"]),
     ],

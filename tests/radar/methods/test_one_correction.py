@@ -67,15 +67,3 @@ def test_2fsk_settled_corrects_it_until_it_moves_by_less_than_5_mm():
     assert off_m(found("2fsk-settled"), settled_m) < EXACTLY_M
     assert off_m(found("2fsk", corrections=passes), settled_m) < EXACTLY_M
     assert off_m(found("2fsk-settled", corrections=3, settled_m=1e-12), two_fsk(3)[1]) < EXACTLY_M
-
-
-@pytest.mark.parametrize("id", ["2fsk", "2fsk-settled", "3fsk", "3fsk-settled"])
-def test_the_depths_bear_their_predicted_error_and_their_flags(id):
-    depth = found(id)
-    on_target = np.isfinite(depth.z_m)
-    assert on_target.any()
-    assert (depth.sigma_m[on_target] > 0).all() and np.isnan(depth.sigma_m[~on_target]).all()
-    assert depth.wrapped.shape == depth.z_m.shape and not depth.wrapped[~on_target].any()
-    # One correction leads to between the points: both are out of focus there, and three tones
-    # disagree.
-    assert depth.wrapped.any() == (id == "3fsk")

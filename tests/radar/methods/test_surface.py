@@ -10,7 +10,6 @@ from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import project_volume
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.methods.projection import (
-    Peaks,
     cached_peaks,
     maximum_projection,
     peak_offset,
@@ -80,29 +79,6 @@ def test_offset_of_a_gaussian_lobe_is_exact(offset, width, scale):
     assert peak_offset(magnitude) == pytest.approx(offset, abs=1e-13 * width**2 + 1e-12)
 
 
-@examples(50)
-@given(seed=st.integers(0, 9999), nz=st.integers(1, 6))
-def test_peaks_say_all_that_a_projection_needs(seed, nz):
-    generator = np.random.default_rng(seed)
-    image = generator.normal(size=(nz, 4, 3)) + 1j * generator.normal(size=(nz, 4, 3))
-    peaks = strongest_voxels(image.astype(np.complex64))
-    z = Axis(start_m=0.3, stop_m=0.3 + 0.001 * (nz - 1), step_m=0.001)
-    lateral = {
-        "x": Axis(start_m=0, stop_m=0.002, step_m=0.001),
-        "y": Axis(start_m=0, stop_m=0.003, step_m=0.001),
-    }
-    for subvoxel in (False, True):
-        config = BroadbandConfig(**lateral, z=z, threshold_db=-200, subvoxel=subvoxel)
-        depth = maximum_projection(peaks, config, "broadband")
-        ends = (peaks.index == 0) | (peaks.index == nz - 1)
-        assert np.array_equal(depth.wrapped, ends)
-        assert np.array_equal(depth.z_m[ends], z.values_m()[peaks.index][ends])
-        assert np.abs(depth.z_m - z.values_m()[peaks.index]).max() <= 0.0005 + 1e-12
-
-
 def test_flat_and_empty_peaks_stay_on_their_voxels():
     magnitude = np.array([[1.0, 0.0, np.nan], [1.0, 0.0, 2.0], [1.0, 0.0, 1.0]])
     assert peak_offset(magnitude).tolist() == [0, 0, 0]
-    config = BroadbandConfig(**around((0, 0), 0), subvoxel=True)
-    depth = maximum_projection(Peaks(np.zeros((1, 1), int), np.ones((3, 1, 1))), config, "x")
-    assert depth.z_m.tolist() == [[0.245]]

@@ -13,18 +13,20 @@ import pytest
 
 from handbench.bench.studies.study import relative_error
 from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.plates import plate
-from tests.references.exact.cases import Case, body
-from tests.references.exact.cylinders import ALONG
+from tests.references.exact.cases import MATERIALS, Case, body
+from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes
 from tests.references.exact.half_planes import HalfPlane, half_plane_echoes
 from tests.references.exact.kept_echoes import against_exact
 from tests.references.exact.mie_series import CoatedSphere, sphere_echoes
 from tests.references.exact.sphere_clusters import COAT, SCENES, SKIN
 
 CLUSTERS = Path(__file__).parent / "sphere_clusters.npz"
+FEW = AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6])
 ONCE = ("obliquity", "shadow_antennas")
 TWICE = (*ONCE, "multipath")
 BENT = ("obliquity", "shadow_diffraction")
@@ -33,14 +35,6 @@ BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK an
     # 0.15 of bounces from the transmitters alone; their mean with those from the receivers is
     # reciprocal.
     ("fingers 6 mm apart", "skin", (*BENT, "multipath"), 0.17, 0.3, 0.23),
-    (
-        "fingers 1 mm apart",
-        "skin",
-        (*BENT, "multipath"),
-        0.29,
-        0.3,
-        0.2,
-    ),  # nearer with bounces that are too weak
     ("finger before palm", "skin", BENT, 0.06, 0.32, 0.07),
     ("finger before palm, 12 mm aside", "metal", (*BENT, "multipath"), 0.14, 2.8, 1.1),
     ("sphere of 10 mm", "metal", ONCE, 0.06, 0.08, 0.08),
@@ -55,6 +49,23 @@ def test_a_simulation_is_as_near_as_it_was(scene, material, effects, echo, two_m
     found = against_exact(scene, material, *effects)
     limits = {"echo_error": echo, "2fsk_mean_mm": two_mm, "3fsk_mean_mm": three_mm}
     assert {name: found[name] for name, limit in limits.items() if found[name] > limit} == {}
+
+
+@pytest.mark.parametrize("material", ["metal", "skin"])
+def test_one_finger_echoes_as_the_exact_series_says(material):
+    """Amplitude and phase, nothing fitted. Physical optics leaves out what creeps around,
+    polarisation and the angle of Γ: a few percent on a finger (0.06 and 0.07 in an independent
+    study of such a finger)."""
+    finger, tones_hz = Cylinder(0.0, 0.29, 8e-3), np.array([79.5e9, 82e9])
+    case = Case("one finger", (finger,), material, ALONG)
+    scene = EchoScene(FEW, tones_hz, np.zeros(2), body(case))
+    filling = (
+        None if material == "metal" else np.full(2, dielectric_permittivity(MATERIALS[material]))
+    )
+    effects = ("obliquity", "shadow_centre", *(() if filling is None else ("dielectric",)))
+    found = simulate_scene(scene, choose(scene, effects, 1.0)).capture.samples[0]
+    exact = cylinder_echoes([finger], tones_hz, FEW, ALONG, filling)
+    assert np.linalg.norm(found - exact) < 0.07 * np.linalg.norm(exact)
 
 
 def _treams() -> tuple[dict[str, np.ndarray], AntennaArray]:
@@ -93,9 +104,8 @@ def test_clusters_of_spheres(name, bound):
 def test_a_plate_s_edge():
     """Physical optics' edge against Sommerfeld's; the simulation leaves out the dipoles' pattern
     too."""
-    whole, tones_hz = qar50(), np.array([79.5e9, 82e9])
-    array = AntennaArray(whole.tx_m[::6], whole.rx_m[::6])
+    tones_hz = np.array([79.5e9, 82e9])
     body = plate((0.0, -0.16, 0.3), (0.0, 0.32, 0.0), (0.32, 0.0, 0.0), 160)
-    scene = EchoScene(array, tones_hz, np.zeros(2), body)
+    scene = EchoScene(FEW, tones_hz, np.zeros(2), body)
     samples = simulate_scene(scene, choose(scene, ("obliquity",), 1.0)).capture.samples[0]
-    assert relative_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, array)) < 0.06
+    assert relative_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, FEW)) < 0.06

@@ -1,10 +1,9 @@
 """Plates, corners, spheres and stand-ins for fingers that tests of the simulation share."""
 
-from itertools import product
-
 import numpy as np
 
 from handbench.radar.simulation.scene import Body
+from handbench.support.rays import load_open3d
 
 
 def plate(corner_m, along_m, across_m, count) -> Body:
@@ -62,13 +61,11 @@ def sheet(side_m, step_m, z_m=0.0, depth_m=lambda x, y: 0 * x) -> Body:
 def sphere_body(radius_m, centre_m=(0.0, 0.0, 0.0), splits=4) -> Body:
     """An octahedron whose faces are split in four `splits` times and lifted to the sphere: edges of
     1.6a/2^splits."""
-    octants = product((1, -1), repeat=3)  # in reverse where signs turn them inside out
-    corners = np.array([np.diag(signs)[:: np.prod(signs)] for signs in octants], float)
-    for _ in range(splits):
-        a, b, c = corners.swapaxes(0, 1)
-        ab, bc, ca = (p + q for p, q in ((a, b), (b, c), (c, a)))
-        ab, bc, ca = (m / np.linalg.norm(m, axis=1, keepdims=True) for m in (ab, bc, ca))
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        corners = np.concatenate([np.stack(part, axis=1) for part in parts])
-    vertices, index = np.unique(np.round(corners.reshape(-1, 3), 12), axis=0, return_inverse=True)
-    return Body(np.asarray(centre_m) + radius_m * vertices, index.reshape(-1, 3))
+    open3d = load_open3d()
+    mesh = open3d.geometry.TriangleMesh.create_octahedron()
+    for _ in range(splits + 1):
+        vertices = np.asarray(mesh.vertices)
+        unit = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+        mesh.vertices = open3d.utility.Vector3dVector(unit)
+        faces, mesh = np.asarray(mesh.triangles), mesh.subdivide_midpoint()
+    return Body(np.asarray(centre_m) + radius_m * unit, faces)

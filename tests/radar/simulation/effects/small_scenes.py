@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.grid import Axis
+from handbench.radar.imaging.api import image_points
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.ablation import Ablation, Change
@@ -17,6 +18,7 @@ from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from tests.radar.simulation.effects.plates import sphere_body
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
+NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])  # of the bead
 EVERYTHING = {
     "noise": {"phase_noise_rad": 0.05},
     "oscillator": {"level_dbc_hz": -80.0},
@@ -53,6 +55,17 @@ def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) 
 def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:
     """The scene with the listed effects."""
     return simulate_scene(scene, choose(scene, effects, 0.1), frames, **options)
+
+
+def depth_shift_m(before, after, low: int = 0, high: int = 2) -> float:
+    """How far the bead's FSK depth between two tones is behind that of another capture."""
+    products = []
+    for capture in (before, after):
+        points = capture.aperture, NEAR_SIDE_M
+        images = image_points(capture.samples[0], TONES_HZ, *points, None, apart=True)[:, 0]
+        products.append(images[high] * images[low].conj())
+    turned = np.angle(products[1] * products[0].conj())
+    return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
 
 
 def effect(name: str) -> Effect:

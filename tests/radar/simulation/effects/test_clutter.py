@@ -58,15 +58,6 @@ def test_bodies_of_the_room_hide_each_other():
     assert np.array_equal(clutter(scene), clutter(replace(scene, room=(screen,))))
 
 
-def test_the_echo_is_as_strong_as_the_material_says():
-    weak, strong = (
-        clutter(bead_scene(room=(plate(reflectivity_db=level),))) for level in (-30.0, -10.0)
-    )
-    assert np.linalg.norm(strong) / np.linalg.norm(weak) == pytest.approx(
-        10, rel=1e-3
-    )  # a difference of float32
-
-
 def test_the_room_stays_when_the_target_moves():
     scene = bead_scene({"motion": {"velocity_m_s": 0.01}}, room=(plate(),))
     with_room, without = (

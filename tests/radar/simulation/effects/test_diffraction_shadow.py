@@ -8,11 +8,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects.clutter import _seen_behind
-from handbench.radar.simulation.effects.target_surface import (
-    obliquity,
-    shadow_antennas,
-    shadow_diffraction,
-)
+from handbench.radar.simulation.effects.target_surface import obliquity, shadow_diffraction
 from handbench.radar.simulation.forward import simulate
 from handbench.radar.simulation.physics.creeping import roundness_of
 from handbench.radar.simulation.physics.diffraction import (
@@ -67,8 +63,6 @@ def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
     ]
     expected = np.einsum("pftr,tp,rp->ftr", each, *weights)
     assert np.linalg.norm(found - expected) < 1e-5 * np.linalg.norm(expected)
-    sharp = np.linalg.norm(state(BODY, effect=shadow_antennas).echo(ARRAY) - made.echo(ARRAY))
-    assert sharp > 0.1 * np.linalg.norm(made.echo(ARRAY))
 
 
 def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
@@ -80,14 +74,6 @@ def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
         simulate(optics, np.linspace(72e9, 82e9, 24), ARRAY, tolerance=t) for t in (1e-5, None)
     )
     assert np.linalg.norm(fast - plain) < 1e-5 * np.linalg.norm(plain)
-
-
-def test_transmitters_and_receivers_may_change_places():
-    there = state(BODY)
-    back = state(BODY, AntennaArray(ARRAY.rx_m, ARRAY.tx_m))
-    np.testing.assert_allclose(
-        back.echo(back.array).transpose(0, 2, 1), there.echo(ARRAY), atol=1e-6
-    )
 
 
 def test_nothing_diffracts_on_a_sheet_alone():

@@ -4,35 +4,25 @@ echoes are right."""
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.effects.motion import displacement_m, echoes_of_moving
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.errors import HandbenchError
 from tests.radar.simulation.effects.plates import sheet, sphere_body
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
-
-NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])
-
-
-def depth_error_m(still, moving, low, high):
-    """Shift of the bead's FSK depth between two tones by motion."""
-    phase = []
-    for capture in (still, moving):
-        images = image_points(
-            capture.samples[0], TONES_HZ, capture.aperture, NEAR_SIDE_M, None, apart=True
-        )[:, 0]
-        phase.append(images[high] * images[low].conj())
-    turned = np.angle(phase[1] * phase[0].conj())
-    return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
+from tests.radar.simulation.effects.small_scenes import (
+    NEAR_SIDE_M,
+    TONES_HZ,
+    bead_scene,
+    depth_shift_m,
+    simulated,
+)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 2), (1, 2)])
 @pytest.mark.parametrize("velocity_m_s", [2.2e-3, -4e-3])
 def test_velocity_moves_the_depth_by_f_over_delta_f_times_v_t(low, high, velocity_m_s):
     scene = bead_scene({"motion": {"velocity_m_s": velocity_m_s}})
-    error_m = depth_error_m(simulated(scene).capture, simulated(scene, "motion").capture, low, high)
+    error_m = depth_shift_m(simulated(scene).capture, simulated(scene, "motion").capture, low, high)
     tones_hz, time_s = TONES_HZ[[low, high]], scene.time_s[[low, high]]
     # z + (f_b δ_b − f_a δ_a)/(f_b − f_a): away from the radar counts as further; an antenna sees
     # cos θ of the velocity.
@@ -40,9 +30,6 @@ def test_velocity_moves_the_depth_by_f_over_delta_f_times_v_t(low, high, velocit
     antennas_m = np.concatenate([scene.array.tx_m, scene.array.rx_m])
     cosine = 0.296 / np.linalg.norm(NEAR_SIDE_M - antennas_m, axis=1)
     assert error_m / moved == pytest.approx(cosine.mean(), abs=2e-3)
-    assert abs(moved) == pytest.approx(
-        abs(velocity_m_s) * 82e9 / np.ptp(tones_hz) * np.ptp(time_s), rel=0.1
-    )
 
 
 def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():

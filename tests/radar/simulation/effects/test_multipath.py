@@ -48,78 +48,22 @@ def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
     return 4 * np.pi / WAVELENGTH_M**2 * abs(sample * FAR_M**2) ** 2
 
 
-@pytest.mark.slow
-def test_the_peak_of_a_dihedral():
-    # Depth of field and the 0.2 mm next to the edge where rays do not leave their own surface:
-    # below 0.5 %.
-    expected = 8 * np.pi * 0.06**2 * 0.05**2 / WAVELENGTH_M**2
-    assert cross_section_m2(dihedral(0.06, 0.05)) == pytest.approx(expected, rel=5e-3)
-
-
-@pytest.mark.parametrize("turn_deg", [5, 10, 20])
-def test_a_turned_dihedral_echoes_like_the_plate_that_it_lights_twice(turn_deg):
+@pytest.mark.parametrize(
+    ("turn_deg", "within"),
+    [
+        # Depth of field and the 0.2 mm next to the edge where rays do not leave their own surface:
+        # below 0.5 %.
+        pytest.param(0, 5e-3, marks=pytest.mark.slow),
+        (5, 0.02),
+        (20, 0.02),
+    ],
+)
+def test_a_turned_dihedral_echoes_like_the_plate_that_it_lights_twice(turn_deg, within):
     width_m = 2 * 0.06 * np.sin(np.pi / 4 - np.radians(turn_deg))
     expected = 4 * np.pi * (width_m * 0.05) ** 2 / WAVELENGTH_M**2
     assert cross_section_m2(dihedral(0.06, 0.05, turn_rad=np.radians(turn_deg))) == pytest.approx(
-        expected, rel=0.02
+        expected, rel=within
     )
-
-
-def image_theory(width_m, height_m, edge_m, frequencies_hz, array, count=120) -> np.ndarray:
-    """Physical optics over each plate of what the transmitter's image in the other one sends
-    through that one, of dipoles along y, whose images are dipoles along y."""
-
-    def field(ray_m):
-        unit = ray_m / np.linalg.norm(ray_m, axis=-1, keepdims=True)
-        across = [0, 1, 0] - unit[..., 1:2] * unit
-        return across / np.linalg.norm(across, axis=-1, keepdims=True)
-
-    samples = np.zeros((len(frequencies_hz), *array.channels), complex)
-    for side in (1, -1):
-        mirror, screen = (
-            np.array([np.sin(s * np.pi / 4), 0, -np.cos(np.pi / 4)]) for s in (side, -side)
-        )
-        step = (np.arange(count) + 0.5) / count
-        along, up = (
-            grid.reshape(-1, 1) for grid in np.meshgrid(step * width_m, (step - 0.5) * height_m)
-        )
-        q_m = np.asarray(edge_m) + along * screen + up * [0, 1, 0]
-        back_m = array.rx_m[:, None] - q_m
-        reach_m = np.linalg.norm(back_m, axis=2)
-        seen = np.sqrt(np.maximum(back_m @ mirror / reach_m, 0)) / reach_m
-        for t, antenna_m in enumerate(array.tx_m):
-            image_m = antenna_m - 2 * ((antenna_m - edge_m) @ screen) * screen
-            ray_m = q_m - image_m
-            length_m = np.linalg.norm(ray_m, axis=1)
-            crossing_m = (
-                image_m
-                + (((edge_m - image_m) @ screen) / (ray_m @ screen))[:, None] * ray_m
-                - edge_m
-            )
-            inside = (crossing_m @ mirror > 0) & (crossing_m @ mirror < width_m)
-            inside &= np.abs(crossing_m[:, 1]) < height_m / 2
-            lit = inside * np.sqrt(np.maximum(-(ray_m @ mirror) / length_m, 0)) / length_m
-            lit *= width_m * height_m / count**2
-            mirrored = field(ray_m) - 2 * (field(ray_m) @ mirror)[:, None] * mirror
-            both = np.einsum("rqi,qi->rq", field(back_m), mirrored)
-            for f, frequency_hz in enumerate(frequencies_hz):
-                k = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT_M_S
-                samples[f, t] -= (both * seen * np.exp(-1j * k * reach_m)) @ (
-                    lit * np.exp(-1j * k * length_m)
-                )
-    return samples
-
-
-@pytest.mark.slow
-def test_a_near_dihedral_agrees_with_image_theory_at_every_antenna():
-    corner = 0.02, 0.03, np.array([0.01, 0.005, 0.33]), TONES_HZ[::5]
-    there, back = (
-        image_theory(*corner, SPARSE),
-        image_theory(*corner, AntennaArray(SPARSE.rx_m, SPARSE.tx_m)),
-    )
-    expected = (there + back.transpose(0, 2, 1)) / 2
-    # Footprints end half a patch beside the plates' edges: 0.5 mm of 20.
-    assert relative_error(twice(CORNER, TONES_HZ[::5]), expected) < 0.03
 
 
 def test_tones_and_antennas_between_the_nodes_are_interpolated():
@@ -181,15 +125,9 @@ def test_motion_turns_the_bounces_with_the_target():
     assert relative_error(made.extra_echoes(), moved) > 0.3
 
 
-def test_reflection_and_pattern_act_on_every_bounce():
+def test_the_pattern_acts_on_both_legs():
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
     metal = multipath(bare).extra_echoes()
-    made = multipath(
-        replace(bare, surface=replace(bare.surface, reflection=np.array([[0.3 + 0.4j]])))
-    )
-    assert np.allclose(
-        made.extra_echoes(), metal * (0.3 + 0.4j) ** 2, rtol=1e-5, atol=1e-6 * np.abs(metal).max()
-    )
     made = multipath(replace(bare, pattern=2.0))
     towards = [np.array([0.01, 0.005, 0.32]) - leg.position_m for leg in SPARSE.legs]
     squared = [(way[:, 2] / np.linalg.norm(way, axis=1)) ** 2 for way in towards]
@@ -200,7 +138,7 @@ def test_reflection_and_pattern_act_on_every_bounce():
 
 @pytest.mark.parametrize(
     ("reflection", "two", "expected"),
-    [([1.0, 0.5], True, 0.5), ([0.5, 0.1], False, 0.25)],  # of one plate; of no plate
+    [([1.0, 0.5j], True, 0.5j), ([0.5j, 0.1], False, -0.25)],  # of one; of none
 )
 def test_layers_reflect_each_in_its_way(reflection, two, expected):
     """Each tube meets both plates once."""
@@ -244,18 +182,3 @@ def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
     assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
     monkeypatch.setattr(multipath_effect, "BOUNCES", 2)
     assert cross_section_m2(body) < 1e-3 * expected
-
-
-TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # a quarter about z
-
-
-def test_two_bounces_echo_the_same_whichever_way_the_scene_is_turned():
-    """No axis is special to a tube's footprint; rays are cast in single precision."""
-    corner = dihedral(0.03, 0.04, (0.02, 0.01, 0.3), 4, turn_rad=0.1)
-    found = []
-    for turn, angle_deg in ((np.eye(3), 90.0), (TURN, 180.0)):
-        array = AntennaArray(SPARSE.tx_m[::2] @ turn.T, SPARSE.rx_m[::2] @ turn.T)
-        body = Body(corner.vertices_m @ turn.T, corner.faces)
-        scene = EchoScene(array, TONES_HZ[:3], np.zeros(3), body, polarisation_deg=angle_deg)
-        found.append(multipath(bare_echoes(scene)).extra_echoes())
-    assert relative_error(*found) < 1e-5

@@ -81,18 +81,6 @@ def test_shadows_from_the_centre_keep_what_it_sees():
     assert made.surface.seen is None
 
 
-def test_shadows_of_antennas_supersede_those_of_the_centre():
-    both, one = state(FINGERS, shadow_centre, shadow_antennas), state(FINGERS, shadow_antennas)
-    assert np.array_equal(both.echo(both.array), one.echo(one.array))
-
-
-def test_nothing_hides_a_sheet():
-    bare = state(SHEET)
-    for effect in (shadow_centre, shadow_antennas):
-        made = state(SHEET, effect)
-        assert np.array_equal(made.echo(made.array), bare.echo(bare.array))
-
-
 def test_a_target_of_which_nothing_is_seen_is_refused():
     behind = plate((-0.002, -0.002, 0.31), (0, 0.004, 0), (0.004, 0, 0), 4)
     inverted = joined(Body(SHEET.vertices_m, SHEET.faces[:, ::-1]), behind)

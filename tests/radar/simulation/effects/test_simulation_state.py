@@ -16,7 +16,6 @@ from tests.radar.simulation.effects.small_scenes import (
 __all__ = ["no_random_numbers"]  # a fixture
 
 RANDOM = ("positions", "motion", "channels", "oscillator", "noise")
-CASTING = ("shadow_centre", "shadow_antennas", "multipath")
 
 
 def test_what_is_off_draws_no_number_and_casts_no_ray(no_random_numbers):

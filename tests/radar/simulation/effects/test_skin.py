@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.effects.target_surface import skin
 from handbench.radar.simulation.physics.reflection import (
     fresnel,
@@ -17,7 +16,12 @@ from handbench.radar.simulation.physics.reflection import (
 from handbench.radar.simulation.scene import Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.plates import sphere_body
-from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, estimated, simulated
+from tests.radar.simulation.effects.small_scenes import (
+    bead_scene,
+    depth_shift_m,
+    estimated,
+    simulated,
+)
 
 SKIN = Material(kind="skin")
 
@@ -58,18 +62,6 @@ def test_a_quarter_wave_of_the_geometric_mean_matches():
     assert deep[0] == pytest.approx(-np.exp(-4j * np.pi * 77e9 / 299_792_458.0 * 1e-3), abs=1e-5)
 
 
-def depth_change_m(before, after):
-    """Shift of the bead's FSK depth between the outer tones."""
-    near_side_m = np.array([[0.01, -0.005, 0.296]])
-    products = []
-    for capture in (before, after):
-        images = image_points(
-            capture.samples[0], TONES_HZ, capture.aperture, near_side_m, None, apart=True
-        )[:, 0]
-        products.append(images[2] * images[0].conj())
-    return -299_792_458.0 * np.angle(products[1] * products[0].conj()) / (4 * np.pi * 2.5e9)
-
-
 @pytest.mark.parametrize(
     ("palm", "thickness_m", "bias_m"),
     [(False, 430e-6, 0.04e-3), (True, 140e-6, 0.15e-3), (True, 430e-6, 2.6e-3)],
@@ -78,7 +70,7 @@ def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     material = Material(kind="skin", palm_thickness_m=thickness_m)
     scene = bead_scene(target=replace(body, material=material, palm=np.full(len(body.faces), palm)))
-    change_m = depth_change_m(
+    change_m = depth_shift_m(
         simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture
     )
     assert change_m == pytest.approx(bias_m, abs=0.05e-3)
