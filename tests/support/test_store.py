@@ -58,9 +58,7 @@ def test_changed_code_is_another_folder(of, monkeypatch):
     assert len({before.key, *plugged}) == 3
 
 
-@pytest.mark.parametrize(
-    "content", ["{}", "[]", '{"version": 2}', '{"other.txt": [1, 2]}', ""]
-)
+@pytest.mark.parametrize("content", ["{}", "[]", '{"version": 2}', '{"other.txt": [1, 2]}', ""])
 def test_an_empty_or_foreign_manifest_is_a_broken_one(tmp_path, of, capsys, content):
     stage = of("dense", ["a"])
     cached(tmp_path, stage)
