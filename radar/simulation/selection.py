@@ -16,6 +16,7 @@ from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice, check_names
 from handbench.radar.simulation.scene import EchoScene
 from handbench.support.errors import HandbenchError
+from handbench.support.parallel import one_blas_thread
 
 LITTLE = 0.02  # an effect that takes a smaller share of the simulation's time is on
 SAFETY = 2.0  # the estimates of all effects left out may add up to the tolerance over this
@@ -55,7 +56,8 @@ def choose(
                     f"effects: '{name}' needs {missing[name]}; add it or leave the effect out"
                 )
     there = [effect for effect in EFFECTS if not missing[effect.id]]
-    found = _auto(scene, there, tolerance_mm) if wanted == "auto" else Selection()
+    with one_blas_thread():  # or what is near the tolerance would depend on the number of cores
+        found = _auto(scene, there, tolerance_mm) if wanted == "auto" else Selection()
     on = {effect.id for effect in there} - set(found.left_out)
     for name in CONTAINED:
         if container := _container(name, on):

@@ -12,6 +12,7 @@ from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
+from handbench.support.parallel import one_blas_thread
 
 
 @dataclass
@@ -69,14 +70,16 @@ def simulate_scene(
     empty: also simulate the room without the target, with the same errors of the sensor but noise
     of its own."""
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
-    echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
+    with one_blas_thread():  # or the last digits would depend on the number of cores
+        echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
+        room = None
+        if empty:
+            bare = bare_echoes(scene, 1, tolerance, echoes.levels)
+            room = _capture(_applied(bare, on, Stopwatch()))
     seconds = {name: watch.seconds.get(name, 0.0) for name in on}
     rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
     why = "the target's echoes, with what shapes them"
     base = Choice(effect=TARGET, on=True, why=why, seconds=watch.seconds[TARGET])
-    room = None
-    if empty:
-        room = _capture(_applied(bare_echoes(scene, 1, tolerance, echoes.levels), on, Stopwatch()))
     return SimulatedCapture(_capture(echoes), (base, *rows), room)
 
 
