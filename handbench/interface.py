@@ -278,8 +278,11 @@ class Depth(Plottable):
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
-        from handbench.bench.pipeline.score import reference_of_surface, score
-        from handbench.groundtruth.mesh.surface import read_surface
+        from handbench.bench.pipeline.score import (
+            read_reference_surface,
+            reference_of_surface,
+            score,
+        )
         from handbench.radar.data.grid import PixelGrid
         from handbench.support.errors import HandbenchError
 
@@ -297,7 +300,7 @@ class Depth(Plottable):
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
         reference = reference_of_surface(
-            read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
+            read_reference_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
         recorded = None if self.capture is None else self.capture._recorded
         found = score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
@@ -358,11 +361,11 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     Raises:
         HandbenchError: the folder exists and may not be replaced, or is no capture.
     """
-    from handbench.bench.datasets.simulated import simulate_capture
+    from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
     from handbench.bench.scenes.build import load_scene
     from handbench.cli.options import free_folder
 
-    free_folder(Path(folder), overwrite, "capture.toml")
+    free_folder(Path(folder), overwrite, WRITTEN)
     simulate_capture(load_scene(scene), folder, frames)
     return Capture(folder)
 

@@ -2,6 +2,7 @@
 `sha256sum -c` reads it."""
 
 import hashlib
+import os
 import re
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from handbench.support.files import read_text, write_text
 from handbench.support.limits import CSV_BYTES
 
 CAPTURES, CHECKSUMS = "captures", "checksums.txt"
-LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+LINE = re.compile(r"([0-9a-f]{64}) [ *](?:\./)?(.+)")
 
 
 def write_checksums(folder: Path) -> None:
@@ -19,19 +20,21 @@ def write_checksums(folder: Path) -> None:
     write_text(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
 
 
-def require_unchanged(capture: Path) -> None:
-    """Raise a HandbenchError if files of a capture differ from the checksums of the set that it
-    lies in. Does nothing if there are none."""
-    folder = capture.parent.parent
-    file = folder / CHECKSUMS
-    if capture.parent.name != CAPTURES or not file.is_file():
+def require_unchanged(path: Path) -> None:
+    """Raise a HandbenchError if a capture's folder, or one of its files, differs from the checksums
+    of the set that contains the capture. Does nothing if there are none."""
+    path = Path(os.path.abspath(path))
+    sets = (above.parent for above in path.parents[:2] if above.name == CAPTURES)
+    folder = next((each for each in sets if (each / CHECKSUMS).is_file()), None)
+    if folder is None:
         return
+    file, own = folder / CHECKSUMS, path.relative_to(folder).as_posix()
     listed = {
         name: digest
         for name, digest in _read(file).items()
-        if name.startswith(f"{CAPTURES}/{capture.name}/")
+        if name == own or name.startswith(f"{own}/")
     }
-    found = _sums(folder, capture) if listed else {}
+    found = _sums(folder, path) if listed else {}
     for name in sorted(listed | found):
         if listed.get(name) != found.get(name):
             what = (
@@ -42,14 +45,31 @@ def require_unchanged(capture: Path) -> None:
                 else "is not in it"
             )
             raise HandbenchError(
-                f"{capture}: differs from {file}: {name} {what}; copy the capture again"
+                f"{path}: differs from {file}: {name} {what}; copy the capture again"
             )
 
 
+def listed_captures(folder: Path) -> list[str]:
+    """Return the names of the captures in a set's folder that its checksums list, without the
+    captures that somebody added; all of them while there are no checksums yet. Raises a
+    HandbenchError if a listed capture has a file that is not listed."""
+    there = sorted(path.name for path in (folder / CAPTURES).iterdir())
+    if not (folder / CHECKSUMS).is_file():
+        return there
+    listed = _read(folder / CHECKSUMS)
+    names = [n for n in there if any(line.startswith(f"{CAPTURES}/{n}/") for line in listed)]
+    for path in (path for name in names for path in (folder / CAPTURES / name).rglob("*")):
+        if path.is_file() and path.relative_to(folder).as_posix() not in listed:
+            raise HandbenchError(
+                f"{path}: is not in {folder / CHECKSUMS}, so it is no part of the set; move it away"
+            )
+    return names
+
+
 def _sums(folder: Path, below: Path) -> dict[str, str]:
-    """SHA-256 of every file below a folder, by the file's path in it."""
+    """SHA-256 of a file in a folder, or of every file below one, by the file's path in `folder`."""
     sums = {}
-    for path in sorted(path for path in below.rglob("*") if path.is_file()):
+    for path in sorted(path for path in (below, *below.rglob("*")) if path.is_file()):
         with path.open("rb") as stream:
             sums[path.relative_to(folder).as_posix()] = hashlib.file_digest(
                 stream, "sha256"

@@ -110,6 +110,10 @@ def _in_order(name: str) -> tuple[int, str]:
     return (int(name), name) if name.isdecimal() else (10**9, name)
 
 
+# names of the files of an imported capture
+IMPORTED = (DESCRIPTION, ECHOES, MESH, TRUTH, TRANSFORM, f"{PHOTOS}/*")
+
+
 def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     """Write a capture of another form as a capture folder of handbench, all or nothing.
     kind: "maroon" or "mapping". path: the capture; folder: the one to make. It gets the echoes of

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from handbench.bench.datasets.checksums import require_unchanged
 from handbench.calibration.transforms import Transform, checked_numbers, identity, load_transform
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.depth import depth_on_grid
@@ -211,9 +212,11 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
 
 def load_any_transform(file: Path | None) -> Transform:
     """Read a transform into the radar frame, in handbench's form, or in MAROON's if the file is
-    named alignment.json. None: the identity, for points that are in the radar frame already."""
+    named alignment.json. None: the identity, for points that are in the radar frame already. Raises
+    HandbenchError for a file that is none, or differs from its recorded checksum."""
     if file is None:
         return identity("radar")
+    require_unchanged(file)
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
     return transform.require(transform.source, "radar", file)
 

@@ -33,6 +33,11 @@ from handbench.support.parallel import for_each
 from handbench.support.progress import say
 
 JPEG_QUALITY = 96
+# names of the files of a simulated capture
+WRITTEN = (TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET) + tuple(
+    f"{PHOTOS}/{name}"
+    for name in ("cam[0-9][0-9]*.jpg", "cameras.json", "truth_cameras.json", "board.toml")
+)
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:

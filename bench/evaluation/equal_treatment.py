@@ -17,6 +17,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
 from handbench.bench.evaluation.treatments import TreatedDepths
 
 SHARES_PERCENT = np.arange(0.5, 100.1, 0.5)  # of the surface, at which the curve is recorded
+FEWEST_PERCENT = 1.0  # of the surface; with fewer a method would decide the others' common pixels
 TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
 EQUAL_METRICS = ("common_percent", "aurc_mm", "aurc_to_percent")  # only under equal treatment
 FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
@@ -36,6 +37,16 @@ def on_common_pixels(metric: str) -> str:
     """Return the words that end a metric's title under equal treatment; "" for a metric that is not
     formed on the pixels that all methods observe."""
     return "" if metric in EQUAL_METRICS else " on common pixels"
+
+
+def taking_part(
+    maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
+) -> dict[str, TreatedDepths]:
+    """Select the methods that observe at least FEWEST_PERCENT of the surface. maps: method → its
+    depths, all on the grid of reference_z_m [ny, nx], metres."""
+    surface = np.isfinite(reference_z_m)
+    fewest = FEWEST_PERCENT / 100 * surface.sum()
+    return {m: of for m, of in maps.items() if (np.isfinite(of.z_m) & surface).sum() >= fewest}
 
 
 def treated_figures(

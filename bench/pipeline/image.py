@@ -32,10 +32,12 @@ class ImagingTask:
         return self.method.run(self.echoes, self.settings, frame)
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
-        """Add to a depth map of this task its standard deviations, flags and p_gross."""
+        """Add to a depth map of this task its standard deviations, flags and p_gross. Raises
+        HandbenchError for a map that cannot be scored, as a plug-in may return."""
         from handbench.radar.methods.depth_uncertainty import with_p_gross  # it reads a calibration
 
-        return with_p_gross(depth, self.echoes, self.settings, frame)
+        checked = depth.checked(f"method '{self.method.id}'")
+        return with_p_gross(checked, self.echoes, self.settings, frame)
 
 
 def prepare(

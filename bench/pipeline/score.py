@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from handbench.bench.datasets.checksums import require_unchanged
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.floor import floor_mm
@@ -55,9 +56,9 @@ def pixel_errors(
         recorded: the capture that was imaged; its data set defines the mask.
 
     Raises:
-        HandbenchError: the protocol masks, and there is no capture.
+        HandbenchError: the protocol masks, and there is no capture; or the map cannot be scored.
     """
-    z_m = scored_z_m(depth, protocol, recorded)
+    z_m = scored_z_m(depth.checked("depth map"), protocol, recorded)
     return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
 
 
@@ -85,13 +86,20 @@ def reference_of_surface(
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
+def read_reference_surface(mesh_file: str | Path) -> Surface:
+    """Read the surface to score against. Raises HandbenchError if it cannot be read, or differs
+    from the checksums of the set of captures that contains it."""
+    require_unchanged(Path(mesh_file))
+    return read_surface(mesh_file)
+
+
 def reference_of_file(
     mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
 ) -> Reference:
     """Cast a mesh file's surface onto a pixel grid of the radar: its depths, with uncertainty.
     radar_from_mesh: carries the mesh into the radar frame. exact: surface and transform have no
     error, as in a simulation."""
-    surface = read_surface(mesh_file)
+    surface = read_reference_surface(mesh_file)
     if exact:
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
         radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))

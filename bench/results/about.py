@@ -1,7 +1,8 @@
 """Content of result.json: names, facts of captures, methods and metrics, failures."""
 
+import unicodedata
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -9,7 +10,7 @@ from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
-from handbench.bench.evaluation.metrics import METRICS
+from handbench.bench.evaluation.metrics import METRICS, TITLES
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -24,6 +25,28 @@ REFERENCES = ("photogrammetry", "completed", "truth")
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
+
+
+def folded(name: str) -> str:
+    """Return what a reader sees of a name: its letters and digits, without case."""
+    return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold()))
+
+
+# what a name in a table stands for: a reference, or a method's id
+STANDS_FOR = {folded(name): name for name in REFERENCES} | {
+    folded(name): id for id, title in TITLES.items() for name in (id, title)
+}
+
+
+def name_problem(name: str, own: str = "") -> str:
+    """Say whether a table's reader would take a method's or a capture's name for a reference or for
+    another method of handbench; "" if not. own: the id of the method that it names."""
+    other = STANDS_FOR.get(folded(name), "")
+    if other in REFERENCES:
+        return f"'{name}' reads as '{other}', a reference; choose another name"
+    if other not in ("", own):
+        return f"'{name}' reads as '{other}', a method of handbench; choose another name"
+    return ""
 
 
 class MetricFacts(Config):
@@ -73,6 +96,13 @@ class MethodFacts(Config):
     name: Name
     title: str
     config: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _is_clear(self) -> Self:
+        for name in (self.name, self.title):
+            if problem := name_problem(name, self.name):
+                raise ValueError(problem)
+        return self
 
 
 class Failure(Config):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
 from handbench.bench.evaluation.error_causes import (
     Averages,
     cause_lines,
@@ -86,6 +87,26 @@ def equal_treatment_scores(
     return reference, {t: by_method(treated_scores, reference, t) for t in SMOOTHING} if len(
         everywhere
     ) > 1 else {}
+
+
+def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
+    """Return the ids of the methods that take part in no comparison under equal treatment because
+    they observe fewer than FEWEST_PERCENT of the surface of a capture."""
+    reference, treated = equal_treatment_scores(scores, captures)
+    taking_part = {method for methods in treated.values() for method in methods}
+    return [
+        method
+        for method, figures in by_method(scores, reference).items()
+        if method not in taking_part
+        and "observed_percent" in figures
+        and figures.observed_percent.min() < FEWEST_PERCENT
+    ]
+
+
+def few_pixels_text(methods: Sequence[str]) -> str:
+    """Return what a table adds about the methods of `few_pixels`; "" if there are none."""
+    few = f"fewer than {FEWEST_PERCENT:g} % of the surface of a capture"
+    return f"not compared on common pixels: {', '.join(methods)} ({few})" if methods else ""
 
 
 def equal(result: Result) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
-from handbench.bench.results.about import MEASURES, Measure
+from handbench.bench.results.about import MEASURES, Measure, name_problem
 from handbench.bench.run.sweep import TradeoffSweep, imaging_settings, known_configs
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
@@ -287,10 +287,19 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
     return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
 
 
+def require_clear(name: str, where: str, own: str = "") -> str:
+    """Return a name of a capture or a method, which has the id `own`. Raises a HandbenchError,
+    which begins with `where`, for one that reads as a reference or as another method."""
+    if problem := name_problem(name, own):
+        raise HandbenchError(f"{where}: {problem}")
+    return name
+
+
 def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
     """Return the entry with its configuration checked. Raises HandbenchError for an unknown method,
     a wrong configuration or missing maps."""
     where = f"{path}: method '{entry.id}'"
+    require_clear(entry.id, where, entry.id)
     if not entry.foreign:
         method(entry.id).configure(entry.config, where)
     elif entry.id in {known.id for known in methods()}:

@@ -10,7 +10,7 @@ from typing import Any
 
 import tomlkit
 
-from handbench.bench.datasets.checksums import CAPTURES, CHECKSUMS, write_checksums
+from handbench.bench.datasets.checksums import CAPTURES, CHECKSUMS, listed_captures, write_checksums
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, load_benchmark
 from handbench.bench.run.jobs import scene_of
@@ -18,7 +18,7 @@ from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
-from handbench.support.folder import drop
+from handbench.support.folder import drop, is_owned_folder
 from handbench.support.progress import track
 
 BENCH = "bench.toml"
@@ -94,6 +94,8 @@ def _start(folder: Path, text: str, overwrite: bool) -> None:
                 f"{folder}: holds a set of captures; choose another -o, or --overwrite to "
                 "replace it"
             )
-        if overwrite:
-            drop(folder, (CHECKSUMS, CAPTURES))
+        if overwrite and is_owned_folder(folder / CAPTURES):
+            names = listed_captures(folder)
+            drop(folder, (CHECKSUMS,))
+            drop(folder / CAPTURES, names)
     write_text(file, text)

@@ -2,8 +2,8 @@
 from the echoes.
 
 The program sees only a folder with capture.toml and the echoes of one frame, and a few environment
-variables. Its time and memory are limited, and it ends with handbench. This protects against
-mistakes, not against a malicious program.
+variables. Its time, memory and output are limited, and all that it started ends with it and with
+handbench (`supervisor.py`). This protects against mistakes, not against a malicious program.
 """
 
 import os
@@ -13,9 +13,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import ECHOES, FAR_M, CaptureFile, save_capture_file
 from handbench.bench.pipeline.image import configured
+from handbench.bench.run import supervisor
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
@@ -36,27 +38,10 @@ from handbench.support.progress import say
 
 LIMIT_S, LIMIT_MB = 600.0, 16384  # for one capture; megabytes of addresses
 SAME_M = 1e-6  # pixels of two grids that are the same
-LAST_BYTES = 4096  # of the program's output, where its last line is looked for
 VARIABLES = (
     *("PATH", "HOME", "LANG", "USER", "TMPDIR", "LD_LIBRARY_PATH"),
     *("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS"),
 )
-# The program's parent, in a process group with it: ends the group when handbench ends, however that
-# happens.
-SUPERVISOR = """
-import ctypes, os, resource, signal, subprocess, sys
-signal.signal(signal.SIGTERM, lambda *_: os.killpg(0, signal.SIGKILL))
-ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
-parent, limit = int(sys.argv[1]), int(sys.argv[2])
-if os.getppid() != parent:
-    os.killpg(0, signal.SIGKILL)
-hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-if limit:
-    limit = limit if hard < 0 else min(limit, hard)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-code = subprocess.call(sys.argv[3:])
-sys.exit(code if code >= 0 else 128 - code)
-"""
 
 
 def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
@@ -111,8 +96,9 @@ def run(
     recorded time is that of the entire command. Raises HandbenchError if the program fails, takes
     too long, or writes no usable map."""
     data = open_capture(capture)
-    with tempfile.TemporaryDirectory(prefix="handbench-foreign-") as temporary:
-        room = Path(temporary)
+    with ExitStack() as ending:
+        room = Path(tempfile.mkdtemp(prefix="handbench-foreign-"))
+        ending.callback(_delete, room)
         echoes, file = room / "capture", room / "depth.npz"
         echoes.mkdir()
         save_capture(echoes / ECHOES, data.echoes(1))
@@ -145,49 +131,56 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
     environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
     if shutil.which(command[0], path=environment.get("PATH")) is None:
         raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
-    supervised = [
-        sys.executable,
-        "-ISc",
-        SUPERVISOR,
-        str(os.getpid()),
-        str(limit_mb * 2**20),
-        *command,
-    ]
-    output = room / "output"
+    above = str(os.getpid()), str(room), str(limit_mb * 2**20)
     start = time.perf_counter()
-    with output.open("wb") as stream:
-        child = subprocess.Popen(
-            supervised,
-            stdin=subprocess.DEVNULL,
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-            cwd=room,
-            env=environment,
-            start_new_session=True,
-        )
+    with subprocess.Popen(
+        [sys.executable, "-IS", supervisor.__file__, *above, *command],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        cwd=room,
+        env=environment,
+        start_new_session=True,
+    ) as child:
         try:
-            code = child.wait(limit_s)
+            code = child.wait(limit_s)  # its output is shorter than a pipe holds
         except subprocess.TimeoutExpired:
             raise HandbenchError(
                 f"the command took more than {limit_s:g} s; raise limit_s"
             ) from None
         finally:
-            with suppress(ProcessLookupError):  # what it left running ends too
-                os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-    seconds = time.perf_counter() - start
-    if code != 0:
-        last = _last_line(output)
-        raise HandbenchError(f"the command ended with exit code {code}; its last line: {last}")
+            _end(child)
+        seconds = time.perf_counter() - start
+        if code != 0:
+            last = _last_line(child.stdout.read() if child.stdout else b"")
+            raise HandbenchError(f"the command ended with exit code {code}; its last line: {last}")
     return seconds
 
 
-def _last_line(output: Path) -> str:
-    with output.open("rb") as stream:
-        stream.seek(max(output.stat().st_size - LAST_BYTES, 0))
-        lines = stream.read(LAST_BYTES).decode("utf-8", "replace").strip().splitlines()
+def _end(child: subprocess.Popen[bytes]) -> None:
+    """End the supervisor, which ends the program with all that this started."""
+    if child.poll() is None:
+        child.terminate()
+        child.send_signal(signal.SIGCONT)  # the program may have stopped it
+        late = threading.Timer(2 * supervisor.END_S, child.kill)
+        late.start()
+        child.wait()
+        late.cancel()
+
+
+def _last_line(output: bytes) -> str:
+    lines = output.decode("utf-8", "replace").strip().splitlines()
     text = lines[-1][:300] if lines else "none"
     return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def _delete(folder: Path) -> None:
+    """Delete a foreign program's folder, as far as the program left it deletable: not its immutable
+    files, nor folders nested a thousand deep."""
+    with suppress(OSError, RecursionError):
+        shutil.rmtree(folder)
+        return
+    say(f"{folder}: cannot be deleted completely; delete it by hand")
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:

@@ -19,7 +19,7 @@ from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
 from handbench.bench.results import Failure
 from handbench.bench.run import executors, planned_cost, write_result
 from handbench.bench.run import jobs as plan
-from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
+from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, require_clear
 from handbench.bench.run.calibrate_stage import REGISTRATION
 from handbench.bench.run.executors import HASH
 from handbench.bench.run.outcome import Line, Outcome, RunCapture, recorded_failure
@@ -127,7 +127,7 @@ class Run:
                     self.bench, self.base, source, frames, photos="accuracy" in source.measures
                 )
                 opening.append((source, stage))
-        names = [stage.capture for _, stage in opening]
+        names = [require_clear(stage.capture, "capture") for _, stage in opening]
         if twice := [name for name in names if names.count(name) > 1]:
             raise HandbenchError(
                 f"capture: two captures are named '{twice[0]}'; give each its own name"

@@ -19,7 +19,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import treated_figures
+from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, taking_part, treated_figures
 from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
@@ -35,6 +35,7 @@ from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
 SCORED, CURVES, REFERENCES = "scores.csv", "curves.npz", "references"
+NO_CURVE = np.full(len(SHARES_PERCENT), np.nan)
 OF_EACH_FRAME = ("mae_mm", "max_mm")
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
 Line = tuple[str, str, str, str, int, str, float | int | None]  # of SCORES
@@ -86,13 +87,13 @@ def make(
     curves: dict[str, np.ndarray] = {}
     for reference in references:
         for treatment in SMOOTHING:
-            of_methods = treated_figures(
-                {m: of[treatment] for m, of in depths.items()}, on_grid[first][reference].z_m
-            )
+            z_m = on_grid[first][reference].z_m
+            several = taking_part({m: of[treatment] for m, of in depths.items()}, z_m)
+            of_methods = treated_figures(several, z_m)
             for method, of in of_methods.items():
                 scores += _lines((name, method, reference, treatment), 0, of.figures)
             curves[curve_name(reference, treatment)] = np.array(
-                [of.curve_mm for of in of_methods.values()]
+                [of_methods[m].curve_mm if m in of_methods else NO_CURVE for m in depths]
             )
     write(folder / SCORED, frame(SCORES, scores), SCORES)
     write_npz(folder / CURVES, methods=np.array(list(depths), dtype="U"), **curves)

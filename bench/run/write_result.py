@@ -1,6 +1,7 @@
 """The result folder of a run: the captures' scores, the table made of them, and all maps."""
 
 import shutil
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,13 @@ from handbench.bench.results import (
     SurfaceMap,
     metric_facts,
 )
-from handbench.bench.results.derived import EQUAL_COMPARED, STRONGEST, equal_treatment_scores
+from handbench.bench.results.derived import (
+    EQUAL_COMPARED,
+    STRONGEST,
+    equal_treatment_scores,
+    few_pixels,
+    few_pixels_text,
+)
 from handbench.bench.run import scoring
 from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, errors, surfaces
 from handbench.bench.run.repeat_stage import read_repeats
@@ -86,9 +93,11 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
             results.write_photo(folder, capture.name, outcome.views[capture.name])
     results.write_config(folder, config)
     facts = capture_facts(outcome, on)
-    reference, treated = equal_treatment_scores(
-        found, [each for each in facts if "accuracy" in each.measures]
-    )
+    scored = [each for each in facts if "accuracy" in each.measures]
+    reference, treated = equal_treatment_scores(found, scored)
+    if few := few_pixels_text(few_pixels(found, scored)):
+        on = replace(on, text=f"{on.text}; {few}")
+        say(few)
     curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, table=table, tasks=tasks, scores=found, curves=curves)

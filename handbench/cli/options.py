@@ -4,6 +4,7 @@ overwritten by mistake."""
 import argparse
 import tomllib
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -90,12 +91,22 @@ def free(path: Path, overwrite: bool) -> None:
         )
 
 
-def free_folder(path: Path, overwrite: bool, mark: str) -> None:
-    """Raise a HandbenchError if a folder exists and may not be overwritten, or does not contain
-    `mark`, the name of a file that handbench writes into such folders: a foreign folder is never
-    replaced."""
+def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
+    """Raise a HandbenchError if a folder exists and may not be overwritten, which only a folder may
+    be that the same command has written. written: the names, as patterns, of the files that it
+    writes; the first one into every folder. Any other file is the user's, and stays."""
     free(path, overwrite)
-    if path.exists() and not (path / mark).is_file():
+    if not path.exists():
+        return
+    if not (path / written[0]).is_file():
         raise HandbenchError(
-            f"{path}: holds no {mark}, so handbench did not write it; choose another -o"
+            f"{path}: holds no {written[0]}, so this command did not write it; choose another -o"
         )
+    for file in sorted(path.rglob("*")):
+        name = file.relative_to(path).as_posix()
+        kept = file.is_symlink() or not file.is_dir()
+        if kept and not any(fnmatchcase(name, pattern) for pattern in written):
+            raise HandbenchError(
+                f"{path}: holds {name}, which this command does not write; move it away, or choose "
+                "another -o"
+            )

@@ -4,7 +4,7 @@ benchmark."""
 import argparse
 from pathlib import Path
 
-from handbench.bench.datasets.simulated import simulate_capture
+from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
 from handbench.bench.run.benchmark_file import embedded_benchmarks
 from handbench.bench.run.capture_set import BENCH, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.out is None:
         raise HandbenchError("-o: is missing; name a capture folder, or use only --explain")
-    free_folder(options.out, options.overwrite, "capture.toml")
+    free_folder(options.out, options.overwrite, WRITTEN)
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")
 

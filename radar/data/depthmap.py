@@ -12,6 +12,7 @@ from handbench.support.files import read_npz, write_npz
 
 # fields that only some methods fill in, with their kind of number
 OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}
+LONGEST_M = 1e6  # in a depth map; lengths beyond are no metres, and in float32 soon infinite
 FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
 
 
@@ -54,41 +55,70 @@ class DepthMap:
         keep = np.isfinite(self.z_m) & (self.p_gross <= most)
         return replace(self, z_m=np.where(keep, self.z_m, np.nan))
 
+    def checked(self, where: str | Path) -> "DepthMap":
+        """Return the map if it can be scored. Raises HandbenchError, which begins with `where` (its
+        file or argument), for arrays whose shapes or types do not fit the axes, axes that are not
+        sorted, infinite or absurd lengths, and values that no quantity of the field can have."""
+        fields = {name: getattr(self, name) for name in ("z_m", "amplitude_db", *OPTIONAL)}
+        maps = {name: values for name, values in fields.items() if values is not None}
+        shape = self.y_m.size, self.x_m.size
+        shapes = {"x_m": shape[1:], "y_m": shape[:1]} | dict.fromkeys(maps, shape)
+        for name, expected in shapes.items():
+            found, kind = getattr(self, name), OPTIONAL.get(name, "f")
+            if found.shape != expected or found.dtype.kind != kind:
+                numbers = "real numbers" if kind == "f" else "bool"
+                raise HandbenchError(
+                    f"{where}: {name} is {found.dtype} {found.shape}; expected {numbers} "
+                    f"{expected} from y_m, x_m"
+                )
+        for name in ("x_m", "y_m"):
+            axis_m = getattr(self, name)
+            sorted_ = (axis_m[1:] > axis_m[:-1]).all() or (axis_m[1:] < axis_m[:-1]).all()
+            if not (sorted_ and (np.abs(axis_m) <= LONGEST_M).all()):
+                raise HandbenchError(
+                    f"{where}: {name} is not sorted, or not finite; expected the pixels' centres "
+                    f"in metres, each once, up to {LONGEST_M:g} m"
+                )
+        for name, values in maps.items():
+            wrong, usual = _impossible(name, values, np.isfinite(self.z_m))
+            if wrong.any():
+                raise HandbenchError(
+                    f"{where}: {name} is {values[wrong][0]:g} at {wrong.sum()} of {wrong.size} "
+                    f"pixels; expected {usual}"
+                )
+        return self
+
     def save(self, path: str | Path) -> None:
         """Write the depth map to an .npz file, atomically; `load_depthmap` reads it."""
         known = {name: value for name, value in vars(self).items() if value is not None}
         write_npz(path, **known | {"config": json.dumps(self.config)})
 
 
+def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, str]:
+    """Find the pixels [ny, nx] whose value a field of a depth map cannot have; and say what was
+    expected. seen [ny, nx]: the pixels with a depth."""
+    if name == "z_m":
+        return np.abs(values) > LONGEST_M, f"depths up to {LONGEST_M:g} m, and NaN off target"
+    if name == "amplitude_db":
+        return seen & ~(values < np.inf), "numbers where z_m has a depth"
+    if name == "p_gross":
+        return (values < 0) | (values > 1), "probabilities from 0 to 1, and NaN off target"
+    return values < 0, "standard deviations from 0 on, and NaN off target"
+
+
 def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map from its .npz file. Raises HandbenchError for a file that is none, and for
-    arrays whose shapes or types do not fit the axes."""
+    arrays that are not `checked`."""
     content: dict[str, Any] = read_npz(
         path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL)
     )
-    known = [name for name in OPTIONAL if name in content]
-    shape = content["y_m"].size, content["x_m"].size
-    shapes = {
-        "x_m": shape[1:],
-        "y_m": shape[:1],
-        "z_m": shape,
-        "amplitude_db": shape,
-    } | dict.fromkeys(known, shape)
-    for name, expected in shapes.items():
-        kind = OPTIONAL.get(name, "f")
-        if content[name].shape != expected or content[name].dtype.kind != kind:
-            found = f"{content[name].dtype} {content[name].shape}"
-            numbers = "real numbers" if kind == "f" else "bool"
-            raise HandbenchError(
-                f"{path}: {name} is {found}; expected {numbers} {expected} from y_m, x_m"
-            )
     try:
         content["config"] = json.loads(str(content["config"]))
     except ValueError as error:
         raise HandbenchError(
             f"{path}: config is not JSON ({error}); expected the method's configuration"
         ) from None
-    return DepthMap(**content | {"method": str(content["method"])})
+    return DepthMap(**content | {"method": str(content["method"])}).checked(path)
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:

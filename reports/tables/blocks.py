@@ -10,6 +10,7 @@ import pandas as pd
 
 from handbench.bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.results.derived import few_pixels, few_pixels_text
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry, as the paper does",
@@ -61,7 +62,12 @@ def blocks(result: Result) -> list[Block]:
     same way), if the result has it."""
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
-    return [*found[:1], *_equal_block(result), *found[1:]]
+    equal = _equal_block(result)
+    if few := few_pixels_text(few_pixels(result.scores, result.scored())):
+        noted = equal or found[:1]
+        noted[0] = replace(noted[0], heading=f"{noted[0].heading}; {few}")
+        found[:1] = found[:1] if equal else noted
+    return [*found[:1], *equal, *found[1:]]
 
 
 def paper_block(block: Block, rest: bool = False) -> Block:
