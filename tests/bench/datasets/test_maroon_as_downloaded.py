@@ -127,7 +127,7 @@ SPOILED = {
         "with the other sign of x in its shift",
     ),
     "the inverse": (np.linalg.inv, "inverted, the matrix puts it"),
-    "another place": (lambda m: m + 0.06 * np.eye(4, k=1)[[3, 3, 2, 3]], "mm from its surface, and"),
+    "elsewhere": (lambda m: m + 0.06 * np.eye(4, k=1)[[3, 3, 2, 3]], "mm from its surface, and"),
 }
 
 
