@@ -422,7 +422,8 @@ def run(bench: File, folder: File, overwrite: bool = False) -> Result:
     was interrupted is resumed.
 
     Args:
-        bench: the benchmark's .toml, or the name of one that handbench contains, as "paper_table".
+        bench: the benchmark's .toml, or the name of one that handbench contains, as "paper_table",
+            or a folder of captures, which the paper's four methods image.
         folder: where the result is written.
         overwrite: whether another benchmark's result may be replaced.
 

@@ -48,6 +48,8 @@ def open_capture(path: str | Path) -> NativeCapture:
             if (folder / "scan.npy").exists()
             else ""
         )
+        below = _below(folder, DEPTH)
+        hint = f"; it has captures in it: name one, as {min(below)}" if below else hint
         raise HandbenchError(f"{folder}: is no capture; expected {KNOWN}{hint}")
     if asked and adapter is not MaroonCapture:
         raise HandbenchError(

@@ -58,6 +58,7 @@ ROUNDED = 7  # decimals of metres: they keep float32
 # the methods that want pixels, and those of voxels
 PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)
 PROJECTIONS = ("broadband", "narrowband")
+CHECK_SIGNS = "check the matrix: the sign of x, and its reflection"
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
 # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 RADAR_KERNEL = 4
@@ -174,6 +175,12 @@ class MaroonCapture(NativeCapture):
         """Direction of the x axis of its radar frame; without an alignment.json, the one in
         MAROON's code."""
         return _handedness(self, self.key(1))
+
+    def warnings(self) -> list[str]:
+        """Warn of an alignment.json whose matrix has no reflection, or does not put its surface
+        where the radar sees one."""
+        hand = self.handedness
+        return [f"{ALIGNMENT}: {hand.note}; {CHECK_SIGNS}"] if hand.suspect else []
 
     def sensors(self) -> dict[str, OtherSensor]:
         """The other sensors, by name, that have both a folder and a matrix in alignment.json."""

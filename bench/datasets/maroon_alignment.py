@@ -14,6 +14,7 @@ comparing them with the radar's own depth decides. docs/maroon.md has the eviden
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,6 +46,7 @@ PIXELS = {"start_m": -0.15, "stop_m": 0.15, "step_m": 0.003}  # about x = 0
 # 3-FSK, a ninth of the paper's pixels
 LOOK = {"x": PIXELS, "y": PIXELS, "coarse_filter_px": 3, "fine_filter_px": 1}
 FAR_MM = 20.0  # off the nearer reading the radar's depth is of something else
+NEAR_MM = 5.0  # off the surface, with the mistake in the matrix undone
 # by which the reading that the matrix does not suggest must fit better; below, the object is
 # symmetric
 CLEAR_MM = 0.5
@@ -150,10 +152,12 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
 
 class Handedness(NamedTuple):
     """Handedness of a radar frame. mirrored: its x axis is opposite to handbench's; note: how that
-    was found."""
+    was found; suspect: the matrix has no reflection, or its surface is not where the radar sees
+    one."""
 
     mirrored: bool
     note: str
+    suspect: bool = False
 
 
 def handedness_of(
@@ -167,31 +171,63 @@ def handedness_of(
     as it is and mirrored. path: the file. surface: returns the surface that the sensor `source`
     measured, in its frame; None if unknown. echoes: returns the capture's echoes."""
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
-    note = f"{source}2radar has {'a' if mirrored else 'no'} reflection"
+    note, suspect = f"{source}2radar has {'a' if mirrored else 'no'} reflection", not mirrored
     try:
         if surface is None:
             raise HandbenchError("there is nothing to check it by")
-        vertices, faces = surface()
-        own_mm, other_mm = _off_mm(load_alignment(path, source).points(vertices), faces, echoes())
+        (vertices, faces), seen, carried = surface(), echoes(), load_alignment(path, source)
+        own_mm, other_mm = _off_mm(carried.points(vertices), faces, seen)
         if min(own_mm, other_mm) > FAR_MM:
-            raise HandbenchError(
-                f"the radar's depth is {own_mm:.0f} mm from it, and {other_mm:.0f} mm mirrored"
+            suspect = True
+            note += (
+                f"; the radar's depth is {own_mm:.0f} mm from its surface, and {other_mm:.0f} mm "
+                "mirrored"
+                if np.isfinite(own_mm)
+                else "; its surface is outside the radar's pixels"
+            ) + _likely_mistake(carried.matrix, mirrored, (vertices, faces), seen)
+        else:
+            side = "further off" if other_mm >= own_mm else "nearer to"
+            note += (
+                f"; mirrored, its surface is {abs(other_mm - own_mm):.1f} mm {side} the radar's "
+                "depth"
             )
-        side = "further off" if other_mm >= own_mm else "nearer to"
-        note += (
-            f"; mirrored, its surface is {abs(other_mm - own_mm):.1f} mm {side} the radar's depth"
-        )
-        mirrored ^= other_mm < min(own_mm - CLEAR_MM, own_mm / 2)
+            if other_mm < min(own_mm - CLEAR_MM, own_mm / 2):
+                mirrored, suspect = not mirrored, True
     except HandbenchError as error:
         note += f", which was not checked ({error})"
     note += f": x of its radar frame is {'negated' if mirrored else 'taken as it is'}"
     say(f"{path}: {note}")
-    return Handedness(mirrored, note)
+    return Handedness(mirrored, note, suspect)
+
+
+def _likely_mistake(
+    matrix: np.ndarray, mirrored: bool, surface: Triangles, echoes: RadarCapture
+) -> str:
+    """Find the mistake in a matrix that explains why its surface is not where the radar sees one: a
+    clause of a message, empty if no mistake does.
+    matrix: [4, 4], to our radar frame. mirrored: whether the file's has a reflection."""
+    flip, (vertices, faces) = MIRROR_X if mirrored else np.eye(4), surface
+    undone = {"inverted": flip @ np.linalg.inv(matrix) @ flip}
+    for row, axis in enumerate("xyz"):
+        sign, shifted = np.eye(4), matrix.copy()
+        sign[row, row], shifted[row, 3] = -1, -matrix[row, 3]
+        undone[f"with the other sign of {axis} in its shift"] = shifted
+        # a reflection less or more: the file's frame then has the other handedness
+        undone[f"with the other sign of its column of {axis}"] = MIRROR_X @ matrix @ sign
+        undone[f"with the other sign of its row of {axis}"] = MIRROR_X @ sign @ matrix
+    off_mm = dict.fromkeys(undone, np.inf)
+    for name, each in undone.items():
+        with suppress(HandbenchError):  # larger than anything before a radar
+            off_mm[name] = _off_mm(vertices @ each[:3, :3].T + each[:3, 3], faces, echoes)[0]
+    name = min(off_mm, key=lambda name: off_mm[name])
+    off = f"; {name}, the matrix puts it {off_mm[name]:.1f} mm from the radar's depth"
+    return off if off_mm[name] < NEAR_MM else ""
 
 
 def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> tuple[float, float]:
     """Compute the mean distance, mm, of the radar's 3-FSK points from a surface, and from the
-    surface mirrored in x. Raises HandbenchError if either is empty."""
+    surface mirrored in x; infinite if it is outside the radar's pixels. Raises HandbenchError if
+    the radar sees nothing."""
     from scipy.spatial import KDTree
 
     chosen, middle_m = method("3fsk"), float(np.median(vertices_m[:, 2]))
@@ -199,8 +235,10 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     depth = chosen.run(echoes, chosen.configure(look, "handedness"), 0).depth
     z_m = depth.z_m if depth.wrapped is None else np.where(depth.wrapped, np.nan, depth.z_m)
     surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
-    if not (np.isfinite(surface_m).any() and np.isfinite(z_m).any()):
-        raise HandbenchError("its surface is outside the radar's pixels, or these are empty")
+    if not np.isfinite(z_m).any():
+        raise HandbenchError("the radar's image is empty")
+    if not np.isfinite(surface_m).any():
+        return np.inf, np.inf
     x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
     seen_m, *both_m = (
         np.stack([x_m, y_m, one_m], -1)[np.isfinite(one_m)]

@@ -118,6 +118,10 @@ class NativeCapture:
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
 
+    def warnings(self) -> list[str]:
+        """Warn of likely mistakes in files that only this data set has; here none."""
+        return []
+
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
         """Return which pixels [ny, nx] of a depth map the data set scores; here all that have a
         depth.

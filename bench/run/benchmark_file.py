@@ -18,6 +18,7 @@ from handbench.support.files import inside, require_folder
 from handbench.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent / "benchmarks"
+FOLDER = Path(__file__).with_name("folder.toml")  # the benchmark of a folder of captures
 PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file to write
 EXAMPLE = "python mine.py {capture} {depth}"
 
@@ -255,36 +256,37 @@ def embedded_benchmarks() -> dict[str, Path]:
 
 
 def find_benchmark(name: str) -> Path:
-    """Return the path of a benchmark file, given by its path or by the name of one that comes with
-    handbench. Raises HandbenchError for an unknown name."""
-    path = Path(name)
+    """Return the path of a benchmark file, given by its path, by the name of one that comes with
+    handbench, or by a folder of captures. Raises HandbenchError for an unknown name."""
+    path, known = Path(name), embedded_benchmarks()
     if path.suffix == ".toml" or path.is_file():
         return path
-    known = embedded_benchmarks()
-    if name not in known:
-        raise HandbenchError(
-            f"benchmark: '{name}' is neither a file nor embedded; {suggest(name, list(known))}"
-        )
-    return known[name]
+    if name in known:
+        return known[name]
+    if path.is_dir():
+        return FOLDER
+    raise HandbenchError(
+        f"benchmark: '{name}' is neither a file, a folder of captures nor embedded; "
+        f"{suggest(name, list(known))}"
+    )
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """Read and check a benchmark file, by path or name; return it and the folder that its paths
-    start from.
+    """Read and check a benchmark file, by path or name, or that of a folder of captures; return it
+    and the folder that its paths start from.
     Every method's configuration is checked; data sets and persons are expanded into single
     captures. Raises HandbenchError for anything wrong."""
     path = find_benchmark(name)
+    base = Path(name) if path == FOLDER else path.parent
     bench = load(BenchFile, path, "a benchmark description")
     bench = bench.model_copy(
         update={"method": tuple(checked_entry(entry, path) for entry in bench.method)}
     )
     if bench.tradeoff is not None:
         imaging_settings(bench.tradeoff, known_configs(bench.method))
-    found = tuple(
-        source for dataset in bench.dataset or () for source in dataset.sources(path.parent)
-    )
+    found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(base))
     sources = (*(one for source in bench.capture for one in source.each()), *found)
-    return bench.model_copy(update={"dataset": None, "capture": sources}), path.parent
+    return bench.model_copy(update={"dataset": None, "capture": sources}), base
 
 
 def require_clear(name: str, where: str, own: str = "") -> str:

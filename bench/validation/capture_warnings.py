@@ -58,6 +58,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     if plain:
         return  # all that follows would be about these
     compile_kernels()
+    yield from recorded.warnings()
     surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
