@@ -8,6 +8,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
@@ -86,7 +87,8 @@ def free(path: Path, overwrite: bool) -> None:
     """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
     if path.exists() and not overwrite:
         raise HandbenchError(
-            f"{path}: exists already; choose another -o, or --overwrite to replace it"
+            f"{path}: exists already; choose another {option('-o', 'folder')}, or "
+            f"{option('--overwrite', 'overwrite=True')} to replace it"
         )
 
 
@@ -97,5 +99,6 @@ def free_folder(path: Path, overwrite: bool, mark: str) -> None:
     free(path, overwrite)
     if path.exists() and not (path / mark).is_file():
         raise HandbenchError(
-            f"{path}: holds no {mark}, so handbench did not write it; choose another -o"
+            f"{path}: holds no {mark}, so handbench did not write it; choose another "
+            f"{option('-o', 'folder')}"
         )
