@@ -11,7 +11,13 @@ import pydantic
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, read_text
-from handbench.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
+from handbench.support.limits import (
+    LONG_KEY,
+    MOST_PROBLEMS,
+    NAME_BYTES,
+    TOML_BYTES,
+    require_shallow,
+)
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
@@ -207,14 +213,17 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """Return `name` if it can be a part of a file's name; ValueError if it leads to another folder,
-    is hidden, is longer than 80 characters or contains '__', with which handbench separates
-    names."""
+    """Return `name` in one form (NFC) if it can be a part of a file's name; ValueError if it leads
+    to another folder, is hidden, is longer than 80 characters or NAME_BYTES, or contains '__', with
+    which handbench separates names."""
+    name = one_form(name)
     unfit = (
         not name.isprintable()
         or name.startswith(".")
         or any(part in name for part in ("/", "\\", "__"))
     )
+    if len(name) <= 80 and (size := len(name.encode("utf-8", "replace"))) > NAME_BYTES:
+        raise ValueError(f"takes {size} bytes as a file's name; use {NAME_BYTES} at most")
     if unfit or not 1 <= len(name) <= 80:
         raise ValueError(
             f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'"

@@ -102,7 +102,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
             yield (
                 f"{limit}, but closer tones place the target {way}; set "
-                f"{settings({'first_depth_m': round(target_m, 2)})}"
+                f"{settings({'first_depth_m': f'{target_m:.2f}'})}"
             )
         elif wrapped > seen.sum() / 2:
             yield (
