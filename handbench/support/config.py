@@ -164,7 +164,8 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
     got = got if len(got) < 80 else got[:77] + "..."
     message = message.removeprefix("Value error, ")
     hint = suggest(str(given), re.findall("'([^']*)'", bounds.get("expected", "")))
-    hint = f"{hint} " if hint.startswith("did") else ""
+    # of a unit ("mm"), a similar one is another
+    hint = f"{hint} " if hint.startswith("did") and len(str(given)) > 2 else ""
     unit = _unit_hint(str(next((k for k in reversed(keys) if not k.isdigit()), "")), given, bounds)
     return f"'{location}' is {got}; {hint}{message[0].lower()}{message[1:]}{unit}"
 

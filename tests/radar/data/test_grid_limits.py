@@ -17,10 +17,10 @@ def axis(step_m: float, stop_m: float = 1.0, start_m: float = 0.0) -> dict[str, 
     [
         (FskConfig, {"x": axis(1e-9)}, "step_m = 1e-09 makes 1e+09 samples"),
         (FskConfig, {"x": axis(5e-324)}, "step_m is 4.941e-324; expected 0 or a size from 1e-30"),
-        (FskConfig, {"x": axis(1.0, start_m=-1e300)}, "start_m is -1e+300"),
+        (FskConfig, {"x": axis(1.0, start_m=-1e300)}, "'x.start_m' is -1e+300"),
         (FskConfig, {"x": axis(2e-4), "y": axis(2e-4)}, "axes x, y make 25010001 points"),
         (BroadbandConfig, {"x": axis(1e-3), "y": axis(1e-3), "z": axis(2e-3)}, "axes x, y, z make"),
-        (BroadbandConfig, {"start_hz": 1e300}, "start_hz is 1e+300"),
+        (BroadbandConfig, {"start_hz": 1e300}, "'start_hz' is 1e+300"),
         (BroadbandConfig, {"count": 10**9}, "'count' is 1000000000"),
     ],
 )
