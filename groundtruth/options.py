@@ -57,7 +57,7 @@ class Distance(Config):
 
     first: FileName
     second: FileName
-    distance_m: float = Field(gt=0)
+    distance_m: float = Field(gt=0, le=100)
 
 
 class SparseOptions(Config):

@@ -15,6 +15,7 @@ what it needs.
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ DEFINED_IN = {  # the modules of the names that handbench/interface.py does not 
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version(__name__)
     if name == "groundtruth":  # the package, which can be called as the function of this name could
         return import_module(f"{__name__}.{name}")
     if name not in __all__:

@@ -28,6 +28,7 @@ from handbench.calibration.transforms import Transform, adjoint, identity, pertu
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
@@ -121,8 +122,7 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
             f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; "
             "at most "
             f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: "
-            "start nearer "
-            "(--transform), or calibrate with a target"
+            f"start nearer ({option('--transform')}), or calibrate with a target"
         )
     before = _shared(surface, depth, start)
     kept = weight > 0
@@ -171,8 +171,7 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
             f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {blocks} "
             "cells of "
             f"{1e3 * BLOCK_M:.0f} mm; expected {FEWEST_PIXELS} in {FEWEST_BLOCKS} or more: check "
-            "--transform, and that "
-            "both show the same object"
+            f"{option('--transform')}, and that both show the same object"
         )
     points_m = np.stack([*place_m, z_m[row, column]], axis=1).astype(np.float64)
     n_z, slope = n_z[row, column], np.stack([slope_x[row, column], slope_y[row, column]])

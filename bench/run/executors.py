@@ -32,6 +32,7 @@ import psutil
 
 from handbench.radar.methods.registry import method_key
 from handbench.support import cost
+from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
 from handbench.support.store import Stage, stage_code_hash
@@ -61,7 +62,8 @@ class LocalExecutor(Executor):
         exception; any other error is raised here."""
         future: Future[Any] = Future()
         try:
-            future.set_result(function(*args, **kwargs))
+            with called_from("benchmark"):
+                future.set_result(function(*args, **kwargs))
         except HandbenchError as error:
             future.set_exception(error)
         return future
@@ -177,7 +179,7 @@ def elsewhere(
     its traceback."""
     cost.CALIBRATED |= machine
     try:
-        with _ALONE:
+        with _ALONE, called_from("benchmark"):
             if stage.name != HASH:
                 _require_same(root, stage)
             return function(root, stage)

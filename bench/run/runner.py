@@ -28,6 +28,7 @@ from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, load_transform
+from handbench.support.caller import option
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -83,8 +84,9 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the results of another configuration; choose another -o, or "
-            "--overwrite to replace them"
+            f"{folder}: holds the results of another configuration; choose another "
+            f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace "
+            "them"
         )
 
 

@@ -12,14 +12,11 @@ from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.known_effects import check_names
 from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
-from handbench.support.config import Config, Name, suggest
+from handbench.support.config import Config, Name, Near, Tone, suggest
 from handbench.support.errors import HandbenchError
 
 BUILT_IN_ARRAY = "qar50"
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
-
-
-Offset = Annotated[float, Field(ge=-100, le=100)]
 
 
 class _Placed(Config):
@@ -27,7 +24,7 @@ class _Placed(Config):
     offset_m: its x and y; rotation_deg: turns about the fixed x, y and z axes, in this order."""
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
-    offset_m: tuple[Offset, Offset] = (0.0, 0.0)
+    offset_m: tuple[Near, Near] = (0.0, 0.0)
     # about the fixed x, y, z axes, in this order
     rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     motion: Motion = Motion()
@@ -55,7 +52,7 @@ class HandTarget(_Solid):
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
     distance_m: float = Field(default=0.31, gt=0, le=100)
-    offset_m: tuple[Offset, Offset] = (0.0, -0.030)
+    offset_m: tuple[Near, Near] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
     person: int = Field(default=0, ge=0, le=MOST_PEOPLE)
 
@@ -133,8 +130,8 @@ class Sweep(Config):
     """Frequencies of a sweep: `count` evenly spaced ones from start_hz to stop_hz, both
     included."""
 
-    start_hz: float = Field(gt=0)
-    stop_hz: float = Field(gt=0)
+    start_hz: Tone
+    stop_hz: Tone
     count: int = Field(ge=1, le=100_000)
 
 
@@ -146,7 +143,7 @@ class Sensor(SensorFaults):
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
-    tones_hz: tuple[Annotated[float, Field(gt=0)], ...] = ()
+    tones_hz: tuple[Tone, ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
     # of the antennas' field, from x towards y
     polarisation_deg: float = Field(default=90.0, ge=-360, le=360)
@@ -195,7 +192,7 @@ class Photos(Config):
     motion_px: float = Field(default=0.0, ge=0, le=100)
     speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
-    speckle_from_m: tuple[float, float, float] = (0.0, 0.22, 0.0)  # the projector, radar frame
+    speckle_from_m: tuple[Near, Near, Near] = (0.0, 0.22, 0.0)  # the projector, radar frame
     speckle_on_board: bool = False  # else the board is lit evenly
 
 
@@ -204,7 +201,7 @@ class Mount(Config):
     the board's centre; rotation_deg: turns about the fixed x, y and z axes away from a board that
     faces the radar."""
 
-    offset_m: tuple[float, float, float] = (0.004, -0.006, 0.400)
+    offset_m: tuple[Near, Near, Near] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
 
     def radar_from_photo(self) -> Transform:
@@ -243,7 +240,7 @@ class SceneFile(Config):
     seed: int = Field(default=0, ge=0)
     effects: Literal["auto"] | tuple[str, ...] = "auto"
     tolerance_mm: float = Field(default=0.1, gt=0)
-    depth_step_hz: float = Field(default=DEPTH_STEP_HZ, gt=0)
+    depth_step_hz: Tone = DEPTH_STEP_HZ
     target: Annotated[AnyTarget, Field(discriminator="kind")]
     sensor: Sensor = Sensor()
     noise: Noise = Noise()

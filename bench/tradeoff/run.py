@@ -35,6 +35,7 @@ from handbench.bench.tradeoff.settings import (
 )
 from handbench.bench.tradeoff.simulated_sections import measure_registration, measure_simulation
 from handbench.radar.imaging.device import describe
+from handbench.support.caller import option
 from handbench.support.config import parse
 from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
@@ -89,8 +90,8 @@ def run(
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
                 say(
-                    f"{folder}: holds this trade-off already; its figures are read, --overwrite "
-                    "measures anew"
+                    f"{folder}: holds this trade-off already; its figures are read, "
+                    f"{option('--overwrite', 'overwrite=True')} measures anew"
                 )
                 return before
         measured, facts = _measure_sections(inputs)
@@ -102,13 +103,16 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     """Return whether the folder already has this configuration. Raises HandbenchError if it has
     another one (unless `overwrite`) or a run's results."""
     if (folder / "result.json").exists():
-        raise HandbenchError(f"{folder}: holds the results of `handbench run`; choose another -o")
+        raise HandbenchError(
+            f"{folder}: holds the results of `handbench run`; choose another "
+            f"{option('-o', 'folder')}"
+        )
     before = folder / "config.toml"
     same = before.exists() and before.read_text("utf-8", "replace") == config
     if before.exists() and not same and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the trade-off of another configuration; choose another -o, or "
-            "--overwrite to replace it"
+            f"{folder}: holds the trade-off of another configuration; choose another "
+            f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace it"
         )
     return same
 

@@ -221,7 +221,8 @@ def _maps(
             continue
         if not folder.is_dir():
             continue
-        missing = [name for name in scored if not (folder / f"{name}.npz").is_file()]
+        files = {name: inside(folder, f"{name}.npz", "maps") for name in scored}
+        missing = [name for name, file in files.items() if not file.is_file()]
         if missing:
             few = ", ".join(missing[:SHOWN]) + (", …" if len(missing) > SHOWN else "")
             text = (
@@ -230,7 +231,7 @@ def _maps(
             yield found.problem((*at, "maps"), f"{text}; add NAME.npz for each")
         for name, about in scored.items():
             if name not in missing:
-                file = folder / f"{name}.npz"
+                file = files[name]
                 yield from attempt(file, partial(_read_map, file, entry.id, about, methods))
 
 

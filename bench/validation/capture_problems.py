@@ -51,6 +51,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import method
+from handbench.support.caller import called_from
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -84,9 +85,9 @@ class CheckedCapture:
             return None  # a separate problem
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
-            require_tones(
-                RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3)))), config
-            )
+            capture = RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3))))
+            with called_from("benchmark"):
+                require_tones(capture, config)
         except HandbenchError as error:
             return str(error)
         return None
@@ -108,7 +109,7 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
     """Yield all problems of a capture of any form; return what a benchmark's checks need to know of
     it.
     A missing file is a problem only if something needs it. scored: whether a reference is needed;
-    None: a missing one is only a warning."""
+    None: echoes alone will do."""
     native = is_native(folder)
     capture = (
         NativeCapture(folder)
@@ -138,8 +139,8 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
     kind = about.kind if about is not None else "other"
     yield from findings(folder, "capture", kind=kind, lacks=lacks)
     true, measured = capture.truth is not None, mesh is not None or capture.photos is not None
-    if scored is not False and kind != "target":
-        yield from findings(folder, "reference", needed=bool(scored), known=true or measured)
+    if scored and kind != "target":
+        yield from findings(folder, "reference", known=true or measured)
     frequencies_hz, frames = (
         (echoes.frequencies_hz, len(echoes.samples)) if echoes else (None, None)
     )

@@ -21,6 +21,7 @@ from handbench.radar.imaging.plan import fresh_plans
 from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
+from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
@@ -79,7 +80,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
             f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface "
             f"{start_m:.2g} m away"
         )
-        yield f"{begun}: set {FIRST} = {start_m:.2g}, as by --set"
+        yield f"{begun}: {settings({FIRST: float(f'{start_m:.2g}')})} finds it"
         return
     # since the surface's distance may be the mistake
     further, _ = _depth_map(recorded, capture, FURTHER_M) or imaged

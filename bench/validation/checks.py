@@ -419,6 +419,15 @@ def flagged_share(depth: DepthMap) -> float | None:
     )
 
 
+def on_target(depth: DepthMap) -> str:
+    """Say how many pixels of a depth map have a depth, and which share of them is flagged."""
+    share = flagged_share(depth)
+    flagged = (
+        "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
+    )
+    return f"{np.count_nonzero(np.isfinite(depth.z_m))} pixels on target{flagged}"
+
+
 def places_m(capture: RadarCapture) -> np.ndarray:
     """Positions [n, 3] of the antennas."""
     return np.concatenate([leg.position_m for leg in capture.aperture.legs])

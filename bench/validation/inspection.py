@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
@@ -21,7 +19,12 @@ from handbench.bench.validation.capture_problems import (
     photo_problems,
     surface_problems,
 )
-from handbench.bench.validation.checks import map_warnings, mesh_warnings, result_warnings
+from handbench.bench.validation.checks import (
+    map_warnings,
+    mesh_warnings,
+    on_target,
+    result_warnings,
+)
 from handbench.bench.validation.problems import Found, Problem, attempt, parse_lines, warnings_at
 from handbench.calibration.array.array_file import load_array
 from handbench.calibration.spheres.description import Target
@@ -29,7 +32,7 @@ from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.radar.data.depthmap import FLAGGED, load_depthmap
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
@@ -167,16 +170,7 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
     depth = yield from attempt(path, partial(load_depthmap, path))
     if depth is None:
         return
-    on_target = np.isfinite(depth.z_m)
-    of_these = (
-        ""
-        if depth.p_gross is None
-        else f", {int((depth.p_gross[on_target] > FLAGGED).sum())} of these flagged"
-    )
-    print(
-        f"{path}: {depth.method}, {int(on_target.sum())} of {depth.z_m.size} pixels on "
-        f"target{of_these}"
-    )
+    print(f"{path}: {depth.method}, {depth.z_m.size} pixels, {on_target(depth)}")
     yield from warnings_at(path, map_warnings(depth))
     surface = None if mesh is None else (yield from attempt(mesh, partial(read_surface, mesh)))
     carried = yield from attempt(transform or path, partial(load_any_transform, transform))

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
-from handbench.support.config import Config, parse
+from handbench.support.config import Config, Tone, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
@@ -81,7 +81,7 @@ class ArrayCalibration(Config):
     format: Literal["handbench-array"] = "handbench-array"
     version: Literal[1] = 1
     source: str
-    reference_hz: float = Field(gt=0)
+    reference_hz: Tone
     tx: Side
     rx: Side
     residual_before_db: float

@@ -16,7 +16,7 @@ import tomlkit
 from pydantic import Field
 
 from handbench.calibration.transforms import umeyama
-from handbench.support.config import Config, load
+from handbench.support.config import Config, Near, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
@@ -35,10 +35,10 @@ class Element(Config):
     """One foam sphere with a steel ball in it: centre and radii in the target's frame, metres.
     ball_offset_m: from the sphere's centre to the ball's, where it was measured."""
 
-    centre_m: tuple[float, float, float]
-    sphere_radius_m: float = Field(gt=0)
-    ball_radius_m: float = Field(gt=0)
-    ball_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_m: tuple[Near, Near, Near]
+    sphere_radius_m: float = Field(gt=0, le=1)
+    ball_radius_m: float = Field(gt=0, le=1)
+    ball_offset_m: tuple[Near, Near, Near] = (0.0, 0.0, 0.0)
 
 
 class Target(Config):

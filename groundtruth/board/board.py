@@ -7,7 +7,7 @@ import numpy as np
 import tomlkit
 from pydantic import Field, field_validator, model_validator
 
-from handbench.support.config import Config, load
+from handbench.support.config import Config, Near, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
@@ -19,7 +19,7 @@ class Marker(Config):
     OpenCV's order (clockwise from top left)."""
 
     id: int = Field(ge=0)
-    corners_m: tuple[tuple[float, float, float], ...] = Field(min_length=4, max_length=4)
+    corners_m: tuple[tuple[Near, Near, Near], ...] = Field(min_length=4, max_length=4)
 
 
 class Charuco(Config):
@@ -32,7 +32,7 @@ class Charuco(Config):
 
     columns: int = Field(ge=3, le=100)
     rows: int = Field(ge=3, le=100)
-    square_m: float = Field(gt=0, le=100)
+    square_m: float = Field(gt=0, le=1)
     marker_m: float = Field(gt=0, ge=1e-6)  # OpenCV takes float32
     dictionary: str = "DICT_4X4_50"
     legacy: bool = False

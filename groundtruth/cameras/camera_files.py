@@ -21,6 +21,7 @@ from handbench.groundtruth.cameras.cameras import (
 )
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, read_bytes, read_text, require_folder, require_size
 from handbench.support.limits import MODEL_BYTES
@@ -46,8 +47,8 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
         known = cameras_in(read_model(path))
         if not metric:
             say(
-                f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; --metric "
-                "if they are metres"
+                f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; "
+                f"{option('--metric', 'metric=True')} if they are metres"
             )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:

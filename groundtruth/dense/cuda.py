@@ -31,6 +31,7 @@ from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
 from handbench.groundtruth.dense.views import Stereo, View
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say, track
 
@@ -42,8 +43,12 @@ import json, sys, pycolmap
 options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
 pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
-INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, does without"
 TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failure
+
+
+def _instead() -> str:
+    cpu = option("--dense cpu", 'dense="cpu"')
+    return f"{cpu}, or an empty CUDA_VISIBLE_DEVICES, does without"
 
 
 def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
@@ -120,7 +125,7 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
         raise HandbenchError(
             f"{file.parent.name}/{file.name}: is missing or broken ({len(content)} bytes; "
             f"expected {channels} channels "
-            f"of {w} × {h}), COLMAP did not finish; is there memory and disk left? {INSTEAD}"
+            f"of {w} × {h}), COLMAP did not finish; is there memory and disk left? {_instead()}"
         )
     return np.moveaxis(
         np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1
@@ -145,7 +150,7 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
             if any(word in line for word in TELLING)
         ]
         reason = messages[-1] if messages else f"exit code {done.returncode}"
-        raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {INSTEAD}")
+        raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {_instead()}")
 
 
 def _depth_map(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.dense import ViewDepth
-from handbench.groundtruth.dense.planesweep import LESS
+from handbench.groundtruth.dense.planesweep import less
 from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from handbench.support.compiled import njit, prange
 from handbench.support.cost import require_free
@@ -76,7 +76,7 @@ def fuse(
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
-    require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
+    require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", less())
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
     for i, m in enumerate(maps):

@@ -13,6 +13,7 @@ from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
+from handbench.support.caller import option
 from handbench.support.progress import say
 
 # of a board's extent: one whose corners lie farther from their plane has several planes
@@ -249,5 +250,6 @@ def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
     for side, axis in zip(*np.nonzero(shares > CUT), strict=True):
         say(
             f"volume: {shares[side, axis]:.1%} of the points are at its side {'xyz'[axis]} = "
-            f"{box_m[side, axis]:.3f}, and the surface may continue there; set a larger --box"
+            f"{box_m[side, axis]:.3f}, and the surface may continue there; set a larger "
+            f"{option('--box', 'box_m')}"
         )

@@ -7,6 +7,7 @@ import numpy as np
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh
@@ -97,9 +98,10 @@ def keep_target(
 
 
 def _nothing_off(height_m: float) -> HandbenchError:
+    every = option("--components all", 'components="all"')
     return HandbenchError(
         f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; "
         "expected a target before or "
-        "on the board: check --box and the photographs, or give --components all for the board "
-        "itself"
+        f"on the board: check {option('--box', 'box_m')} and the photographs, or give {every} "
+        "for the board itself"
     )

@@ -12,6 +12,7 @@ from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
 from handbench.groundtruth.options import Distance
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 TRIM = 4.0  # points beyond this many times the median residual are left out of the fit
@@ -121,19 +122,19 @@ def distances_from_model(
     if two centres coincide, or if a distance deviates from the fit by more than 2 %.
     """
     centre = {image.name: image.projection_center() for image in registered_images(model)}
+    given = option("--distance", "distances")
     for distance in distances:
         for name in (distance.first, distance.second):
             if name not in centre:
                 raise HandbenchError(
-                    f"--distance: {name} is not among the registered photographs "
-                    f"({', '.join(centre)}); name two of "
-                    "them"
+                    f"{given}: {name} is not among the registered photographs "
+                    f"({', '.join(centre)}); name two of them"
                 )
     length = np.array([np.linalg.norm(centre[d.first] - centre[d.second]) for d in distances])
     known_m = np.array([d.distance_m for d in distances])
     if not length.all():
         raise HandbenchError(
-            "--distance: two photographs were taken from the same point; measure between two others"
+            f"{given}: two photographs were taken from the same point; measure between two others"
         )
     scale = float(length @ known_m / (length @ length))
     off_m = scale * length - known_m
@@ -141,7 +142,7 @@ def distances_from_model(
     if abs(off_m[worst]) > DISAGREEMENT * known_m[worst]:
         d = distances[worst]
         raise HandbenchError(
-            f"--distance: {d.first} to {d.second} is given as {d.distance_m} m, all together "
+            f"{given}: {d.first} to {d.second} is given as {d.distance_m} m, all together "
             "make it "
             f"{scale * length[worst]:.4g} m; they must agree to {DISAGREEMENT:.0%}: measure "
             "between the lenses' "
@@ -167,8 +168,7 @@ def trimmed_similarity(
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
             f"scale: {len(source)} {what}; at least three that are not on a line are needed: add "
-            "photographs that show "
-            "the board, or give --unscaled"
+            f"photographs that show the board, or give {option('--unscaled', 'unscaled=True')}"
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()

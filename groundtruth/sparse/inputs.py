@@ -19,6 +19,7 @@ from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
 from handbench.groundtruth.sparse.frame import origin_near
+from handbench.support.caller import option
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -146,13 +147,14 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
         raise HandbenchError(
             f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in "
             "cameras.json); add "
-            "--board, --cameras or --distance (--metric, if a COLMAP model is in metres), or "
-            "give --unscaled for a "
-            "mesh of arbitrary size"
+            f"{option('--board')}, {option('--cameras')} or {option('--distance', 'distances')} "
+            f"({option('--metric', 'metric=True')}, if a COLMAP model is in metres), or give "
+            f"{option('--unscaled', 'unscaled=True')} for a mesh of arbitrary size"
         )
     if options.refine_poses and options.model is None and posed < len(photos):
         raise HandbenchError(
-            "refine_poses: not all photographs have a pose; expected R, t of each in --cameras"
+            f"{option('--refine-poses')}: not all photographs have a pose; expected R, t of each "
+            f"in {option('--cameras')}"
         )
     corners: dict[str, Corners] = {}
     if board is not None:
@@ -181,20 +183,21 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     _require_one(options, "board", "distances", "give the one you trust more")
     if options.refine_distortion and options.intrinsics is None:
         raise HandbenchError(
-            "refine_distortion: is for --intrinsics, which are not given; leave it out"
+            f"{option('--refine-distortion')}: is for {option('--intrinsics')}, which are not "
+            "given; leave it out"
         )
     posed_by_colmap = options.model is not None or (
         options.cameras is not None and options.cameras.is_dir()
     )
     if options.metric and not posed_by_colmap:
         raise HandbenchError(
-            "metric: there is no COLMAP model; give one with --model or --cameras, or leave it out"
+            f"{option('--metric')}: there is no COLMAP model; give one with {option('--model')} or "
+            f"{option('--cameras')}, or leave it out"
         )
     sizes = sorted({(photo.width, photo.height) for photo in photos})
     if options.intrinsics is not None and len(sizes) > 1:
         listed = ", ".join(f"{width} × {height}" for width, height in sizes)
         raise HandbenchError(
             f"intrinsics: the photographs are of different sizes ({listed}), and one camera has "
-            "one; give --cameras "
-            "with a camera for each"
+            f"one; give {option('--cameras')} with a camera for each"
         )

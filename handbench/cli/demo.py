@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     from handbench.radar.data.grid import PixelGrid
     from handbench.reports.figures.depth_maps import methods_figure
     from handbench.reports.figures.style import save
-    from handbench.reports.tables.result_tables import terminal_table, wide_console
+    from handbench.reports.tables.result_tables import print_table, terminal_table
     from handbench.support.cost import machine
 
     folder: Path = options.out
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> None:
         *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures),
         "seconds a frame",
     )
-    wide_console().print(terminal_table("", columns, lines))
+    print_table(terminal_table("", columns, lines))
     print(
         f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of "
         f"{facts['processor']}"

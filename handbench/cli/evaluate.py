@@ -64,18 +64,20 @@ def _table(title: str, values: Values, floor: Interval | None, caption: str | No
     """Print the metrics as a table. values: metric → figure; floor: interval of the error that the
     ground truth itself has, if its uncertainty is known; caption: a note below. No other metric has
     an interval, since intervals are over captures and this is one."""
-    from rich.console import Console
+    from rich.box import SIMPLE
     from rich.table import Table
 
     from handbench.bench.evaluation.intervals import note
     from handbench.bench.evaluation.metrics import METRICS
+    from handbench.reports.tables.result_tables import print_table
 
     notes = "\n".join(filter(None, (caption, note(1))))
-    table = Table("metric", "value", "unit", "better", title=title, caption=notes)
+    heads = ("metric", "value", "unit", "better")
+    table = Table(*heads, title=title, caption=notes, box=SIMPLE, collapse_padding=True)
     table.columns[1].justify = "right"
     for key, value in values.items():
         known = METRICS[key]
         text = "–" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
         text += f" ({floor.low:.3g} to {floor.high:.3g})" if floor and key == "floor_mm" else ""
         table.add_row(known.title, text, known.unit, known.better)
-    Console().print(table)
+    print_table(table)

@@ -14,6 +14,7 @@ from importlib import import_module
 from importlib.metadata import version
 
 from handbench.cli.options import COMMANDS, add_options, declared_commands
+from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
 
 # of addresses, without which libraries hang or crash as they are loaded
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = known.parse_args(given)
     try:
         _require_addresses()
-        with _device(options):
+        with called_from("command line"), _device(options):
             import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()
     except HandbenchError as error:

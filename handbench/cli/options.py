@@ -9,6 +9,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
@@ -87,7 +88,8 @@ def free(path: Path, overwrite: bool) -> None:
     """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
     if path.exists() and not overwrite:
         raise HandbenchError(
-            f"{path}: exists already; choose another -o, or --overwrite to replace it"
+            f"{path}: exists already; choose another {option('-o', 'folder')}, or "
+            f"{option('--overwrite', 'overwrite=True')} to replace it"
         )
 
 
@@ -100,7 +102,8 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
         return
     if not (path / written[0]).is_file():
         raise HandbenchError(
-            f"{path}: holds no {written[0]}, so this command did not write it; choose another -o"
+            f"{path}: holds no {written[0]}, so this command did not write it; choose another "
+            f"{option('-o', 'folder')}"
         )
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
@@ -108,5 +111,5 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
         if kept and not any(fnmatchcase(name, pattern) for pattern in written):
             raise HandbenchError(
                 f"{path}: holds {name}, which this command does not write; move it away, or choose "
-                "another -o"
+                f"another {option('-o', 'folder')}"
             )

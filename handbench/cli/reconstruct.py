@@ -10,10 +10,9 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
 from handbench.bench.validation.capture_warnings import warnings_of_image
-from handbench.bench.validation.checks import echo_warnings, flagged_share
+from handbench.bench.validation.checks import echo_warnings, on_target
 from handbench.cli.options import free
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import FLAGGED
 from handbench.radar.imaging import api
 from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
 from handbench.radar.imaging.device import describe
@@ -66,15 +65,10 @@ def run(options: argparse.Namespace) -> None:
             _check(volume, echoes, settings, asked or EXACT, options)
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
-    on_target = int((result.depth.z_m == result.depth.z_m).sum())
     bound = (
         f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
     )
-    share = flagged_share(depth)
-    flagged = (
-        "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
-    )
-    say(f"{options.out}: {on_target} pixels on target{flagged}, imaged on {describe()}{bound}")
+    say(f"{options.out}: {on_target(depth)}, imaged on {describe()}{bound}")
 
 
 def _imaged(

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from handbench.calibration.spheres.description import Target
     from handbench.groundtruth.board.board import Board
+    from handbench.groundtruth.mesh.surface import Surface
     from handbench.reports.figures.style import Picture
 
 KNOWN = (
@@ -40,7 +41,7 @@ MAPS = ("z_m", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
 # of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first
 # two
 TURNS = {
-    "from the array": ([0, 1, 2], 1, ("x in mm", "y in mm")),
+    "from the {sensor}": ([0, 1, 2], 1, ("x in mm", "y in mm")),
     "from above": ([0, 2, 1], -1, ("x in mm", "z in mm")),
     "from the left": ([2, 1, 0], -1, ("z in mm", "y in mm")),
 }
@@ -208,16 +209,19 @@ def _mesh(path: Path) -> Figure:
     layers: list[Layer] = []
     sigma_layers: list[Layer] = []
     mesh = read_surface(path)
+    frame, sensor, signs = _seen_from(mesh)
     for title, (axes, away, names) in TURNS.items():
-        turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [1, 1, away])
+        across, up, depth = signs[axes] * [1, 1, away]
+        turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [across, up, depth])
         x_m, y_m = _pixels(turned.vertices_m)
         seen = reference_on_grid(turned, x_m, y_m)
         whole = reference_on_grid(
             replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m
         )
         picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
-        layers.append(Layer(title, 1e3 * x_m, 1e3 * y_m, picture, axes=names))
-        if np.isfinite(seen.mesh_sigma_m).any() and not sigma_layers:  # as seen from the array
+        places_mm = 1e3 * across * x_m, 1e3 * up * y_m
+        layers.append(Layer(title.format(sensor=sensor), *places_mm, picture, axes=names))
+        if np.isfinite(seen.mesh_sigma_m).any() and not sigma_layers:  # as in the first view
             sigmas: dict[str, Any] = {
                 "values": 1e3 * seen.mesh_sigma_m,
                 "label": "σ along z in mm",
@@ -229,8 +233,21 @@ def _mesh(path: Path) -> Figure:
         else ""
     )
     return layers_figure(
-        layers + sigma_layers, f"{path.name}: {len(mesh.faces)} triangles{invented}"
+        layers + sigma_layers, f"{path.name}, {frame} frame: {len(mesh.faces)} triangles{invented}"
     )
+
+
+def _seen_from(mesh: Surface) -> tuple[str, str, np.ndarray]:
+    """Return a mesh's frame, the sensor in it, and the signs of x, y and z with which these point
+    left, up and away from that sensor. A mesh with sigma_m is one of photographs: cameras before a
+    board are where z points; if the surface that they saw faces away from there, the frame is a
+    camera's own (x right, y down, z away)."""
+    if not np.isfinite(mesh.sigma_m).any():
+        return "radar", "array", np.ones(3)
+    seen = mesh.faces[mesh.observed[mesh.faces].all(axis=1)]
+    a, b, c = np.moveaxis(mesh.vertices_m[seen], 1, 0)
+    facing = np.cross(b - a, c - a)[:, 2].sum() >= 0
+    return "photo", "cameras", np.array([-1, 1, -1] if facing else [-1, -1, 1])
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
@@ -297,9 +314,10 @@ def _recording(path: Path) -> Figure:
     return echoes_figure(title, f_hz, levels_db, places_m, profile)
 
 
-def _surface(path: Path) -> tuple[str, SurfaceMap]:
-    """Return the surface that --3d shows, as depths over x and y, and its title. The path is a
-    depth map, a mesh, or a capture with a surface; HandbenchError for anything else."""
+def _surface(path: Path) -> tuple[str, SurfaceMap, str]:
+    """Return the title of the surface that --3d shows, the surface as depths over x and y, and the
+    sensor from which it is seen. The path is a depth map, a mesh, or a capture with a surface;
+    HandbenchError for anything else."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid
@@ -307,14 +325,16 @@ def _surface(path: Path) -> tuple[str, SurfaceMap]:
 
     found = _arrays(path) if path.suffix == ".npz" else {}
     if {"z_m", "volume"} & found.keys() == {"z_m"}:
-        return str(found.get("method", "depth")), SurfaceMap(
-            found["x_m"], found["y_m"], found["z_m"]
-        )
+        surface = SurfaceMap(found["x_m"], found["y_m"], found["z_m"])
+        return str(found.get("method", "depth")), surface, "array"
     mesh = read_surface(path) if path.suffix.lower() in MESHES else None
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:
         raise HandbenchError(
             f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one"
         )
+    frame, sensor, signs = _seen_from(mesh)
+    mesh = replace(mesh, vertices_m=mesh.vertices_m * signs)
     x_m, y_m = _pixels(mesh.vertices_m)
-    return "surface", SurfaceMap(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)
+    surface = SurfaceMap(x_m, y_m, reference_on_grid(mesh, x_m, y_m).z_m)
+    return f"surface, {frame} frame", surface, sensor

@@ -54,7 +54,7 @@ def show(rows: tuple[Choice, ...]) -> None:
     """Print a table of physical effects on stdout, one row each: its estimated influence on depths
     (mm), on pixels lost or gained (%) and its level (dB), whether it is on and why, and its seconds
     (~: estimated)."""
-    from handbench.reports.tables.result_tables import terminal_table, wide_console
+    from handbench.reports.tables.result_tables import print_table, terminal_table
 
     lines = []
     for row in rows:
@@ -72,7 +72,7 @@ def show(rows: tuple[Choice, ...]) -> None:
         )
         lines.append(cells)
     headings = ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why")
-    wide_console().print(terminal_table("", headings, lines, texts=("effect", "on", "why")))
+    print_table(terminal_table("", headings, lines, texts=("effect", "on", "why")))
 
 
 def _number(value: float | None, digits: int) -> str:

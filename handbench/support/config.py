@@ -2,6 +2,7 @@
 mistyped key the nearest known one is suggested."""
 
 import difflib
+import re
 import tomllib
 from collections.abc import Iterator
 from decimal import Decimal
@@ -12,10 +13,37 @@ import pydantic
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, read_text
-from handbench.support.limits import LONG_KEY, MOST_PROBLEMS, TOML_BYTES, require_shallow
+from handbench.support.limits import (
+    LONG_KEY,
+    MOST_PROBLEMS,
+    NAME_BYTES,
+    TOML_BYTES,
+    require_shallow,
+)
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
+MEANINGS = {  # word of a name: other words for it
+    "1": "one single",
+    "2": "two dual",
+    "3": "three triple",
+    "fsk": "tone tones frequency frequencies",
+    "broadband": "backprojection mip sar wideband",
+    "sphere": "ball",
+    "plate": "board panel",
+    "dihedral": "corner reflector",
+    "mesh": "object ply obj stl",
+    "metal": "steel aluminium aluminum copper conductor",
+    "skin": "flesh tissue",
+    "foam": "styrofoam polystyrene",
+    "plastic": "pla abs",
+}
+SYNONYMS = {other: word for word, others in MEANINGS.items() for other in others.split()}
+UNITS = {  # ending of a key: factor from another unit → the question
+    "_hz": {1e9: "gigahertz", 1e6: "megahertz", 1e-3: "a thousand times too much"},
+    "_m": {1e-3: "millimetres"},
+}
+HIGH_HZ = 1e12  # a higher guess is none
 
 
 class Config(pydantic.BaseModel):
@@ -109,10 +137,19 @@ def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """Return a hint for an unknown name: "did you mean 'x'?" with the most similar known name, or
-    the list of all known names if none is similar."""
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    """Return a hint for an unknown name: "did you mean 'x'?" with the known name that has the same
+    meaning (FSK3 and three-tone are 3fsk) or else the most similar letters, or the list of all
+    known names if none is similar."""
+    near = [other for other in known if _words(other) == _words(name)]
+    near += difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near += difflib.get_close_matches(name.casefold(), known, n=1, cutoff=0.6)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
+
+
+def _words(name: str) -> set[str]:
+    """Return the words and numbers in a name, in lower case, each as handbench calls it."""
+    found = re.findall(r"[^\W\d_]+|\d+", name.casefold())
+    return {SYNONYMS.get(word, word) for word in found}
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
@@ -126,13 +163,34 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
         return f"unknown key '{location}'; {suggest(str(problem['loc'][-1]), known)}"
     if problem["type"] == "missing":
         return f"key '{location}' is missing; add it"
+    given, message, bounds = problem["input"], problem["msg"], problem.get("ctx", {})
+    if problem["type"] == "union_tag_invalid":
+        location, given = ".".join((location, bounds["discriminator"][1:-1])), bounds["tag"]
+        bounds = {"expected": bounds["expected_tags"]}
+        message = f"expected {bounds['expected']}"
     try:
-        got = repr(problem["input"])
+        got = repr(given)
     except RecursionError:
         got = "nested without end"
     got = got if len(got) < 80 else got[:77] + "..."
-    message = problem["msg"].removeprefix("Value error, ")
-    return f"'{location}' is {got}; {message[0].lower()}{message[1:]}"
+    message = message.removeprefix("Value error, ")
+    hint = suggest(str(given), re.findall("'([^']*)'", bounds.get("expected", "")))
+    # of a unit ("mm"), a similar one is another
+    hint = f"{hint} " if hint.startswith("did") and len(str(given)) > 2 else ""
+    unit = _unit_hint(str(next((k for k in reversed(keys) if not k.isdigit()), "")), given, bounds)
+    return f"'{location}' is {got}; {hint}{message[0].lower()}{message[1:]}{unit}"
+
+
+def _unit_hint(key: str, value: Any, bounds: dict[str, Any]) -> str:
+    """Ask whether a length or frequency outside its bounds is in another unit, in which it would be
+    within them; "" for any other value. key: its name. bounds: those of pydantic's error."""
+    low, high = bounds.get("ge", -HIGH_HZ), min(bounds.get("le", HIGH_HZ), HIGH_HZ)
+    if bounds.keys() & {"ge", "le"} and isinstance(value, int | float):
+        for ending, units in UNITS.items():
+            for factor, unit in units.items() if key.endswith(ending) else ():
+                if low <= factor * value <= high:
+                    return f": is that {unit}? multiply it by {factor:g}"
+    return ""
 
 
 def _follow(
@@ -167,14 +225,17 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """Return `name` if it can be a part of a file's name; ValueError if it leads to another folder,
-    is hidden, is longer than 80 characters or contains '__', with which handbench separates
-    names."""
+    """Return `name` in one form (NFC) if it can be a part of a file's name; ValueError if it leads
+    to another folder, is hidden, is longer than 80 characters or NAME_BYTES, or contains '__', with
+    which handbench separates names."""
+    name = one_form(name)
     unfit = (
         not name.isprintable()
         or name.startswith(".")
         or any(part in name for part in ("/", "\\", "__"))
     )
+    if len(name) <= 80 and (size := len(name.encode("utf-8", "replace"))) > NAME_BYTES:
+        raise ValueError(f"takes {size} bytes as a file's name; use {NAME_BYTES} at most")
     if unfit or not 1 <= len(name) <= 80:
         raise ValueError(
             f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'"
@@ -182,5 +243,8 @@ def checked_name(name: str) -> str:
     return name
 
 
+# a tone of a radar, hertz; a coordinate near it, metres
+Tone = Annotated[float, pydantic.Field(ge=1e6, le=1e13)]
+Near = Annotated[float, pydantic.Field(ge=-100, le=100)]
 FileName = Annotated[str, pydantic.AfterValidator(one_form)]
 Name = Annotated[str, pydantic.AfterValidator(checked_name)]  # of a capture, a benchmark, …

@@ -177,7 +177,7 @@ def require_folder(path: str | Path, what: str) -> Path:
 def inside(folder: Path, name: str, where: str) -> Path:
     """Return the real path of `folder / name`. Raises a HandbenchError, which begins with `where`,
     for a name that is too long or leads out of the folder: names in TOML files and reports are
-    untrusted."""
+    untrusted. A file whose name differs in its Unicode form only (`one_form`) is found."""
     if (
         max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME
         or len(name) > 1000
@@ -186,10 +186,23 @@ def inside(folder: Path, name: str, where: str) -> Path:
             f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one"
         )
     # which links in a circle do not stop
-    target = Path(os.path.realpath(folder / name.replace("\0", "")))
+    target = Path(os.path.realpath(_stored(folder, name.replace("\0", ""))))
     if "\0" in name or not target.is_relative_to(folder.resolve()):
         raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
     return target
+
+
+def _stored(folder: Path, name: str) -> Path:
+    """Return `folder / name` with each part as the file system has it, if that is equal in
+    `one_form`."""
+    path = folder
+    for part in Path(name).parts:
+        there = path / part
+        if not part.isascii() and not os.path.lexists(there) and os.path.isdir(path):
+            same = (entry for entry in os.listdir(path) if one_form(entry) == one_form(part))
+            there = path / next(same, part)
+        path = there
+    return path
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -21,6 +21,7 @@ RESULT_VALUES = 800_000  # of a benchmark's record
 RAW_VALUES = 2_000_000  # of a JSON file that is checked against nothing
 MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
 LONGEST_NAME = 255  # bytes of a file's
+NAME_BYTES = 100  # of a capture's or a method's: names of files have both
 MOST_CELLS = 16_000_000  # of a CSV file
 MOST_COLUMNS = 1000  # of its first line
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file

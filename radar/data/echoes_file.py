@@ -14,7 +14,7 @@ from handbench.radar.data.recording import Recording
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, plain_json, require_file
-from handbench.support.hdf5 import attribute, open_hdf5, read
+from handbench.support.hdf5 import attribute, local_item, open_hdf5, read
 from handbench.support.limits import JSON_BYTES
 
 if TYPE_CHECKING:
@@ -32,6 +32,13 @@ ABOUT = {"wave_speed_m_s": float, "source": str, "licence": str}
 CALIBRATION = "array.json"  # name of the data set that holds the bytes of such a file
 SCAN = ("samples", "frequencies_hz", "position_m", "gains")
 ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", "gains", "pairs", CALIBRATION)
+NEEDED = {  # data sets without which a file cannot be read, with their shapes
+    "samples": "[frame, frequency, tx, rx]",
+    "frequencies_hz": "[frequency], hertz",
+    "tx_m": "[tx, 3], metres",
+    "rx_m": "[rx, 3], metres",
+    "position_m": "[position, 3], metres",
+}
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
@@ -102,10 +109,18 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     there = set(file.keys())
     known = SCAN if "position_m" in there else ARRAY
     attributes: dict[str, Any] = dict(OURS)
+    lacks = [f"data set '{n}' {NEEDED[n]}" for n in known if n in NEEDED and n not in there]
     if version == 1:
+        _require_complete(file, lacks)
         there = set(known[:-1] if known is SCAN else known[:-3])
     else:
         attributes = {name: attribute(file, name) for name in file.attrs}
+        lacks += [
+            f"attribute {name} = '{value}'"
+            for name, value in OURS.items()
+            if name not in attributes
+        ]
+        _require_complete(file, lacks)
         _check(sorted(there), known, attributes)
     values = {name: _numbers(file, name, path) for name in known if name in there}
     if attributes["time"] == "-jwt":
@@ -132,17 +147,19 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     return Recording(samples, values["frequencies_hz"], places_m, *further)
 
 
-def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
-    """Check that the names `there` of a version 2 file's data sets, and its attributes, are all
-    that are needed and no others, with allowed values. Raises HandbenchError, which names all
-    missing ones at once. known: data sets that its kind of aperture may have."""
-    needed = [name for name in known if name.endswith(("samples", "_hz", "_m"))]
-    lacks = [f"data set '{name}'" for name in needed if name not in there]
-    lacks += [
-        f"attribute {name} = '{value}'" for name, value in OURS.items() if name not in attributes
-    ]
+def _require_complete(file: "h5py.File", lacks: list[str]) -> None:
+    """Raise HandbenchError, which names all data sets and attributes that a file lacks, and the
+    shape of its samples."""
     if lacks:
-        raise HandbenchError(f"version 2 lacks {', '.join(lacks)}; add them")
+        samples = local_item(file, "samples")
+        shape = f" (samples have shape {samples.shape})" if hasattr(samples, "shape") else ""
+        raise HandbenchError(f"lacks {', '.join(lacks)}{shape}; add what is missing")
+
+
+def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
+    """Check that the names `there` of a version 2 file's data sets, and its attributes, are known,
+    with allowed values; HandbenchError otherwise. known: data sets that its kind of aperture may
+    have."""
     for names, those in (
         (there, known),
         (attributes, ("format", "version", *CONVENTIONS, *ABOUT, "sweeps")),

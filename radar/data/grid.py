@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import positions
-from handbench.support.config import Config
+from handbench.support.config import Config, Near
 from handbench.support.errors import HandbenchError
 
 MOST_ON_AXIS = 10_000  # samples
@@ -19,8 +19,8 @@ class Axis(Config):
     """A range of coordinates from start_m to stop_m with a step step_m, metres; its samples are
     `values_m`."""
 
-    start_m: float
-    stop_m: float
+    start_m: Near
+    stop_m: Near
     step_m: float = Field(gt=0)
 
     @model_validator(mode="after")
@@ -35,6 +35,11 @@ class Axis(Config):
             raise ValueError(
                 f"step_m = {self.step_m:g} makes {self.count:.4g} samples of it; at most "
                 f"{MOST_ON_AXIS}: take a larger step_m"
+            )
+        if 0 < self.stop_m - self.start_m < self.step_m:
+            raise ValueError(
+                f"step_m = {self.step_m:g} is longer than the axis: is that millimetres? multiply "
+                "it by 0.001"
             )
         return self
 

@@ -12,6 +12,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
@@ -39,18 +40,16 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
     try:
         capture.tones(asked)
     except HandbenchError as error:
-        settings = _matching_settings(
+        suited_to = _matching_settings(
             np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
         )
         try:
-            suited = type(config).model_validate({**config.model_dump(), **settings})
+            suited = type(config).model_validate({**config.model_dump(), **suited_to})
             capture.tones(np.asarray(requested_tones_hz(suited)))
         except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
             raise error from None
-        options = " ".join(
-            f"--set {name}={_text(v)}" for name, v in settings.items() if v != getattr(config, name)
-        )
-        raise HandbenchError(f"{error}, e.g. {options}") from None
+        other = {name: v for name, v in suited_to.items() if v != getattr(config, name)}
+        raise HandbenchError(f"{error}, e.g. {settings(other)}") from None
 
 
 def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
@@ -73,13 +72,6 @@ def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str,
     )
 
 
-def _text(value: Any) -> str:
-    """Format a setting's value as it is written on the command line."""
-    if isinstance(value, tuple):
-        return f"'[{','.join(map(_text, value))}]'"
-    return f"{value / 1e9:.10g}e9" if isinstance(value, float) else str(value)
-
-
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
     """Yield sentences for the user on what limits a depth map of this capture's frame: ambiguous
     depths, echoes at an end of the depth box, low range resolution, a short unambiguous range.
@@ -87,7 +79,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
-    steps_hz, pixels = np.diff(np.sort(capture.tones(asked)[1])), f"of {seen.sum()} pixels are"
+    steps_hz = np.diff(np.sort(capture.tones(asked)[1]))
     cell_mm, period_mm = (
         500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min())
     )
@@ -96,9 +88,9 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
         if isinstance(axis := getattr(config, "z", None), Axis)
         else np.zeros(2)
     )
-    box_mm, set_box = 1e3 * np.ptp(ends_m), "--set z.start_m=… --set z.stop_m=…"
+    box_mm, set_box = 1e3 * np.ptp(ends_m), settings({"z.start_m": "…", "z.stop_m": "…"})
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
-    flagged = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
+    wrapped = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if first_m := getattr(config, "first_depth_m", None):
         limit = (
             f"the closest tones determine depths within {period_mm / 2:.0f} mm of first_depth_m = "
@@ -110,14 +102,17 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
             yield (
                 f"{limit}, but closer tones place the target {way}; set "
-                f"first_depth_m={target_m:.2f}"
+                f"{settings({'first_depth_m': f'{target_m:.2f}'})}"
             )
-        elif flagged > seen.sum() / 2:
-            yield f"{flagged} {pixels} flagged; {limit}; set first_depth_m to the target's distance"
+        elif wrapped > seen.sum() / 2:
+            yield (
+                f"the phases of {wrapped} of {seen.sum()} pixels may have wrapped; {limit}; set "
+                "first_depth_m to the target's distance"
+            )
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
         yield (
-            f"{at_end} {pixels} strongest at an end of {box}, and flagged: the echo may be "
+            f"{at_end} of {seen.sum()} pixels are strongest at an end of {box}: the echo may be "
             f"outside; {set_box}"
         )
     if 0 < box_mm < cell_mm:

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from handbench.radar.data.grid import Axis, GridConfig, PixelGrid
+from handbench.support.config import Tone
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 SETTLING = 5  # corrections after which z_e has converged, if it converges
@@ -25,7 +26,6 @@ def _odd(size_px: int) -> int:
 
 
 OddPixels = Annotated[int, AfterValidator(_odd)]
-Tone = Annotated[float, Field(gt=0)]
 
 
 class PixelsConfig(GridConfig):
@@ -44,7 +44,7 @@ class FskConfig(PixelsConfig):
     """Parameters that all FSK methods share: methods that find depth from the phase between images
     at a few tones."""
 
-    first_depth_m: float = Field(default=0.45, gt=0, description="z_e of the first images")
+    first_depth_m: float = Field(default=0.45, gt=0, le=100, description="z_e of the first images")
     threshold_db: float = Field(
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )
@@ -52,7 +52,10 @@ class FskConfig(PixelsConfig):
         default=1, ge=1, description="times that z_e is corrected, at most (paper: once)"
     )
     settled_m: float = Field(
-        default=0.005, gt=0, description="z_e is corrected again while it moves by more than this"
+        default=0.005,
+        gt=0,
+        le=1,
+        description="z_e is corrected again while it moves by more than this",
     )
     off_axis: bool = Field(
         default=False, description="use the path's true derivative along z instead of 2"
@@ -78,7 +81,10 @@ class AgreementConfig(GridConfig):
         default=9, description="window of the predicted error, pixels: two resolution cells"
     )
     edge_m: float = Field(
-        default=0.006, ge=0, description="what lies behind something so close to it is in doubt"
+        default=0.006,
+        ge=0,
+        le=1,
+        description="what lies behind something so close to it is in doubt",
     )
     drop_doubtful: bool = Field(
         default=True, description="such pixels and those without coherence are dropped (NaN)"
@@ -88,9 +94,9 @@ class AgreementConfig(GridConfig):
 class TwoToneConfig(FskConfig):
     """Parameters of 2-FSK, depth from two close tones; the defaults are the paper's."""
 
-    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
-    f2_hz: float = Field(
-        default=81.8e9, gt=0, description="second tone; |f1 − f2| sets the unambiguous range"
+    f1_hz: Tone = Field(default=82.0e9, description="first tone")
+    f2_hz: Tone = Field(
+        default=81.8e9, description="second tone; |f1 − f2| sets the unambiguous range"
     )
 
     @property
@@ -129,7 +135,7 @@ class ThreeToneConfig(TwoToneConfig, RefinedConfig):
     """Parameters of 3-FSK, two close tones and a third far from them; the defaults are the
     paper's."""
 
-    f3_hz: float = Field(default=79.5e9, gt=0, description="third tone, far from the other two")
+    f3_hz: Tone = Field(default=79.5e9, description="third tone, far from the other two")
 
 
 class LadderConfig(RefinedConfig):
@@ -179,7 +185,7 @@ class JointConfig(AgreementConfig, FskConfig):
         default=2, ge=1, description="times that all tones are imaged and searched"
     )
     reach_m: float = Field(
-        default=0.03, gt=0, description="of the search before and behind each pixel's depth"
+        default=0.03, gt=0, le=1, description="of the search before and behind each pixel's depth"
     )
     wrap_probability: float = Field(
         default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged"
@@ -217,12 +223,12 @@ class PriorConfig(AgreementConfig, FskConfig):
         default="",
         description="depth map .npz, or other sensor; empty: the echoes' own coarse depth",
     )
-    f1_hz: float = Field(default=82.0e9, gt=0, description="first tone")
-    far_hz: float = Field(
-        default=77.0e9, gt=0, description="second tone; |f1 − far| sets what the prior may be off"
+    f1_hz: Tone = Field(default=82.0e9, description="first tone")
+    far_hz: Tone = Field(
+        default=77.0e9, description="second tone; |f1 − far| sets what the prior may be off"
     )
-    close_hz: float = Field(
-        default=81.8e9, gt=0, description="witness: with f1 it tells a depth of another period"
+    close_hz: Tone = Field(
+        default=81.8e9, description="witness: with f1 it tells a depth of another period"
     )
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter of the echoes' coarse depth, pixels"

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
 from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
+from handbench.support.config import Tone
 
 FEWEST = 3  # tones that can be aligned with an estimate of their error
 
@@ -39,8 +40,8 @@ class BroadbandConfig(_VolumeConfig):
     tolerance: float | None = Field(
         default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact"
     )
-    start_hz: float = Field(default=72e9, gt=0)
-    stop_hz: float = Field(default=82e9, gt=0)
+    start_hz: Tone = 72e9
+    stop_hz: Tone = 82e9
     count: int = Field(
         default=128, ge=2, le=100_000, description="stepped tones from start to stop, both included"
     )
@@ -74,9 +75,9 @@ class NarrowbandConfig(_VolumeConfig):
     """Narrowband backprojection: a volume imaged at the three tones of 3-FSK only, and its
     strongest voxels."""
 
-    f1_hz: float = Field(default=82.0e9, gt=0)
-    f2_hz: float = Field(default=81.8e9, gt=0)
-    f3_hz: float = Field(default=79.5e9, gt=0)
+    f1_hz: Tone = 82.0e9
+    f2_hz: Tone = 81.8e9
+    f3_hz: Tone = 79.5e9
 
     def tones_hz(self) -> np.ndarray:
         """Return the three tones, hertz."""

@@ -99,8 +99,8 @@ class Layer:
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
     """Draw panels in a row, a millimetre equally long in all of them, under one title. x, and in a
-    view from the side z, grow to the left."""
-    spans_mm = np.array(
+    view from the side z, grow to the left, unless their places descend."""
+    spans_mm = np.abs(
         [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
     )
     sizes_in = np.maximum(HIGH_IN * spans_mm / spans_mm[:, 1].max(), 0.3)

@@ -48,16 +48,16 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     return _scene(capture.name, references, parts)
 
 
-def page(name: str, title: str, surface: SurfaceMap) -> str:
+def page(name: str, title: str, surface: SurfaceMap, sensor: str = "array") -> str:
     """Return an HTML page on which one surface can be turned. name: the page's heading; title: the
-    surface's name. Raises HandbenchError if no pixel has a depth."""
+    surface's name; sensor: from which it is seen. Raises HandbenchError if no pixel has a depth."""
     scene = _scene(name, [], [(title, title, surface, {})])
     if scene is None:
         raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
     picture = layers.shaded_colours(surface, np.isfinite(surface.z_m))[::-1, ::-1]
     still = image(
         Image.fromarray(np.round(255 * picture).astype(np.uint8)),
-        f"{title}, seen from the array.",
+        f"{title}, seen from the {sensor}.",
         shown=2,
     )
     facts = {

@@ -11,6 +11,7 @@ from handbench.reports.tables.blocks import NONE, figure, number, p_text
 from handbench.reports.tables.result_tables import (
     bold,
     escaped,
+    print_table,
     table,
     terminal_table,
     wide_console,
@@ -42,12 +43,11 @@ def show(compared: Compared) -> None:
         (line.title, _metric(line), *_cells(line), line.better, _needed(line))
         for line in each(compared.differences)
     ]
-    console.print(terminal_table("Differences", ("", "", *HEAD, "better", "needs hands"), lines))
+    print_table(terminal_table("Differences", ("", "", *HEAD, "better", "needs hands"), lines))
     if len(compared.times):
         lines = [_time(time) for time in each(compared.times)]
-        console.print(
-            terminal_table("Time per frame (s)", ("", *_machines(compared), "B / A"), lines)
-        )
+        heads = ("", *_machines(compared), "B / A")
+        print_table(terminal_table("Time per frame (s)", heads, lines))
         console.print(TIMES, markup=False)
     for text in _changes(compared):
         console.print(text, markup=False)

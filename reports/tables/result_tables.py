@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -228,7 +229,7 @@ def show(result: Result) -> None:
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
         cells = [(line.title, line.source, *line.cells) for line in lines]
-        console.print(terminal_table(block.heading, ("", "", *block.methods), cells))
+        print_table(terminal_table(block.heading, ("", "", *block.methods), cells))
     for finding in findings(result):
         console.print(finding, markup=False)
     for failure in result.about.failures:
@@ -242,6 +243,25 @@ def wide_console() -> Console:
     if not console.is_terminal:
         console.width = 200
     return console
+
+
+def print_table(table: Table) -> None:
+    """Print a table on stdout. Cells break between words only; where the words of a row do not fit
+    on the terminal, its lines are longer than that, so that no figure is cut."""
+    console = wide_console()
+    texts = [[str(cell) for cell in (c.header, *c.cells)] for c in table.columns]
+    least, most = (
+        [max((cell_len(part) for text in of for part in split(text)), default=0) for of in texts]
+        for split in (str.split, str.splitlines)
+    )
+    unlimited = console.options.update(width=10_000)
+    around = console.measure(table, options=unlimited).maximum - sum(most)
+    room = console.width - around - sum(least)
+    for column, low, high in zip(table.columns, least, most, strict=True):
+        column.width = low + min(max(room, 0), high - low)
+        room -= column.width - low
+    console.width = max(console.width, around + sum(least))
+    console.print(table)
 
 
 def terminal_table(

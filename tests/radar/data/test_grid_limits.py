@@ -27,7 +27,7 @@ def test_coordinates_may_be_as_small_as_rounding_makes_them():
         (FskConfig, {"x": axis(5e-324)}, "step_m is 4.941e-324; expected 0 or a size from 1e-30"),
         (FskConfig, {"x": axis(2e-4), "y": axis(2e-4)}, "axes x, y make 25010001 points"),
         (BroadbandConfig, {"x": axis(1e-3), "y": axis(1e-3), "z": axis(2e-3)}, "axes x, y, z make"),
-        (BroadbandConfig, {"start_hz": 1e300}, "start_hz is 1e+300"),
+        (BroadbandConfig, {"start_hz": 1e300}, "'start_hz' is 1e+300"),
         (BroadbandConfig, {"count": 10**9}, "'count' is 1000000000"),
         (FskConfig, {"first_depth_m": 10**400}, "first_depth_m"),
         (Camera, CAMERA | {"R": ((1.0, 0, 0), (0, 1, 0), (0, 0, 1e300))}, "'R'"),

@@ -222,7 +222,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"tx_m": None, "samples": None},
-            "version 2 lacks data set 'samples', data set 'tx_m'; add them",
+            r"lacks data set 'samples' \[frame, .*, data set 'tx_m' \[tx, 3\], metres; add",
         ),
         ({}, {"gain": np.ones((T, R))}, "unknown 'gain'; did you mean 'gains'?"),
         ({"time": "jwt"}, {}, r"time is 'jwt'; expected '\+jwt' or '-jwt'"),
