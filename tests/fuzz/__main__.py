@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 
@@ -145,7 +146,6 @@ def work(link: Connection, root: str, readers: tuple[Reader, ...] = READERS) -> 
 def fuzz(inputs: Iterable[Input], target=work) -> Iterator[tuple[Input, str, str]]:
     """Have inputs read one after the other, by a process that is started anew when an input has
     killed or stopped it: each with its verdict (of `read`, or hang or crash), and why."""
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # a thread's stack counts as memory
     process = None
     for given in inputs:
         if process is None:
@@ -153,7 +153,8 @@ def fuzz(inputs: Iterable[Input], target=work) -> Iterator[tuple[Input, str, str
             context = multiprocessing.get_context("spawn")
             link, other = context.Pipe()
             process = context.Process(target=target, args=(other, scratch.name), daemon=True)
-            process.start()
+            with patch.dict(os.environ, dict.fromkeys(THREADS, "1")):  # a stack counts as memory
+                process.start()
             other.close()
             assert link.recv() == "ready"
         link.send(given)
