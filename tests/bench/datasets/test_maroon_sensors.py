@@ -210,14 +210,12 @@ REFUSED = {
     "8 bits": ("depth/000000.png", np.zeros((576, 640), np.uint8), "grey ones of 16 bits"),
     "size": ("depth/000000.png", np.ones((576, 600), np.uint16), "does not fit its .*600"),
     "empty": ("depth/000000.png", np.zeros((576, 640), np.uint16), "saw nothing at the radar's"),
-    "list": ("calibration.json", [], "holds no table"),
     "no cameras": ("calibration.json", {}, "does not fit its calibration.json"),
     "lens": (
         "calibration.json",
         {"CalibrationInformation": {"Cameras": [OTHER_LENS, OTHER_LENS | {"Location": "PV0"}]}},
         "the lens is Rational6KT",
     ),
-    "no mask": ("mask/000001.png", b"no picture", "mask/000001.png: is not a readable photograph"),
 }
 
 

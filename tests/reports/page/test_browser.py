@@ -109,34 +109,3 @@ def test_methods_captures_and_colours_are_switched(opened):
         "s.dispatchEvent(new Event('change', {bubbles: true}))}"
     )
     assert opened.run(status).startswith(f"{LONG}: 2-FSK, ")
-
-
-@pytest.mark.parametrize("width", [1280, 400])
-def test_the_page_fits_its_window(browser, page, width):
-    """Wide tables and pictures scroll in their own boxes, which keys can reach; the text is not
-    cut."""
-    browser.open(page, width)
-    browser.run("document.querySelectorAll('details').forEach(d => d.open = true)")
-    assert browser.run("document.documentElement.scrollWidth") <= width
-    measure = "b => [b.scrollWidth, b.clientWidth, b.tabIndex]"
-    boxes = browser.run(f"Array.from(document.querySelectorAll('.scroll'), {measure})")
-    assert all(tab == 0 and shown <= width for _, shown, tab in boxes)
-    assert any(inside > shown for inside, shown, _ in boxes) or width > 400
-
-
-def test_without_webgl_and_on_paper_a_still_picture_stands_in(browser, page):
-    displays = (
-        "['.still', '.viewer canvas'].map(s => getComputedStyle(document.querySelector(s)).display)"
-    )
-    browser.open(page)
-    browser.call("Emulation.setEmulatedMedia", media="print")
-    assert browser.run(displays) == ["block", "none"]
-    browser.call("Emulation.setEmulatedMedia", media="")
-    refuse = "HTMLCanvasElement.prototype.getContext = () => null"
-    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=refuse)["identifier"]
-    try:
-        browser.open(page)
-        assert browser.run(displays) == ["block", "none"]
-        assert browser.run("document.querySelector('.still').naturalWidth") > 50
-    finally:
-        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
