@@ -3,6 +3,8 @@ with own bones."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 
 from handbench.bench.scenes.bones import person_pose, skeleton
 from handbench.bench.scenes.hand import hand_mesh
-from handbench.bench.scenes.hand_pose import POSES
+from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.people import LENGTHS_MM, MEAN, MOST_PEOPLE, person, placement
 from tests.bench.scenes.hand_field import hand_field
 from tests.bench.scenes.test_letters import clearance_m
@@ -79,3 +81,15 @@ def test_digits_that_touch_in_a_letter_touch_in_every_hand(
     mean_m, _ = clearance_m(POSES[letter], "thumb", finger)
     own_m, _ = clearance_m(person_pose(POSES[letter], number), "thumb", finger, person(number))
     assert own_m == pytest.approx(mean_m, abs=1e-3)
+
+
+def test_a_hand_that_is_larger_by_one_factor_is_the_mean_hand_scaled() -> None:
+    """Places and radii all follow: nothing of palm, thumb and wrist was left behind but blends and
+    pads of a few mm."""
+    scale, at_m = 1.15, np.asarray(hand_mesh(Pose(), 6e-3).vertices)
+    large = replace(
+        MEAN, palm=(scale,) * 3, bones={n: (scale,) * len(own) for n, own in LENGTHS_MM.items()},
+        girth=dict.fromkeys(LENGTHS_MM, scale),
+    )  # fmt: skip
+    off_m = np.abs(hand_field(Pose(), large)(scale * at_m))
+    assert off_m.max() < 2e-3 and off_m.mean() < 3e-4
