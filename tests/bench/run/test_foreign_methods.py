@@ -190,7 +190,8 @@ import sys
 import numpy as np
 x = y = np.linspace(-0.02, 0.02, 21)
 z = np.where(np.hypot(*np.meshgrid(x, y)) < 0.015, {FLAT_M}, np.nan)
-np.savez(sys.argv[2], x_m=x, y_m=y, z_m=z, amplitude_db=-1e3 * np.hypot(*np.meshgrid(x, y)))
+a = -1e3 * np.hypot(*np.meshgrid(x, y))
+np.savez(sys.argv[2], x_m=x, y_m=y, z_m=z, amplitude_db=a, seconds=0.25)
 """
 
 
@@ -225,6 +226,7 @@ def test_they_are_scored_beside_our_own_and_a_changed_program_runs_again(folder,
     # the ball's mesh has 40 rings: flat by up to 0.03 mm
     assert table["mine", "mae_mm"] == pytest.approx(expected_mm, abs=0.03)
     assert table["given", "mae_mm"] == table["mine", "mae_mm"]
+    assert table["given", "seconds"] == 0.25
     assert "mine" in set(load(result).equal.method)  # on common pixels
     (folder / "mine.py").write_text(PROGRAM.replace("0.015", "0.014"))
     assert main(["run", bench, "-o", str(result)]) == 0
