@@ -128,8 +128,6 @@ def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> N
 
 
 def test_capture_folder(tmp_path: Path) -> None:
-    write_photos(build(scene_file(TARGET)), tmp_path / "bare")
-    assert not (tmp_path / "bare" / "photos").exists()
     photos = {"cameras": 2, "width": 300, "height": 200}
     scene = build(scene_file(TARGET | {"photos": photos, "seed": 4}))
     write_photos(scene, tmp_path)
