@@ -14,8 +14,7 @@ from handbench.bench.scenes.hand_pose import POSES, Pose, WristPose
 from handbench.bench.scenes.implicit import triangle_quality
 from handbench.bench.scenes.textures import Skin, skin
 from handbench.support.rays import Rays
-from tests.bench.scenes.hand_field import hand_field
-from tests.bench.scenes.hand_smoothness import crossing_faces, facet_angles
+from tests.bench.scenes.hand_field import crossing_faces, facet_angles, hand_field
 
 if TYPE_CHECKING:
     import open3d as o3d
