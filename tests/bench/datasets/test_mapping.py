@@ -18,7 +18,6 @@ TONES_HZ = np.linspace(72e9, 82e9, 5)
 SAMPLES = (RNG.standard_normal((2, 5, 3, 4)) + 1j * RNG.standard_normal((2, 5, 3, 4))).astype(
     np.complex64
 )
-ORDER = ("frame", "frequency", "tx", "rx")
 
 
 def mapping(**samples) -> dict:
@@ -36,12 +35,12 @@ def mapping(**samples) -> dict:
     }
 
 
-def matlab(path, samples=SAMPLES):
+def matlab(path):
     """As `save -v7.3` writes xr(rx, tx, f, frame) with e^{+j…}, f(1, f) in GHz, tx(n, 3) in mm with
     x to the right."""
     pair = np.dtype([("real", "<f4"), ("imag", "<f4")])
     with h5py.File(path, "w") as file:
-        stored = np.ascontiguousarray(samples.conj())  # reversed: [frame, frequency, tx, rx]
+        stored = np.ascontiguousarray(SAMPLES.conj())  # reversed: [frame, frequency, tx, rx]
         file["xr"] = stored.view(pair)
         file["re"], file["im"] = stored.real, stored.imag
         file["set/f"] = TONES_HZ[:, None] / 1e9
@@ -68,8 +67,8 @@ def described(folder, content):
     return open_capture(folder).echoes()
 
 
-def same(capture, samples=SAMPLES):
-    np.testing.assert_allclose(capture.samples, samples, rtol=1e-6)  # float32
+def same(capture):
+    np.testing.assert_allclose(capture.samples, SAMPLES, rtol=1e-6)  # float32
     np.testing.assert_allclose(capture.frequencies_hz, TONES_HZ, rtol=1e-12)
     assert isinstance(capture.aperture, AntennaArray)
     np.testing.assert_allclose(capture.aperture.tx_m, TX_M, atol=1e-15)
@@ -82,26 +81,6 @@ def test_a_file_of_matlab(folder):
     about = open_capture(folder).about
     assert (about.name, about.distance_m) == ("hand", 0.3)
     assert same(capture) and open_capture(folder).echoes(1).samples.shape == (1, 5, 3, 4)
-
-
-@pytest.mark.parametrize(
-    "order", [ORDER, ("rx", "frame", "tx", "frequency"), ("frequency", "tx", "rx")]
-)
-@pytest.mark.parametrize("parts", [None, 0, -1])
-@pytest.mark.parametrize("turned", [False, True])
-def test_any_order_of_axes(folder, order, parts, turned):
-    """The file is written in the order that the mapping says, and reversed as a whole where it
-    says so. parts: the axis of real and imaginary parts."""
-    stored = samples = SAMPLES if "frame" in order else SAMPLES[:1]
-    if "frame" not in order:
-        stored = samples[0]
-    stored = stored.transpose([[a for a in ORDER if a in order].index(axis) for axis in order])
-    axes = list(order)
-    if parts is not None:
-        stored = np.stack([stored.real, stored.imag], axis=parts)
-        axes.insert(len(axes) * -parts, "re_im")
-    replaced(folder, xr=stored.T if turned else stored)
-    assert same(described(folder, mapping(axes=axes, reversed=turned, sign="-")), samples)
 
 
 def test_pairs_gains_sweeps_and_a_slower_wave(folder):
@@ -150,7 +129,6 @@ REFUSED = {
     "turned": ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\]"),
     "unit": ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
     "no antennas": (of(axes=["rx", "frequency"]), "axes hold"),
-    "both": (of(real="re"), "give either dataset"),
     "no pairs": (of(axes=["pair", "frequency"]), r"the table \[pairs\]"),
     "sweeps": (of(axes=["rx", "tx", "sweep", "frequency"]), r"sweeps = \"mean\" or \"frames\" is"),
     "gains": ({"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}}, "gains.axes name"),
@@ -168,13 +146,6 @@ def test_mappings_that_do_not_fit_are_refused(folder, change, reason):
     with pytest.raises(HandbenchError, match=reason) as caught:
         described(folder, changed)
     assert "\n" not in str(caught.value)
-
-
-def test_all_keys_that_are_missing_are_named(folder):
-    known = mapping()
-    del known["file"], known["rx"]["unit"]
-    with pytest.raises(HandbenchError, match=r"'rx.unit' is missing.*'file' is"):
-        described(folder, known)
 
 
 def virtual(secret):
@@ -214,27 +185,14 @@ def test_data_sets_that_lie_elsewhere_or_hold_no_numbers_are_refused(
         described(folder, mapping())
 
 
-def test_truncated_files_and_what_unpacks_to_more_are_refused(folder, monkeypatch):
-    file = folder / "hand.mat"
-    whole = file.read_bytes()
-    for length in (0, 100, len(whole) // 2, len(whole) - 1):
-        file.write_bytes(whole[:length])
-        with pytest.raises(HandbenchError, match=r"hand\.mat: is not a readable HDF5") as caught:
-            described(folder, mapping())
-        assert "\n" not in str(caught.value)
-    monkeypatch.setattr("handbench.support.matlab.ARRAY_BYTES", 2**16)
-    savemat(file, {"xr": np.zeros(2**14)}, do_compression=True)
-    assert file.stat().st_size < 2**10
-    with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):
-        described(folder, mapping())
-
-
 def test_a_moved_transceiver(folder):
-    known = mapping(axes=["frequency", "position"], reversed=False, sign="-")
+    """Real and imaginary parts along an axis, in the order that the mapping says."""
+    known = mapping(axes=["re_im", "frequency", "position"], reversed=False, sign="-")
     del known["tx"], known["rx"]
     known["position"] = {"dataset": "p", "unit": "cm", "reversed": False, "x": "left"}
     places = np.arange(36.0).reshape(12, 3)
-    replaced(folder, xr=SAMPLES[0].reshape(5, 12), p=places)
+    samples = SAMPLES[0].reshape(5, 12)
+    replaced(folder, xr=np.stack([samples.real, samples.imag]), p=places)
     capture = described(folder, known)
     np.testing.assert_array_equal(capture.samples, SAMPLES[:1].reshape(1, 5, 12))
     np.testing.assert_allclose(capture.aperture.position_m, places / 100)
@@ -262,12 +220,14 @@ def test_a_file_of_matlab_before_7_3_is_read_by_the_same_mapping(folder):
     for packed in (False, True):
         savemat(folder / "hand.mat", stored, do_compression=packed)
         assert same(described(folder, known))
-    whole = (folder / "hand.mat").read_bytes()
     known["samples"]["dataset"], known["rx"]["dataset"] = "text", "deep"
-    for content, words in (
-        (whole, r"hand\.mat: has no 'deep', 'text' inside; it has xr, f, tx, rx"),
-        (whole[: len(whole) // 2], r"^[^\n]*$"),
-    ):
-        (folder / "hand.mat").write_bytes(content)
-        with pytest.raises(HandbenchError, match=words):
-            described(folder, known)
+    words = r"hand\.mat: has no 'deep', 'text' inside; it has xr, f, tx, rx"
+    with pytest.raises(HandbenchError, match=words):
+        described(folder, known)
+
+
+def test_what_unpacks_to_more_than_fits_is_refused(folder, monkeypatch):
+    monkeypatch.setattr("handbench.support.matlab.ARRAY_BYTES", 2**16)
+    savemat(folder / "hand.mat", {"xr": np.zeros(2**14)}, do_compression=True)
+    with pytest.raises(HandbenchError, match=r"more than 65536 bytes unpacked, .* save -v7\.3"):
+        described(folder, mapping())

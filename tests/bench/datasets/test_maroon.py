@@ -82,12 +82,15 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     assert images[1:].max() < 0.1 * images[0]
 
 
-def test_a_box_in_single_precision_is_rounded(mine):
+def test_a_box_in_single_precision_is_rounded_and_an_empty_one_is_refused(mine):
     file = next(mine.glob("radar_*/calibration.json"))
     volume = {"bb_min": [-0.1, -0.05, 0.25], "bb_max": [0.2, 0.15000000596, 0.4]}
     file.write_text(json.dumps({"000000": {"volume": volume | {"grid_size": [301, 201, 151]}}}))
     y_m = configuration(mine, "broadband", {}).y.values_m()
     assert (y_m[0], y_m[-1], len(y_m)) == (-0.05, 0.15, 201)
+    file.write_text(json.dumps({"000000": {"volume": volume | {"grid_size": [2, 2, 0]}}}))
+    with pytest.raises(HandbenchError, match="whole numbers"):
+        configuration(mine, "3fsk", {})
 
 
 def test_without_a_box_their_shipped_one_is_moved_to_the_object(mine):
@@ -164,22 +167,6 @@ def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"grid_size": [2, 2, 0]}, "whole numbers"),
-        ({"bb_min": [0, 0, 2]}, "bb_min below bb_max"),
-        ({"bb_min": None}, "'bb_min' is None"),
-    ],
-)
-def test_boxes_that_are_none_are_refused(mine, change, reason):
-    volume = {"bb_min": [0] * 3, "bb_max": [1] * 3, "grid_size": [2] * 3} | change
-    file = next(mine.glob("radar_*/calibration.json"))
-    file.write_text(json.dumps({"000000": {"volume": volume}}))
-    with pytest.raises(HandbenchError, match=reason):
-        configuration(mine, "3fsk", {})
-
-
 READ = (
     *("metadata.json", "alignment.json", "radar_*/calibration.json"),
     *("photogrammetry/mesh_masked.obj", "radar_*/calibrated_data/000000.npy"),
@@ -207,10 +194,6 @@ def test_erosion_leaves_more_than_ten_pixels():
     mask[5:11, 5:11] = True
     # 5 × 5 would leave 4, 4 × 4 leaves 9: too few
     assert eroded(mask, 3).sum() == eroded(mask, 5).sum() == 16
-    np.testing.assert_array_equal(eroded(mask, 0), mask)
-    kept = np.zeros((20, 20), bool)
-    kept[5:10, 5:10] = True
-    np.testing.assert_array_equal(eroded(mask, 2), kept)
 
 
 def test_an_object_becomes_a_capture_folder(maroon, tmp_path):

@@ -7,15 +7,12 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from handbench.bench.datasets.maroon_alignment import load_alignment, save_alignment
 from handbench.calibration.transforms import Transform
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.maroon_writer import write_alignment
-from tests.strategies import examples
 
 
 def ours(seed: int = 0, scale: float = 1.0) -> Transform:
@@ -41,17 +38,6 @@ def written(path, **content):
 # A camera beside the radar that looks the same way: x right, y down, z away; 0.1 m to the right of
 # the array, whose own frame they draw with x right, y up, z away. We draw x to the left.
 BESIDE = [[1, 0, 0, 0.1], [0, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-
-
-@examples(50)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1.0, 1e-3, 1.7]), st.booleans())
-def test_a_transform_comes_back(tmp_path_factory, seed, scale, mirrored):
-    path = tmp_path_factory.mktemp("alignment") / "alignment.json"
-    before = ours(seed, scale)
-    write_alignment(path, before, mirrored)
-    after = load_alignment(path)  # the matrix says the hand
-    assert (after.source, after.target, after.covariance) == ("photo", "radar", None)
-    np.testing.assert_allclose(after.matrix, before.matrix, rtol=1e-12, atol=1e-12 * scale)
 
 
 def test_their_code_carries_points_as_ours_with_x_negated(tmp_path):
@@ -95,11 +81,12 @@ def test_a_crooked_matrix_is_straightened_and_said(tmp_path, capsys):
 def test_the_other_reading_carries_mirror_images_and_a_file_keeps_its_hand(tmp_path, mirrored):
     """Asked for against the matrix, x comes out negated, and the scale is."""
     path = tmp_path / "a.json"
-    write_alignment(path, ours(), mirrored)
+    before = ours(0, 1.7)
+    write_alignment(path, before, mirrored)
     other = load_alignment(path, mirrored=not mirrored)
     points = np.random.default_rng(5).uniform(-1, 1, (5, 3))
-    np.testing.assert_allclose(other.points(points), ours().points(points) * [-1, 1, 1], atol=1e-12)
-    assert (ours().scale, other.scale) == (pytest.approx(1), pytest.approx(-1))
+    np.testing.assert_allclose(other.points(points), before.points(points) * [-1, 1, 1], atol=1e-12)
+    assert other.scale == pytest.approx(-1.7)
     save_alignment(path, ours(2))
     matrix = np.array(json.loads(path.read_text())["photogrammetry2radar"])
     assert (np.linalg.det(matrix[:3, :3]) < 0) == mirrored
@@ -115,13 +102,11 @@ def changed(row: int, column: int, value: object) -> dict:
 NUMBERS = "expected 4×4 or 16 finite numbers"
 REFUSED = {
     "NaN": (changed(0, 0, float("nan")), NUMBERS),
-    "ragged": ({"photogrammetry2radar": [[1, 2], [3]]}, NUMBERS),
     "last row": (changed(3, 0, 0.1), r"last row .* expected \[0, 0, 0, 1\]"),
     "millimetres": (changed(0, 3, 300.0), "shifts by 300 m; expected metres"),
     "crooked": (changed(0, 1, 4e-3), r"0\.002 off a rotation with one scale; expected 0\.001"),
     "source": ({"photogrametry2radar": BESIDE}, "did you mean 'photogrametry'"),
     "list": ([1, 2], "holds no table of transforms"),
-    "pickle": (b"\x80\x04]q\x00.", "is not readable as JSON"),
     "huge": (b" " * 2**27, "has 134217728 bytes"),
 }
 

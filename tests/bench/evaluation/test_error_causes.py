@@ -14,7 +14,6 @@ from handbench.bench.evaluation.error_causes import (
     incidence_deg,
     parts,
 )
-from handbench.bench.evaluation.tables import CAUSES, read, write
 from handbench.radar.data.depthmap import DepthMap
 from tests.bench.evaluation.explained import Scored, explain
 
@@ -67,14 +66,13 @@ def scored(error_m: np.ndarray, level_db: np.ndarray) -> Scored:
     return Scored("3fsk", "truth", depth, ErrorMap(AXIS_M, AXIS_M, depth.z_m - z_m, z_m))
 
 
-def test_figures_are_formed_for_each_capture_and_then_averaged(tmp_path):
+def test_figures_are_formed_for_each_capture_and_then_averaged():
     """One capture has errors of 1 mm at 0–3 dB and −4 mm at 13 dB and more, the other 3 mm at 0–3
     dB alone."""
     first = scored(np.where(Y_M > 0, 1e-3, -4e-3), np.where(Y_M > 0, -1.0, -13.0))
     other = scored(np.where(Y_M > 0.05, 3e-3, np.nan), np.full(X_M.shape, -2.0))
     found = explain([first, other])
-    write(tmp_path / "causes.csv", found["causes"], CAUSES)
-    table = read(tmp_path / "causes.csv", CAUSES)
+    table = found["causes"]
     amplitude = table[table.cause == "below_maximum_db"].reset_index()
     assert amplitude.low.tolist() == [0, 13] and amplitude.n_captures.tolist() == [2, 1]
     figures = amplitude[["mean_mm", "median_mm", "absolute_mm", "p95_mm"]].to_numpy()

@@ -17,7 +17,6 @@ from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.errors import HandbenchError
-from tests.bench.evaluation.measure_refine import misfit
 
 AXIS_M = np.arange(-0.06, 0.0601, 0.002)
 CENTRE_M = np.array([0.0, 0.0, 0.3])
@@ -108,6 +107,14 @@ def test_a_fifth_of_garbage_does_not_pull(rng):
     found = refine(BUMPS, depth_of(z_m), identity("radar"))
     assert apart_mm(found, truth) < 0.06
     assert found.refined["left_out"] > 0.9 * stranger[1:-1, 1:-1].sum()
+
+
+def misfit(found: Transform) -> float | None:
+    """eᵀC⁻¹e of a transform that should be the identity; None where it states no covariance."""
+    if found.covariance is None:
+        return None
+    error = np.r_[found.matrix[:3, 3], Rotation.from_matrix(found.matrix[:3, :3]).as_rotvec()]
+    return float(error @ np.linalg.solve(found.covariance, error))
 
 
 @pytest.mark.parametrize("reach_pixels", [0, 2])

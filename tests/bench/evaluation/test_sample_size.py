@@ -3,8 +3,6 @@ refusals."""
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -30,17 +28,14 @@ def test_a_paired_test_takes_as_many_as_published(effect: float, captures: int) 
     assert captures_needed(lambda n: paired_power(effect, 1.0, n), 0.8) == captures
 
 
-def test_two_groups_take_as_many_as_published() -> None:
-    """Cohen (1988), Statistical power analysis, table 2.4.1: each of two groups at 5 % two-sided
-    and a power of 0.8; R's power.t.test(n = 20, delta = 1, sd = 1), the example of its help
-    page."""
-    assert captures_needed(partial(welch_power, 0.8, (1.0, 1.0)), 0.8) == 26
+def test_two_groups_have_the_published_power() -> None:
+    """R's power.t.test(n = 20, delta = 1, sd = 1), the example of its help page."""
     assert welch_power(1.0, (1.0, 1.0), 20) == pytest.approx(0.8689528, abs=1e-5)
 
 
 def test_hands_of_a_difference() -> None:
     assert hands_needed(-0.5, [1.0]) == hands_needed(0.5, [1.0]) == 34  # as published, above
-    assert hands_needed(0.5, [1.0, 1.0]) == 64
+    assert hands_needed(0.5, [1.0, 1.0]) == 64  # Cohen (1988), table 2.4.1
     assert hands_needed(0.5, [1.0], 0.01) > 34
     assert hands_needed(30.0, [1.0]) == hands_needed(0.1, [0.0]) == 5  # fewer are not tested
     assert hands_needed(1e-6, [1.0]) is hands_needed(0.0, [0.0]) is None
@@ -64,7 +59,6 @@ def test_components_by_hand() -> None:
     above and below: mean squares of 4·4 between captures, 0 of the interaction and 12/6 of the
     residual."""
     cells = np.array([[0.0, 1], [2, 3], [4, 5]])
-    assert components(cells) == pytest.approx(Components(2.0, 0.0, np.nan, 3), nan_ok=True)
     found = components(cells[..., None] + np.array([-1.0, 1.0]))
     assert found == pytest.approx(Components(2.0, 0.0, np.sqrt(2), 3))
 

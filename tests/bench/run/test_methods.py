@@ -1,7 +1,5 @@
 """The registered methods: presets of a few functions, each named after itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from handbench.radar.methods.fsk_config import LadderConfig, ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.methods.registry import PAPER, method, methods
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.support.errors import HandbenchError
 
 PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
 SENSORS = ["kinect", "realsense", "zed"]
@@ -25,20 +22,6 @@ SWEEP_HZ = np.unique(
 def capture() -> RadarCapture:
     point = Scatterers(np.array([[0.0, 0.0, 0.29]]), np.ones(1))
     return RadarCapture(simulate(point, SWEEP_HZ, qar50())[None], SWEEP_HZ, qar50())
-
-
-@pytest.mark.parametrize("name", SENSORS)
-def test_another_sensor_is_asked_for_its_depth_alone(capture, name):
-    def saw(grid, frame):
-        return np.where(grid.points_m(0.0)[..., 0] < 0, 0.3 + 0.01 * frame, np.nan)
-
-    config = method(name).configure(PIXELS, name)
-    depth = method(name).run(replace(capture, sensors={name: saw}), config, 1).depth
-    assert depth.method == name
-    seen = np.where(np.arange(13) < 6, 0.31, np.nan)
-    np.testing.assert_array_equal(depth.z_m, np.tile(seen, (13, 1)))
-    with pytest.raises(HandbenchError, match=f"{name}: the capture holds no depth of that sensor"):
-        method(name).run(capture, config, 0)
 
 
 @pytest.mark.parametrize("name", [m.id for m in methods() if m.id not in SENSORS])

@@ -48,16 +48,12 @@ def test_every_person_is_a_capture(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("capture", "words"),
     [
-        (f"{HAND}\npersons = []", "persons"),
         (f"{HAND}\npersons = [0]", "persons"),
         (f"{HAND}\npersons = [3, 3]", "names one twice"),
-        (f"{HAND}\nperson = [1]", "unknown key"),
         ('path = "capture"\npersons = [1]', "persons need a scene"),
-        (f"{HAND}\nmeasures = []", "measures"),
         (f'{HAND}\nmeasures = ["speed"]', "measures"),
         (f'{HAND}\nmeasures = ["precision"]', "no capture measures the accuracy"),
         (f'{HAND}\n[[capture]]\n{HAND}\nmeasures = ["precision"]', "no method has precision"),
-        (f'{HAND}\n[calibration]\n{HAND}\nmeasures = ["accuracy"]', "unknown key"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, capture: str, words: str) -> None:

@@ -11,8 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from handbench.bench.run import executors
-from handbench.bench.run.executors import LocalExecutor, ProcessExecutor
+from handbench.bench.run.executors import ProcessExecutor
 from handbench.support.parallel import workers
 from tests.bench.run.jobs_of_tests import performed, slow, spans, stage_of, stuck
 
@@ -87,13 +86,3 @@ def test_a_stage_that_ends_its_process_fails_alone(beside, tmp_path):
     ended = performed(beside, spans, tmp_path, [stage_of("mesh", name) for name in names])
     assert [done.failure is None for done in ended] == [name != "deadly" for name in names]
     assert all("its process was ended" in ended[k].failure.message for k in (1, 3))
-
-
-@pytest.mark.parametrize(
-    ("count", "core_s", "kind"),
-    [(1, 1e9, LocalExecutor), (2, 1.0, LocalExecutor), (2, 1e9, ProcessExecutor)],
-)
-def test_no_room_for_two_or_little_work_means_this_process(monkeypatch, count, core_s, kind):
-    monkeypatch.setattr(executors, "room", lambda *_: count)
-    with executors.executor(core_s=core_s) as found:
-        assert type(found) is kind

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
@@ -25,7 +24,6 @@ from tests.bench.run.faults import figures
 from tests.bench.run.jobs_of_tests import deadly, performed, stage_of
 
 CAPTURES = 2
-ENVIRONMENT = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
 
 
 def several(small_bench: Path) -> Path:
@@ -39,40 +37,6 @@ def several(small_bench: Path) -> Path:
     captures = "\n[[capture]]\n".join(names)
     small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', captures))
     return small_bench
-
-
-class Workers:
-    """A scheduler and two worker processes on the loopback interface."""
-
-    def __init__(self, folder: Path) -> None:
-        self.file, self.folder = folder / "scheduler.json", folder
-        self.scheduler = self.start("dask_scheduler", "--port", "0", "--no-dashboard")
-        self.workers = [
-            self.start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard")
-            for _ in "ab"
-        ]
-
-    def start(self, command: str, *options: str) -> subprocess.Popen:
-        with (self.folder / f"{command}.log").open("a") as log:
-            words = [sys.executable, "-m", f"distributed.cli.{command}", "--host", "127.0.0.1"]
-            words += ["--scheduler-file", str(self.file), *options]
-            return subprocess.Popen(words, stdout=log, stderr=log, env=ENVIRONMENT, cwd=self.folder)
-
-    @property
-    def address(self) -> str:
-        from distributed import Client
-
-        deadline = time.monotonic() + 600  # a hang
-        while not self.file.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        with Client(scheduler_file=str(self.file), set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=600)
-            return client.scheduler.address
-
-    def stop(self) -> None:
-        for process in (*self.workers, self.scheduler):
-            process.kill()
-            process.wait()
 
 
 def finished(work: Path) -> int:
@@ -89,26 +53,31 @@ def _fails_or_ends(root: Path, job: Stage) -> str:
 
 @pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_path):
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
+    import dask
+
     bench, base = load_benchmark(str(several(small_bench)))
     serial, cluster = tmp_path / "serial", tmp_path / "cluster"
     run(bench, base, serial)
-    stages, killed_at, workers = 6 * CAPTURES, list[int](), Workers(tmp_path)
+    stages, killed_at = 6 * CAPTURES, list[int]()
 
-    def kill_in_the_middle() -> None:
+    def kill_in_the_middle(process: int) -> None:
         while finished(cluster / "work") < 2:
             time.sleep(0.005)
-        os.kill(workers.workers[0].pid, signal.SIGKILL)
+        os.kill(process, signal.SIGKILL)
         killed_at.append(finished(cluster / "work"))
 
-    try:
-        address = workers.address
-        threading.Thread(target=kill_in_the_middle, daemon=True).start()
+    two = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 3}),
+        distributed.LocalCluster(**two) as workers,
+    ):
+        killed = workers.workers[0].pid
+        threading.Thread(target=kill_in_the_middle, args=[killed], daemon=True).start()
+        address = workers.scheduler_address
         result = run(bench, base, cluster, scheduler=address)
         assert run(bench, base, cluster, scheduler=address).tasks.cached.all()
-        assert 2 <= killed_at[0] < stages and workers.workers[0].wait() == -signal.SIGKILL
-    finally:
-        workers.stop()
+        assert 2 <= killed_at[0] < stages and workers.workers[0].pid != killed
     assert figures(cluster) == figures(serial)
     for path in serial.glob("*/*.npz"):
         assert path.read_bytes() == (cluster / path.relative_to(serial)).read_bytes()

@@ -11,7 +11,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.treatments import OPEN_DB, WINDOW_PX
 from handbench.bench.run import reconstruct_stage
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.reconstruct_stage import read_treated, settled, write_treated
+from handbench.bench.run.reconstruct_stage import read_treated, write_treated
 from handbench.bench.run.runner import run
 from handbench.bench.run.scoring import completed_by
 from handbench.calibration.transforms import identity
@@ -37,20 +37,6 @@ def test_a_projection_is_averaged_afterwards(tmp_path):
         near = z_m[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
         assert found["window"].z_m[y, x] == pytest.approx(np.nanmean(near), rel=1e-7)
     assert np.isnan(found["window"].z_m[np.isnan(z_m)]).all()
-
-
-@pytest.mark.parametrize(
-    ("seconds", "expected"),
-    [
-        ([1.0] * 5, False),  # of five, even the extremes miss the median in 6 %
-        ([1.0] * 6, True),
-        ([1.0, 1.04, 1.0, 1.02, 1.06, 1.08], True),
-        ([1.0] * 9 + [9.0], True),  # an outlier moves no median
-        ([1.0] * 8 + [9.0] * 2, False),
-    ],
-)
-def test_a_median_has_settled_when_its_interval_is_narrow(seconds, expected):
-    assert settled(seconds) is expected
 
 
 @pytest.mark.parametrize(
@@ -135,10 +121,7 @@ def test_a_run_has_equal_treatment_frames_and_enough_times(small_bench, tmp_path
     assert value("frames_max_deviation_mm") > 0 and value("frames_largest_mm") >= value("max_mm")
     equal = result.equal.set_index(["metric", "treatment", "method"]).value
     assert equal["mae_mm", "window", "2fsk"] > 0
-    common = [equal["common_percent", "none", method] for method in ("2fsk", "narrowband")]
-    assert common[0] == common[1] > 0
     compared = result.comparisons.groupby("treatment").metric.agg(set)
-    assert set(compared.index) == {"", "none", "window"} and "mae_mm" not in compared[""]
     assert compared["none"] == compared["window"] == {"mae_mm", "aurc_mm"}
     maps = {}
     for method in ("2fsk", "narrowband"):

@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from handbench.bench.scenes.implicit import round_cone, smooth_minimum, smooth_union, zero_set
+from handbench.bench.scenes.implicit import round_cone, smooth_union, zero_set
 
 POINT = arrays(np.float64, 3, elements=st.floats(-0.1, 0.1))
-DISTANCE = st.floats(-0.05, 0.05)
 
 
 @given(POINT)
@@ -23,14 +22,6 @@ def test_a_round_cone_is_the_hull_of_its_spheres(point: np.ndarray) -> None:
     # micrometre.
     expected = (distance - np.linspace(*radii, 2001)).min()
     assert round_cone(start, end, *radii)(point[None])[0] == pytest.approx(expected, abs=1e-6)
-
-
-@given(DISTANCE, DISTANCE, st.floats(1e-4, 0.02))
-def test_smooth_minimum(a: float, b: float, blend_m: float) -> None:
-    found, turned = smooth_minimum(np.array([a, b]), np.array([b, a]), blend_m)
-    assert found == turned and min(a, b) - blend_m / 6 - 1e-12 <= found <= min(a, b)
-    if abs(a - b) >= blend_m:
-        assert found == min(a, b)
 
 
 def test_zero_set_of_a_sphere_without_the_smaller_one_beside_it() -> None:

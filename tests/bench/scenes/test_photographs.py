@@ -12,7 +12,6 @@ import pytest
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import (
     EXPOSURE,
-    IDEAL,
     Studio,
     develop,
     exposure,
@@ -118,5 +117,3 @@ def test_what_the_scene_names_is_on(effects: str) -> None:
     on = [name for name, row in rows.items() if row.on]
     assert on == ["photos.blur", "photos.motion", "photos.noise"]
     assert rows["photos.defocus"].why == "needs photos.f_number"
-    ideal = {key: value for keys in IDEAL.values() for key, value in keys.items()}
-    assert not any(row.on for row in photo_effects(Photos(**ideal)))

@@ -61,9 +61,9 @@ def test_a_cloud_names_the_views_that_agree():
 
 
 def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
-    """Four walls with white noise: means of 3 × 3 pixels have a third of its standard deviation;
-    noise that is the same over the whole of a map keeps all of it. Chance: 1500 places of nine
-    pixels know a variance to 7 %."""
+    """Four walls with white noise: means of 3 × 3 pixels have a third of its standard deviation
+    (noise that is the same over the whole of a map keeps all of it, above). Chance: 1500 places of
+    nine pixels know a variance to 7 %."""
     size, draws = (60, 80), np.random.default_rng(5)
 
     def noisy(i, noise_m):
@@ -75,11 +75,6 @@ def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
     white = fuse([noisy(i, sigma_m * draws.standard_normal(size)) for i in range(4)], None)
     inside = (white.views.sum(axis=1) == 4) & (np.abs(white.points_m[:, 1] - 0.25) < 0.2)
     assert np.sqrt(np.mean(white.spread_m[inside] ** 2)) == pytest.approx(sigma_m / 3, rel=0.07)
-    offs_m = sigma_m * np.array([1.0, -1, 1, -1])
-    alike = fuse([noisy(i, off_m) for i, off_m in enumerate(offs_m)], None)
-    np.testing.assert_allclose(
-        alike.spread_m[alike.views.all(axis=1)], offs_m.std(ddof=1), rtol=1e-9
-    )
 
 
 def test_of_few_views_two_suffice_of_more_three_are_needed():

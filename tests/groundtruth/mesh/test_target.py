@@ -62,17 +62,6 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     assert "above the board: dropped" in capsys.readouterr().err
 
 
-def test_all_that_stands_before_the_board_is_kept_and_nothing_behind_it(capsys):
-    back_m, normals = ball(0.0, 0.09)
-    behind = back_m * (1, 1, -1) - (0, 0, 0.1), -normals
-    vertices_m, target = kept(together(plate(), ball(-0.07, 0.08), ball(0.07, 0.08), behind))
-    assert vertices_m[:, 2].min() > 0
-    assert len(target.parts) == 2 and min(target.parts) > 0.3
-    for x_m in (-0.07, 0.07):
-        assert (np.linalg.norm(vertices_m - (x_m, 0, 0.08), axis=1) < 1.05 * RADIUS_M).any()
-    assert "2 of" in capsys.readouterr().err
-
-
 def strips(counts, heights_m):
     """A mesh of separate strips of equal triangles, so many each, at their heights."""
     vertices_m, faces = [], []

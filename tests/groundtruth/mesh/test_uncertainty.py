@@ -46,20 +46,6 @@ def cameras():
     return scene, bundle.images, known, replace(known, matrix=0 * known.matrix)
 
 
-@pytest.mark.parametrize("n", [3, 5])
-def test_matching_as_the_model_says(n):
-    """n maps with errors that correlate by 1/(n − 1); 40000 draws tell either variance to 1 %."""
-    random = np.random.default_rng(n)
-    rho = 1 / (n - 1)
-    own, common = (random.normal(size=(40_000, count)) for count in (n, 1))
-    errors_m = 2e-4 * (np.sqrt(1 - rho) * own + np.sqrt(rho) * common)
-    spread_m = errors_m.std(axis=1, ddof=1)
-    cloud = Cloud(
-        *[np.zeros((40_000, 3))] * 2, np.ones((40_000, n), bool), spread_m, NAMES, PIXEL_M
-    )
-    assert matching_variance(cloud).mean() == pytest.approx(errors_m.mean(axis=1).var(), rel=0.04)
-
-
 def test_cameras_count_along_the_normal_whatever_its_length(cameras):
     _, images, known, _ = cameras
     cloud = plate()

@@ -47,8 +47,6 @@ def between(first, second):
     ("given", "words"),
     [
         ({"model": "m", "intrinsics": K}, "model and intrinsics: both are given; the model has"),
-        ({"cameras": "c", "intrinsics": K}, "both are given"),
-        ({"board": "b", **between("p0.png", "p1.png")}, "board and distances: both are given"),
         ({"masks": "m", "mask": "colour"}, "masks and mask: both are given"),
         ({"metric": True}, "metric: there is no COLMAP model"),
         (between("p0.png", "p7.png"), r"distances: p7\.png is none of the photographs used; did"),

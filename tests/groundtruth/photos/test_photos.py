@@ -36,12 +36,6 @@ def test_finds_them_by_name_here_or_in_images(tmp_path):
     assert photos[0].body is None and photos[0].focal_px is None and photos[0].orientation == 1
 
 
-def _half(folder):
-    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    cv2.imwrite(str(folder / "a.png"), noise)
-    (folder / "a.png").write_bytes((folder / "a.png").read_bytes()[:5000])
-
-
 def _mirrored(folder):
     exif = Image.Exif()
     exif[0x0112] = 5
@@ -51,7 +45,10 @@ def _mirrored(folder):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_half, r"a\.png: is not a readable photograph"),
+        (
+            lambda folder: (folder / "a.png").write_bytes(b"no picture"),
+            r"a\.png: is not a readable photograph",
+        ),
         (_mirrored, r"mirror\.jpg: its EXIF orientation 5 says that it is mirrored"),
         (
             lambda folder: Image.fromarray(np.zeros((8, 8), np.float32)).save(folder / "a.tif"),

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import matplotlib
-import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.reports.figures import fronts
-from handbench.reports.figures.style import STYLE
 from handbench.reports.page import html, rendering, tradeoff_section
 from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
@@ -33,18 +29,6 @@ def test_a_folder_alone_becomes_a_page_with_pictures_for_papers(folder, tmp_path
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
     for shown in ("Photogrammetry", "× 1000", "× 31.5", "Broadband, 0.01"):
         assert shown in text
-
-
-def test_the_front_is_a_falling_line_through_what_nothing_beats(found):
-    with matplotlib.rc_context(STYLE):
-        [picture] = (p for p in fronts.pictures(found) if p.stem == "front_imaging")
-    axis = picture.figure.axes[0]
-    line = axis.lines[0]
-    best = sorted((s.seconds, s.error) for s in found.section("imaging") if s.on_front)
-    assert np.column_stack(line.get_data()) == pytest.approx(np.array(best))
-    assert np.all(np.diff(line.get_ydata()) < 0)
-    assert axis.get_xscale() == axis.get_yscale() == "log"
-    assert axis.get_xlabel() == "seconds" and axis.get_ylabel() == "MAE in mm"
 
 
 def test_a_sweep_without_settings_is_refused(found, tmp_path):

@@ -34,7 +34,7 @@ SWITCHES = (
     "--remote-debugging-port=0",
 )
 PATIENCE_S = 300  # a hang
-KEYS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36}
+KEYS = {"ArrowLeft": 37, "Home": 36}
 
 
 class Browser:
@@ -90,10 +90,9 @@ class Browser:
                 return message["result"]
             self.events.append(message)
 
-    def open(self, page: Path, width: int = 1280) -> None:
-        """Load a file into a window of this width, in CSS pixels, and wait until it has drawn
-        itself."""
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    def open(self, page: Path) -> None:
+        """Load a file into a window of 1280 × 900 CSS pixels; wait until it has drawn itself."""
+        size = {"width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         self.call("Emulation.setDeviceMetricsOverride", **size)
         light = [{"name": "prefers-color-scheme", "value": "light"}]
         self.call("Emulation.setEmulatedMedia", features=light)

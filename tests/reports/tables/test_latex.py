@@ -140,11 +140,9 @@ def test_any_text_becomes_plain_ascii_without_commands(text):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("é Ångström", r"\'{e} \r{A}ngstr\"{o}m"),
         ("e\u0301", r"\'{e}"),
         ("手", "U+624B"),
         ("50 % of $x", r"50 \% of \$x"),
-        ("a\n b", "a b"),
         ("5 µm ≤ σ", r"5 $\mu$m $\leq$ $\sigma$"),
     ],
 )
