@@ -208,10 +208,10 @@ def test_inspect_reports_every_problem(made, tmp_path, capsys):
     capsys.readouterr()
     assert main(["inspect", str(broken), str(missing)]) == 2
     said = capsys.readouterr()
-    named = [broken / "capture.toml", broken / "echoes.h5", broken, missing]
+    named = [broken / "capture.toml", broken / "echoes.h5", missing]
     assert [line.split(": ")[0] for line in said.out.splitlines()] == [*map(str, named)]
     # 1 Hz is suspect
-    last = "handbench: inspect: 2 problems, 2 warnings, 2 inputs; what is wrong is listed above"
+    last = "handbench: inspect: 2 problems, 1 warning, 2 inputs; what is wrong is listed above"
     assert said.err.strip() == last
 
 

@@ -229,4 +229,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    # by its name: "spawn" does not import a package's __main__, in which `work` would be missing
+    from tests.fuzz import __main__ as fuzzing
+
+    sys.exit(fuzzing.main())

@@ -79,7 +79,7 @@ def _virtual() -> h5py.VirtualLayout:
         ("frequencies_hz", {"data": [1.0, 2.0, 3.0, 4.0, -5.0]}, "expected positive hertz"),
         ("frequencies_hz", {"data": 1.0}, r"shape \(\); expected a list of real numbers"),
         ("tx_m", {"data": np.zeros((3, 2))}, r"shape \(3, 2\); expected \[n, 3\]"),
-        ("tx_m", None, "not a readable echoes.h5"),
+        ("tx_m", None, r"lacks data set 'tx_m' \[tx, 3\], metres"),
         (
             "samples",
             {"shape": (1, 5, 3, 10**13), "dtype": "c8", "chunks": SHAPE},

@@ -111,7 +111,6 @@ ECHOES = {
     "megahertz": (lambda c: tones(c, TONES_HZ / 1e6), "multiply them by 1e6"),
     "kilohertz": (lambda c: tones(c, TONES_HZ / 1e3), "kilohertz? multiply them by 1e3"),
     "one way": (lambda _: plate_echoes(0.5), "one way only the median error falls"),
-    "twice": (lambda c: tones(c, np.r_[TONES_HZ[1], TONES_HZ[1:]]), "there twice"),
     "nothing": (lambda c: c, "nothing looks wrong"),
 }
 SURFACES = {
