@@ -77,7 +77,10 @@ class Watch:
             # the last argument of a change may be an open folder, which paths are relative to
             opened_at = arguments[-1] if event != "open" and arguments[-1] != -1 else None
             at = os.getcwd() if opened_at is None else os.readlink(f"/proc/self/fd/{opened_at}")
-            for name in arguments[: 1 if opened else None]:
+            paths = arguments[: 1 if opened else None]
+            if event == "os.symlink":  # whose first argument is what the link holds
+                paths = arguments[1:]
+            for name in paths:
                 if isinstance(name, str | bytes | os.PathLike):
                     path = os.path.abspath(os.path.join(at, os.fsdecode(name)))
                     if not f"{path}/".startswith(f"{self.folder}/"):
