@@ -56,8 +56,9 @@ def _claim(result: Result, first: str, second: str) -> str:
     amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
     common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
     over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]
-    untested = lines.p_corrected.isna().all()
-    few = f" ({lines.n_captures.iloc[0]} captures: too few for a test)" if untested else ""
+    untested, count = lines.p_corrected.isna().all(), lines.n_captures.iloc[0]
+    captures = "1 capture" if count == 1 else f"{count} captures"
+    few = f" ({captures}: too few for a test)" if untested else ""
     summaries = [_joined(amounts) or "not compared" for amounts in (common, over)]
     between = f"{titles[first]} and {titles[second]}"
     at_common, over_share = summaries
