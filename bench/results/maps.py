@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.radar.data.depthmap import LONGEST_M
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
@@ -105,6 +106,11 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
                 f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
                 f"{expected} on a grid of "
                 "at least 2 × 2; run the benchmark again"
+            )
+        if (long := np.abs(array) > LONGEST_M).any():
+            raise HandbenchError(
+                f"{path}: '{name}' is {array[long][0]:g}; expected metres, at most {LONGEST_M:g}; "
+                "run the benchmark again"
             )
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
