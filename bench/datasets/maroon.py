@@ -139,7 +139,8 @@ class MaroonCapture(NativeCapture):
                 )
         samples = np.stack([frame.samples for frame in read])
         parts = samples.view(np.float32)  # a power of two changes none of their digits
-        parts *= np.float32(1 / self.metadata.handbench_echo_scale)
+        with np.errstate(over="ignore", invalid="ignore"):  # a capture names what is not finite
+            parts *= np.float32(1 / self.metadata.handbench_echo_scale)
         try:
             return RadarCapture(samples, first.frequencies_hz, qar50(), sensors=self.sensors())
         except HandbenchError as error:

@@ -137,9 +137,12 @@ def _stage(folder: Path) -> None:
     there = STAGE.folder(folder)
     shutil.rmtree(there, ignore_errors=True)
     shutil.copytree(folder / "stage", there, symlinks=True)
-    cached(folder, STAGE)
-    if (there / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
-        raise AssertionError("a changed file of a kept stage was taken for what the stage had made")
+    try:
+        cached(folder, STAGE)
+        if (there / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
+            raise AssertionError("a changed file of a kept stage was taken for what was made")
+    finally:
+        shutil.rmtree(there, ignore_errors=True)
 
 
 def _model(folder: str, suffix: str) -> tuple[str, ...]:
