@@ -182,8 +182,8 @@ def draw_stand(axes: Axes) -> None:
             zorder=2,
         )
     frame(axes, radar_from_photo.points(np.zeros(3)), radar_from_photo.rotation, 0.046)
-    told = "photo frame: the board's centre,\nz out of the print"
-    word(axes, radar_from_photo.points(np.array([0.02, 0.195, 0])), told, fontsize=9.5)
+    text = "photo frame: the board's centre,\nz out of the print"
+    word(axes, radar_from_photo.points(np.array([0.02, 0.195, 0])), text, fontsize=9.5)
 
 
 def draw_hand(axes: Axes) -> None:
@@ -212,8 +212,8 @@ def draw_camera(axes: Axes) -> None:
         line(axes, [centre_m, corner], color="0.35", lw=1.0, zorder=20)
     panel(axes, corners, facecolor="0.8", edgecolor="0.35", lw=1.0, alpha=0.55, zorder=20)
     frame(axes, centre_m, turned, 0.085)
-    told = "camera frame: x right, y down\nin the picture, z forwards"
-    word(axes, centre_m - 0.03 * turned[:, 1], told, fontsize=9.5, va="bottom")
+    text = "camera frame: x right, y down\nin the picture, z forwards"
+    word(axes, centre_m - 0.03 * turned[:, 1], text, fontsize=9.5, va="bottom")
 
 
 def draw_map(axes: Axes) -> None:

@@ -79,7 +79,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         frame(TABLE, filter(None, rows)),
         {method.name: method.title for method in result.about.methods},
     )
-    alike = result.equal[result.equal.method.isin(METHODS)]
+    equal = result.equal[result.equal.method.isin(METHODS)]
     undefined = {metric for metric, _ in shown} - result.about.metrics.keys()
     if undefined or lines.value.isna().all():
         raise HandbenchError(
@@ -91,7 +91,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         for metric in metrics
         if len(result.equal)
     ]
-    best_alike = {
+    best_equal = {
         f"{metric}, {treatment}": sorted(
             outstanding(result, metric, result.equal.reference.iloc[0], treatment)
         )
@@ -105,14 +105,14 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "machine": {key: result.about.machine.get(key) for key in MACHINE},
         "versions": result.about.versions,
         "metrics": {
-            key: result.about.metrics[key].model_dump() for key in {*METRICS, *alike.metric}
+            key: result.about.metrics[key].model_dump() for key in {*METRICS, *equal.metric}
         },
         "titles": [titles.get(method, method) for method in METHODS],
         "busy": busy_note(result),
         "rows": records(lines),
-        "equal": records(alike),
+        "equal": records(equal),
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS}
-        | best_alike,
+        | best_equal,
         "sentences": findings(result),
         "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
     }
@@ -193,8 +193,8 @@ def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
     own = {
         (row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))
     }
-    alike = each(frame(EQUAL_TABLE, recorded["equal"]))
-    return own | {(row.metric, row.treatment, row.method): row for row in alike}
+    equal = each(frame(EQUAL_TABLE, recorded["equal"]))
+    return own | {(row.metric, row.treatment, row.method): row for row in equal}
 
 
 def _cell(row: Any, star: bool) -> str:
@@ -294,8 +294,8 @@ def _page(file: Path) -> str:
 def _scenes(root: Path, config: str) -> dict[str, str]:
     """Each scene of the benchmark with the hash of what its file says, whatever its comments;
     empty: no such file."""
-    said = tomllib.loads(config)
-    sources = [*said.get("calibration", ()), *said.get("capture", ())]
+    described = tomllib.loads(config)
+    sources = [*described.get("calibration", ()), *described.get("capture", ())]
     hashes = {source["scene"]: "" for source in sources if "scene" in source}
     for name in hashes:
         scene = root / SCENES / name

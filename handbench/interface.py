@@ -293,7 +293,8 @@ class Depth(Plottable):
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:
                     raise HandbenchError(
-                        "transform: is missing; nothing carries the capture's mesh to the radar"
+                        "transform: is missing; the capture's mesh is in the photographs' frame: "
+                        "pass transform='radar_from_photo.json', or add that file to the capture"
                     )
         if mesh is None:
             raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")

@@ -99,8 +99,8 @@ def ran(page: Path) -> list[tuple[str, str]]:
     found = FENCE.findall(page.read_text("utf-8"))
     after = [*found, ("", "")][1:]
     return [
-        (code, told if kind == "text" else "")
-        for (language, code), (kind, told) in zip(found, after, strict=bool(found))
+        (code, output if kind == "text" else "")
+        for (language, code), (kind, output) in zip(found, after, strict=bool(found))
         if language == "python"
     ]
 
@@ -125,11 +125,11 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(page, tmp_path, monkeyp
         "handbench.radar.simulation.causes.Imbalance", object, raising=False
     )  # which CONTRIBUTING.md adds
     PREPARED.get(name, lambda folder, names: None)(tmp_path, names)
-    for code, told in ran(page):
+    for code, output in ran(page):
         if not code.startswith(tuple(NOT_RUN)):
-            with contextlib.redirect_stdout(io.StringIO()) as said:
+            with contextlib.redirect_stdout(io.StringIO()) as printed:
                 exec(compile(textwrap.dedent(code), name, "exec"), names)
-            assert not told or said.getvalue() == told
+            assert not output or printed.getvalue() == output
         for test in re.findall(
             r"def (test_\w+)", code
         ):  # a recipe's own, of what its blocks before made

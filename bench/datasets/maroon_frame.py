@@ -102,7 +102,9 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
         return _unpickle(content)
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise HandbenchError(f"{path}: is refused ({reason[:200]}); expected {WHAT}") from error
+        raise HandbenchError(
+            f"{path}: is refused ({reason[:200]}); expected {WHAT}; download it again"
+        ) from error
 
 
 def _unpickle(content: bytes) -> dict[str, Any]:

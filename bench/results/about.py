@@ -116,7 +116,7 @@ class Failure(Config):
 
     @property
     def line(self) -> str:
-        """The line that a run prints."""
+        """The failure as one line of text, "CAPTURE METHOD: STAGE failed: MESSAGE"."""
         return (
             f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
             f"{self.message}"

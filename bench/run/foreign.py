@@ -72,9 +72,10 @@ def program_key(command: str, base: Path) -> list[str]:
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
-    """Check a foreign depth map and store it in a stage's folder, with the seconds that it records.
-    file: the .npz; x_m, y_m: the pixel centres that it must have, metres. Raises HandbenchError for
-    a map that cannot be scored."""
+    """Check a depth map that another program made, and store it in a stage's folder, with the
+    computing time if its file records one.
+    file: the .npz; method: the method's name; x_m, y_m: the pixel centres that the map must have,
+    metres; config: not used. Raises HandbenchError for a map that cannot be scored."""
     depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
     _save(folder, depth, [] if seconds is None else [seconds])
 

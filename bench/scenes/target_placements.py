@@ -64,8 +64,9 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
-    """Draw `count` placements of one and the same target and stand; the target's place and the
-    noise differ. number: of the first one; folder: where their files are written."""
+    """Draw `count` random poses of one manufactured target, with one stand: target, stand and
+    antennas are the same in all scenes, pose and noise differ. number: of the first placement; the
+    others have the following numbers. folder: that of the scenes' files."""
     first = placement(number, folder / str(number))
     found = [first]
     for other in range(number + 1, number + count):

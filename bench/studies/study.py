@@ -115,7 +115,10 @@ def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name:
                 if table.shown and table.records:
                     print(table.markdown())
         if failures:
-            raise HandbenchError(f"{len(failures)} of {len(made.cases)} cases failed")
+            raise HandbenchError(
+                f"{len(failures)} of {len(made.cases)} cases failed; the reasons are above and "
+                "under 'failures' in the .json file"
+            )
     except HandbenchError as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
 

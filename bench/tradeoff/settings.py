@@ -247,9 +247,8 @@ def answer(
         raise HandbenchError(
             f"no setting has {asked}; the nearest, '{near.name}', has {near.error:.3g} mm "
             f"({bound}) in "
-            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * HEADROOM * near.seconds_high:.3g}): "
-            "allow more, or sweep "
-            "further"
+            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * HEADROOM * near.seconds_high:.3g} ms); "
+            "raise the limit, or measure further settings"
         )
     if max_error_mm is None:
         return min(fit, key=lambda s: (s.error, s.seconds)), f"the most accurate with {asked}"

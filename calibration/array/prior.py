@@ -52,9 +52,9 @@ def prior_information(state: State, target: Target) -> np.ndarray:
 
 
 def prior_residuals(state: State, target: Target) -> np.ndarray:
-    """Compute the deviations [u] of all unknowns from their prior values: from 0 for antennas, from
-    the described target in its best pose for balls' centres; 0 for strengths, which have no
-    prior."""
+    """Compute the deviations [u] of all unknowns from their prior values, in the unknowns' units,
+    not divided by σ. The prior values are 0 for the antennas' errors and, for the balls' centres,
+    the described target in the pose that fits them best. Balls' strengths have no prior: 0."""
     strengths = np.zeros(2 * len(state.log_ball))
     parts = (
         state.tx.unknowns,

@@ -249,9 +249,8 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
         )
     if mirrored > agree:
         raise HandbenchError(
-            f"target: {mirrored} of {len(pairs)} pairs of centres lie as the target's mirror "
-            f"image, {agree} as the "
-            "target; a reflection is no motion: check that both frames are right-handed"
+            f"target: {mirrored} of {len(pairs)} pairs of centres fit the target's mirror image, "
+            f"{agree} fit the target; check that both frames are right-handed"
         )
     if agree == 0:
         residuals_mm = 1e3 * np.linalg.norm(pairs.offsets(found.matrix), axis=1)

@@ -123,11 +123,9 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
     found = assignments(candidates[:MAX_CANDIDATES], target)
     if not found or len(found[0]) < needed:
         raise HandbenchError(
-            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} candidates lie as "
-            "the target's elements "
-            f"do, expected at least {needed} of {len(target.element)}; check the target's "
-            "description, the scale and "
-            "that every element is in view"
+            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} detections match the "
+            f"target's elements; expected at least {needed} of {len(target.element)}; check the "
+            "target's description, the scale, and that every element is in view"
         )
     best = found[0]
     if len(found) > 1:

@@ -69,8 +69,9 @@ def window_sigma(
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:
-    """Compute the variance [n] of a cloud's points along their normals, m², as means over the views
-    that agree on them, from the spread between these views."""
+    """Compute the variance [n], in m², of a cloud's points along their normals that is due to
+    matching errors. Each point is the mean over the views that agree on it; its variance follows
+    from their spread and number."""
     n = cloud.views.sum(axis=1)
     by_many = n > 2
     spread_m = cloud.spread_m

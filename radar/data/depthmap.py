@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
@@ -43,14 +44,15 @@ class DepthMap:
         """Return the map with depths NaN where p_gross, the probability of a gross error, exceeds
         `most` (0 to 1) or is unknown. Raises HandbenchError for a map without p_gross and for
         `most` outside 0 to 1."""
-        if self.p_gross is None or not 0 <= most <= 1:
-            has = (
-                "the depth map has no p_gross"
-                if self.p_gross is None
-                else f"p_gross: is to be at most {most:g}"
-            )
+        if self.p_gross is None:
             raise HandbenchError(
-                f"{has}; expected one from handbench reconstruct, and a probability from 0 to 1"
+                "the depth map has no p_gross, the probability of a gross error; make the map with "
+                "handbench reconstruct"
+            )
+        if not 0 <= most <= 1:
+            raise HandbenchError(
+                f"{option('--most-p-gross', 'most')}: is {most:g}; expected a probability from 0 "
+                "to 1"
             )
         keep = np.isfinite(self.z_m) & (self.p_gross <= most)
         return replace(self, z_m=np.where(keep, self.z_m, np.nan))

@@ -94,7 +94,10 @@ def load_capture(path: str | Path) -> RadarCapture:
             found = attribute(file, "format"), attribute(file, "version")
             version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
             if version is None:
-                raise HandbenchError(f"has format {found}; expected ('{FORMAT}', 1 or 2)")
+                raise HandbenchError(
+                    f"has format {found}; expected ('{FORMAT}', 1 or 2): set the file's attributes "
+                    "'format' and 'version'"
+                )
             recording = _recording(file, path, version)
         return recording.capture()
     except HandbenchError as error:

@@ -53,5 +53,5 @@ def register(
     common_m2: np.ndarray | None = None,
 ) -> Transform:
     """`radar_from_photo` from both sensors' candidates, as `measure` and `solve` find it."""
-    seen, heard = match(optical, target, "photographs"), match(radar, target, "echoes")
-    return solve(common_pairs(seen, heard, target), with_scale, common_m2)
+    photo, echo = match(optical, target, "photographs"), match(radar, target, "echoes")
+    return solve(common_pairs(photo, echo, target), with_scale, common_m2)

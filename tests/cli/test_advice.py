@@ -47,21 +47,21 @@ def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
         assert np.isfinite(depth["z_m"]).any()
 
 
-def test_limits_of_the_box_are_said(tmp_path, capsys):
+def test_limits_of_the_box_are_reported(tmp_path, capsys):
     tones = "--method broadband --set start_hz=76e9 --set stop_hz=76.3e9 --set count=4"
     command = [*foreign(tmp_path, np.linspace(76e9, 76.3e9, 4)), *tones.split()]
     assert main([*command, "--set=z.start_m=0.1", "--set=z.stop_m=0.2"]) == 0
-    said = capsys.readouterr().err
-    assert "strongest at an end of the depth box, 0.1 to 0.2 m" in said
-    assert "range resolution c/2B is 500 mm, and the depth box 100 mm deep" in said
-    assert "unambiguous" not in said
+    printed = capsys.readouterr().err
+    assert "strongest at an end of the depth box, 0.1 to 0.2 m" in printed
+    assert "range resolution c/2B is 500 mm, and the depth box 100 mm deep" in printed
+    assert "unambiguous" not in printed
     deep = "--set=z.start_m=0.1 --set=z.stop_m=2.1 --set=z.step_m=0.05 --overwrite"
     assert main([*command, *deep.split()]) == 0
-    said = capsys.readouterr().err
-    assert "unambiguous range c/2Δf is 1499 mm, shorter than the box of 2000 mm" in said
+    printed = capsys.readouterr().err
+    assert "unambiguous range c/2Δf is 1499 mm, shorter than the box of 2000 mm" in printed
 
 
-def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
+def test_a_target_beyond_the_first_pair_is_reported(tmp_path, capsys):
     """Noise alone: no depth is coherent, and where the pair looks is named."""
     command = foreign(tmp_path, [82e9, 81.8e9, 79.5e9], noise=True)
     assert main([*command[: -len(SMALL)], "--method", "2fsk"]) == 0
@@ -78,14 +78,14 @@ def test_a_target_beyond_the_first_pair_is_said(tmp_path, capsys):
         ([82e9, 81e9], 0.45, ""),  # nothing tells
     ],
 )
-def test_a_target_a_period_away_is_said_where_closer_tones_tell(
+def test_a_target_a_period_away_is_reported_where_closer_tones_tell(
     tones_hz, first_m, words, tmp_path, capsys
 ):
     """A point at 0.3 m; tones 1 GHz apart repeat every c/2Δf = 150 mm."""
     given = f"--method 2fsk --set f2_hz=81e9 --set first_depth_m={first_m}"
     assert main([*foreign(tmp_path, tones_hz), *given.split()]) == 0
-    said = capsys.readouterr().err
-    assert words in said and ("first_depth_m=0.30" in said) == bool(words)
+    printed = capsys.readouterr().err
+    assert words in printed and ("first_depth_m=0.30" in printed) == bool(words)
 
 
 @pytest.mark.parametrize(

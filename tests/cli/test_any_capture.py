@@ -16,7 +16,7 @@ from tests.cli.conftest import PIXELS
 from tests.fuzz.capture_seeds import array_calibration
 
 DEPTHS = ["--set", "z.start_m=0.27", "--set", "z.stop_m=0.29", "--set", "z.step_m=0.002"]
-TOLD = {
+ATTRIBUTES = {
     "format": "handbench-echoes",
     "version": 2,
     "units": "m, Hz, m/s",
@@ -30,7 +30,7 @@ def anew(capture, folder, time="+jwt", **data):
     with h5py.File(capture / "echoes.h5") as file:
         content = {name: file[name][:] for name in file} | data
     with h5py.File(folder / "echoes.h5", "w") as file:
-        file.attrs.update(TOLD | {"time": time})
+        file.attrs.update(ATTRIBUTES | {"time": time})
         for name, values in content.items():
             file[name] = values
     return folder

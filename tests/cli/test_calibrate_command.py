@@ -37,9 +37,11 @@ def test_an_earlier_calibration_tells_whether_the_rig_moved(
     monkeypatch.chdir(tmp_path)
     transform().save(tmp_path / "april.json")
     assert main(["calibrate", "cap", "-o", "may.json", "--since", "april.json"]) == 0
-    said = capsys.readouterr().err
-    assert "the rig moved between april.json and may.json: 2 mm at the hand's centre" in said
-    assert "at the hand's centre ± 0.16 × 0.16 × 0.08 mm" in said  # √(0.05² + (0.3 m · 0.5 mrad)²)
+    printed = capsys.readouterr().err
+    assert "the rig moved between april.json and may.json: 2 mm at the hand's centre" in printed
+    assert (
+        "at the hand's centre ± 0.16 × 0.16 × 0.08 mm" in printed
+    )  # √(0.05² + (0.3 m · 0.5 mrad)²)
 
 
 def test_the_transform_is_written_as_maroon_has_it_too(tmp_path, measured):

@@ -127,8 +127,8 @@ def test_capture_to_metrics(made, tmp_path, capsys):
         assert found["z_m"].shape == (21, 21)
         on = np.isfinite(found["z_m"])
         share = 100 * (found["p_gross"][on] > 0.5).mean()
-    said = f"{on.sum()} pixels on target, {share:.1f} % of them flagged (p_gross > 0.5)"
-    assert said in capsys.readouterr().err
+    printed = f"{on.sum()} pixels on target, {share:.1f} % of them flagged (p_gross > 0.5)"
+    assert printed in capsys.readouterr().err
     assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply")]) == 0
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["mae_mm"] < 1.0 and metrics["definitions"]["mae_mm"]
@@ -173,13 +173,13 @@ def test_a_tolerance_relative_to_the_image_is_certified(made, tmp_path, capsys, 
     for relative_to in ("samples", "image"):
         out = ["-o", str(tmp_path / f"{relative_to}.npz"), "--relative-to", relative_to]
         assert main([*command, *out]) == 0
-        said = capsys.readouterr().err
-        bounds.append(float(said.strip().splitlines()[-1].rsplit(maxsplit=1)[-1]))
-    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, to 0.001" in said
+        printed = capsys.readouterr().err
+        bounds.append(float(printed.strip().splitlines()[-1].rsplit(maxsplit=1)[-1]))
+    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, to 0.001" in printed
 
 
 @pytest.mark.parametrize(
-    ("raised", "code", "said"),
+    ("raised", "code", "printed"),
     [
         (OSError(28, "No space left on device"), 2, "No space left on device"),
         (KeyboardInterrupt(), 130, "handbench: interrupted"),
@@ -187,7 +187,7 @@ def test_a_tolerance_relative_to_the_image_is_certified(made, tmp_path, capsys, 
     ],
 )
 def test_a_full_disk_and_an_interrupt_are_one_line_and_leave_nothing(
-    made, tmp_path, capsys, monkeypatch, raised, code, said
+    made, tmp_path, capsys, monkeypatch, raised, code, printed
 ):
     def stop(*arguments, **keywords):
         raise raised
@@ -195,7 +195,7 @@ def test_a_full_disk_and_an_interrupt_are_one_line_and_leave_nothing(
     monkeypatch.setattr(np.lib.format, "write_array", stop)
     command = ["reconstruct", str(made / "capture"), "--method", "2fsk", *PIXELS]
     assert main([*command, "-o", str(tmp_path / "depth.npz")]) == code
-    assert said in capsys.readouterr().err.splitlines()[-1] and not list(tmp_path.iterdir())
+    assert printed in capsys.readouterr().err.splitlines()[-1] and not list(tmp_path.iterdir())
 
 
 def test_inspect_reports_every_problem(made, tmp_path, capsys):
@@ -207,12 +207,12 @@ def test_inspect_reports_every_problem(made, tmp_path, capsys):
     save_capture(broken / "echoes.h5", one)
     capsys.readouterr()
     assert main(["inspect", str(broken), str(missing)]) == 2
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     named = [broken / "capture.toml", broken / "echoes.h5", missing]
-    assert [line.split(": ")[0] for line in said.out.splitlines()] == [*map(str, named)]
+    assert [line.split(": ")[0] for line in printed.out.splitlines()] == [*map(str, named)]
     # 1 Hz is suspect
     last = "handbench: inspect: 2 problems, 1 warning, 2 inputs; what is wrong is listed above"
-    assert said.err.strip() == last
+    assert printed.err.strip() == last
 
 
 def test_list_and_doctor_speak(capsys):

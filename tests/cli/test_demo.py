@@ -40,16 +40,16 @@ def small(tmp_path, monkeypatch):
 
 def test_the_demo_tells_draws_and_goes_on(small, capsys):
     assert main(["demo"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     mae_mm = [
-        float(re.search(rf"^ ?{title} +([\d.]+)", said, re.MULTILINE)[1])
+        float(re.search(rf"^ ?{title} +([\d.]+)", printed, re.MULTILINE)[1])
         for title in ("2-FSK", "3-FSK")
     ]
     assert mae_mm[1] < mae_mm[0] < 20  # in the paper 1.7 and 6.6 mm
-    assert f"picture: {small.name}/demo.png" in said
+    assert f"picture: {small.name}/demo.png" in printed
     picture = np.asarray(Image.open(small / "demo.png").convert("RGB"))
     assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
-    commands = [line.split() for line in said.splitlines() if line.startswith("  handbench ")]
+    commands = [line.split() for line in printed.splitlines() if line.startswith("  handbench ")]
     assert [parser().parse_args(command[1:]).command for command in commands] == NEXT
     echoes = small / "capture" / "echoes.h5"
     before = echoes.stat().st_mtime_ns

@@ -96,13 +96,13 @@ def test_doubts_come_first(shown, tmp_path, capsys):
     """A map ten times as far as the ball."""
     flat("3fsk", 3.0, {}).save(tmp_path / "far.npz")
     assert main(["evaluate", str(tmp_path / "far.npz"), "--mesh", str(shown / "mesh.ply")]) == 0
-    said = capsys.readouterr()
-    assert next(iter(json.loads(said.out))) == "doubts"
-    assert "100 % of the image is on target" in said.err and "outside 0 to 100 %" in said.err
+    printed = capsys.readouterr()
+    assert next(iter(json.loads(printed.out))) == "doubts"
+    assert "100 % of the image is on target" in printed.err and "outside 0 to 100 %" in printed.err
 
 
 @pytest.mark.parametrize(
-    ("config", "z_m", "said"),
+    ("config", "z_m", "words"),
     [
         ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "longer than the depth box, 10 mm"),
         ({}, 0.34, "more than 10 % of the distance"),
@@ -110,12 +110,12 @@ def test_doubts_come_first(shown, tmp_path, capsys):
         ({}, 0.301, ""),
     ],
 )
-def test_figures_that_can_hardly_be_are_doubted(config, z_m, said):
+def test_figures_that_can_hardly_be_are_doubted(config, z_m, words):
     depth = flat("broadband", z_m, config)
     truth = np.where(np.isfinite(hand_m(depth.x_m, depth.y_m)), 0.29, np.nan)
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, truth)
     [*found] = figure_warnings(depth, pool([errors]))
-    assert len(found) == bool(said) and all(said in doubt for doubt in found)
+    assert len(found) == bool(words) and all(words in doubt for doubt in found)
 
 
 def test_evaluate_is_a_table_on_a_terminal_json_on_request_and_a_picture(

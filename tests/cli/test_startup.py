@@ -57,10 +57,10 @@ def test_a_shell_completes(line, expected, tmp_path):
     """By argcomplete's protocol, as its shell functions speak it."""
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line))}
     asked |= {"_ARGCOMPLETE_IFS": "\n", "COMP_TYPE": "9"}
-    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said")}
+    asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "printed")}
     command = [sys.executable, "-m", "handbench.cli.main"]
     assert subprocess.run(command, cwd=tmp_path, env=_env() | asked).returncode == 0
-    assert {word.strip() for word in (tmp_path / "said").read_text().split("\n")} == expected
+    assert {word.strip() for word in (tmp_path / "printed").read_text().split("\n")} == expected
 
 
 def test_a_log_without_a_terminal_tells_the_time_that_is_left(monkeypatch, capsys):

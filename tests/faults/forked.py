@@ -53,17 +53,17 @@ def serve() -> None:
         sys.argv = ["run", bench, "", "never"]
         exec(RUN.rpartition("sys.exit(")[0], scope)
     for line in sys.stdin:
-        out, said, scope["last"] = line.rstrip("\n").split("\t")
+        out, stderr, scope["last"] = line.rstrip("\n").split("\t")
         child = os.fork()
         if child == 0:
-            _run(bench, out, said)
+            _run(bench, out, stderr)
         print(child, flush=True)
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 
-def _run(bench: str, out: str, said: str) -> None:
+def _run(bench: str, out: str, stderr: str) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
+    os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
     os.dup2(os.open(os.devnull, os.O_RDWR), 1)
     code = 1
     try:

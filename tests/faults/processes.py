@@ -37,7 +37,7 @@ class Runs:
         """Begin a run into the folder, which ends after the first stage `last`: the number of its
         process."""
         self.start = time.monotonic()
-        self.forks.stdin.write(f"{out}\t{self.scratch / 'said'}\t{last}\n")
+        self.forks.stdin.write(f"{out}\t{self.scratch / 'stderr'}\t{last}\n")
         self.forks.stdin.flush()
         return int(self.forks.stdout.readline())
 
@@ -45,7 +45,7 @@ class Runs:
         """Wait for the run to end: its exit code, and what it wrote to stderr."""
         assert select.select([self.forks.stdout], [], [], HANG_S)[0], "the run hangs"
         self.seconds = time.monotonic() - self.start
-        return int(self.forks.stdout.readline()), (self.scratch / "said").read_text()
+        return int(self.forks.stdout.readline()), (self.scratch / "stderr").read_text()
 
     def run(self, out: Path, last: str = "never") -> tuple[int, str]:
         """Run into the folder to the end, or to that of the first stage `last`."""

@@ -44,7 +44,7 @@ def capture(folder: Path) -> None:
 
 
 def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
-    """The calibration of an array whose antennas all err alike."""
+    """The calibration of an array whose antennas all have the same errors."""
 
     def side(places_m: np.ndarray) -> Side:
         n = len(places_m)

@@ -110,7 +110,7 @@ def test_the_command_killed_after_a_stage_goes_on_there(tmp_path, capsys):
     assert done.returncode == 9 and "cached" not in done.stderr
     for kept in ({"sparse", "dense"}, {"sparse", "dense", "mesh"}):
         assert main(command) == 0
-        said = capsys.readouterr().err
-        assert {s for s in ("sparse", "dense", "mesh") if f"{s}: cached" in said} == kept
+        printed = capsys.readouterr().err
+        assert {s for s in ("sparse", "dense", "mesh") if f"{s}: cached" in printed} == kept
     assert out.is_file() and not list(work.glob("**/.*"))
     assert load_pycolmap().Reconstruction(str(work / "sparse")).num_reg_images() == 4

@@ -74,7 +74,7 @@ def main() -> int:
     }
     for number in range(
         options.skip, options.sample
-    ):  # in turns, so that all packages are sampled alike
+    ):  # in turns, so that all packages get equal samples
         for package, drawn_here in drawn.items():
             if number >= len(drawn_here) or time.monotonic() > end:
                 continue

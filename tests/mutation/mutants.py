@@ -1,8 +1,8 @@
 """Mutants of a package: places at which cosmic-ray's operators change the code by a little, and
 random ones of these.
 
-Left out: type hints, decorators, error messages (all of `raise` and of f-strings), what is said
-while work goes on, code that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by
+Left out: type hints, decorators, error messages (all of `raise` and of f-strings), progress
+messages, code that only a GPU runs, and numbers above 10⁴, which cosmic-ray changes by
 one. Strings have no operators.
 """
 
@@ -77,7 +77,7 @@ class Mutant:
 
 
 def mutants(root: Path, package: str, count: int, seed: int) -> list[Mutant]:
-    """`count` mutants of a package: places are drawn first, all alike, then one of the operators
+    """`count` mutants of a package: places are drawn first, uniformly, then one of the operators
     that apply there."""
     places: defaultdict[tuple[str, int, int], list[Mutant]] = defaultdict(list)
     for path in sorted((root / package).rglob("*.py")):

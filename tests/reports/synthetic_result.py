@@ -62,9 +62,9 @@ def write_synthetic(
     methods: dict[str, tuple] = METHODS,
     references: tuple[str, ...] = ("photogrammetry", "truth"),
     step_m: float = 2e-3,
-    alike: bool = False,
+    equal: bool = False,
 ) -> Path:
-    """Write a complete result folder; alike: with the tables of equal treatment."""
+    """Write a complete result folder; equal: with the tables of equal treatment."""
     rng = np.random.default_rng(1)
     axis = np.arange(-0.15, 0.15 + step_m / 2, step_m)
     rows, tasks, repeats = [], [], []
@@ -108,7 +108,7 @@ def write_synthetic(
         results.write_photo(folder, c, folder / "photo.png")
     (folder / "photo.png").unlink()
     tables = {"tasks": frame(TASKS, tasks), "repeats": frame(REPEATS, repeats)}
-    tables |= equal_treatment(methods, references[0]) if alike else {}
+    tables |= equal_treatment(methods, references[0]) if equal else {}
     results.write_tables(folder, table=pd.concat(rows), **tables)
     results.write_config(folder, 'name = "synthetic"\n')
     budgets = {c: budget(found) for c, found in surfaces["photogrammetry"].items()}

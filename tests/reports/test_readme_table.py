@@ -26,7 +26,7 @@ def result(tmp_path) -> results.Result:
         for worse in ("2fsk", "broadband", "narrowband")
         for treatment in ("", "none")
     ]
-    found = results.load(write_synthetic(tmp_path / "run", alike=True))
+    found = results.load(write_synthetic(tmp_path / "run", equal=True))
     picture = tmp_path / "run" / "report" / "figures" / "depth_F.png"
     picture.parent.mkdir(parents=True)
     picture.write_bytes(b"a figure")
@@ -50,15 +50,15 @@ def root(result, tmp_path) -> Path:
 
 
 def test_what_was_written_is_the_results_and_not_stale(result, root):
-    text, alike_text = ((root / page).read_text("utf-8") for page in readme.PAGES)
-    for page in (text, alike_text):
+    text, equal_text = ((root / page).read_text("utf-8") for page in readme.PAGES)
+    for page in (text, equal_text):
         assert page.startswith("before\n<!--") and page.endswith("-->\nafter\n")
         assert "stale words" not in page
     row = result.row("mae_mm", "3fsk", "photogrammetry")
     [mae] = [line for line in text.splitlines() if line.startswith("| MAE (mm) |")]
     assert f"| **{row.value:.2f}** \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in mae
     assert mae.count("**") == 2 and mae.endswith("| – | – |")  # it has no methods of ours
-    findings = [line for line in alike_text.splitlines() if line.startswith("- ")]
+    findings = [line for line in equal_text.splitlines() if line.startswith("- ")]
     assert len(findings) == 2 and "3-FSK better by 1.0 mm unsmoothed \\[0.5" in findings[0]
     assert (root / "docs" / "depth_F.png").read_bytes() == b"a figure"
     assert readme.stale(root) == readme.disagreements(result, root) == []
@@ -82,7 +82,7 @@ def test_each_change_of_the_repository_is_noticed(root, file, problem):
 
 def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
     """1.2 µm of 1.20 mm are not, and times are the machine's."""
-    for metric, factor, said in (
+    for metric, factor, starts in (
         ("mae_mm", 1.001, []),
         ("seconds", 3.0, []),
         ("mae_mm", 1.1, ["mae_mm of 3fsk: "]),
@@ -90,7 +90,7 @@ def test_a_fresh_result_that_prints_other_figures_is_noticed(result, root):
         table = result.table.copy()
         table.loc[(table.metric == metric) & (table.method == "3fsk"), "value"] *= factor
         found = readme.disagreements(replace(result, table=table), root)
-        assert [line[: len(start)] for line, start in zip(found, said, strict=True)] == said
+        assert [line[: len(start)] for line, start in zip(found, starts, strict=True)] == starts
     untested = replace(result, files={**result.files, "comparisons": frame(COMPARISONS)})
     [found] = readme.disagreements(untested, root)
     assert found.startswith("best: ")

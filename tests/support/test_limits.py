@@ -119,8 +119,8 @@ def test_a_heap_in_which_the_library_would_run_in_circles_is_refused(tmp_path, s
     )
     heap = b"GCOL\x01\0\0\0" + struct.pack("<Q", 16 + len(content)) + content
     (tmp_path / "a.h5").write_bytes(b"x" * 40 + heap + bytes(40))  # what follows is no part of it
-    said = "a heap of texts in it is broken" if broken else "signature not found"
-    with pytest.raises((ValueError, OSError), match=said), open_hdf5(tmp_path / "a.h5"):
+    reason = "a heap of texts in it is broken" if broken else "signature not found"
+    with pytest.raises((ValueError, OSError), match=reason), open_hdf5(tmp_path / "a.h5"):
         pass
 
 

@@ -84,9 +84,9 @@ def visible_from_centre(scene: EchoScene) -> np.ndarray:
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
     """Return the mask [p] of the facets that face the point view_m [3] and are not hidden by
-    others, by a depth buffer: space is divided into cells of directions from that point, two facets
-    wide, and of the facets in a cell the farther ones are hidden. A facet in front of another by
-    less than the range of depths of one surface within a cell does not hide it."""
+    others. This is a depth buffer whose pixels, seen from view_m, are two facets wide. A facet is
+    hidden if it is farther than the nearest facet of its pixel by more than a surface with its
+    slope extends in depth across the pixel."""
     if len(facets) == 0:
         return np.zeros(0, bool)
     cell_m = 2 * float(np.sqrt(np.median(facets.area_m2)))

@@ -151,9 +151,9 @@ def ball_echoes(
 
 
 def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
-    """Return the extra one-way path in metres [n] of each ball's echo through its foam, (n −
-    1)·(R_foam − r_ball). The foam is centred on the ball, so that a ray to the ball's specular
-    point runs along a radius and is not bent."""
+    """Return the extra one-way path [balls] in metres of each ball's echo through its foam,
+    (n − 1)·(R_foam − r_ball), where n is the foam's refractive index. The foam is centred on
+    the ball, so that a ray to the ball's specular point runs along a radius and is not bent."""
     return np.array(
         [(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls]
     )

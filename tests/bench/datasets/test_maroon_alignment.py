@@ -64,8 +64,8 @@ def test_other_keys_stay(tmp_path):
     np.testing.assert_allclose(load_alignment(path).matrix, ours().matrix, atol=1e-12)
 
 
-def test_a_crooked_matrix_is_straightened_and_said(tmp_path, capsys):
-    """What float32 rounds, 6e-8 of numbers below 1, is not said."""
+def test_a_crooked_matrix_is_straightened_and_reported(tmp_path, capsys):
+    """Rounding to float32, 6e-8 of numbers below 1, is not reported."""
     single = (np.diag([-1, 1, 1, 1]) @ ours(3).matrix).astype(np.float32).astype(float)
     crooked = np.array(BESIDE)
     crooked[0, 1] = 4e-4  # the nearest rotation takes half of it

@@ -73,8 +73,8 @@ def test_what_cannot_be_tested_says_so():
     four = speckle(0, 4)
     lines = compare({"a": four, "b": four + 0.5, "c": np.full(4, np.nan)}, "truth")
     assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None)
-    said = "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
-    assert lines.sentence[0] == said
+    expected = "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
+    assert lines.sentence[0] == expected
     assert not shown(lines).any() and best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty
 

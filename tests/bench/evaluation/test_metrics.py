@@ -105,8 +105,8 @@ def test_false_alarms_are_judged_only_where_nothing_can_be():
 
 
 def test_what_is_not_known_is_none():
-    """Without the rays nothing is said of what lies beside the surface, and without σ nothing of
-    the ground truth; one capture of two that does not know is enough."""
+    """Without the rays nothing is known about what is next to the surface, and without σ nothing
+    about the ground truth; one capture of two that does not know is enough."""
     z_m, axis_m = plane_m(), 1e-3 * np.arange(30)
     known = error_map(axis_m, axis_m, z_m, z_m, np.zeros_like(z_m), np.isfinite(z_m))
     partial = error_map(axis_m, axis_m, z_m, z_m)

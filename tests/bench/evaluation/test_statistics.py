@@ -95,7 +95,7 @@ def test_the_precisions_interval_holds_with_correlated_repeats(hands, rho):
     assert 0.91 <= np.mean([low <= sigma_mm.mean() <= high for low, high in intervals]) <= 0.99
 
 
-def test_too_little_has_no_interval_and_it_is_said():
+def test_too_little_has_no_interval_and_it_is_reported():
     assert mean_interval([1.0, 2.0, 3.0, 4.0, np.nan]) is None
     assert note(4) == "4 captures: no intervals, which need at least 5 captures"
     assert note(1).startswith("1 capture: no intervals")

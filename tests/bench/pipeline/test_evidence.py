@@ -107,4 +107,4 @@ def test_dead_tones_and_antennas_are_named():
     assert ": 3," in found[1]
     scan = PlanarScan(SOME.tx_m)
     dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
-    assert not list(echo_warnings(dead))  # nothing is said of a frame without any echo
+    assert not list(echo_warnings(dead))  # no warning for a frame without any echo

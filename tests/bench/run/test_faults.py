@@ -1,4 +1,4 @@
-"""Faults around a run: each is said in one line, nothing half-made is taken for whole, and a
+"""Faults around a run: each is reported in one line, nothing half-made is taken for whole, and a
 resumed run ends where an undisturbed one does.
 
 Elsewhere: kill −9 (test_resume), lost workers (test_schedule), limits of volumes (test_imaging),
@@ -76,7 +76,7 @@ def test_a_disk_full_at_any_write_leaves_nothing_half_made(
     assert at > (15 if rename else 30)  # the run has that many
 
 
-def test_a_flipped_bit_in_any_kept_file_is_found_said_and_made_again(
+def test_a_flipped_bit_in_any_kept_file_is_found_reported_and_made_again(
     small_bench, clean, tmp_path, capsys
 ):
     out, expected, generator = tmp_path / "out", content(clean), np.random.default_rng(5)

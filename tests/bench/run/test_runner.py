@@ -85,7 +85,7 @@ def other(small_bench, recorded) -> Path:
     return other
 
 
-def test_what_one_method_cannot_do_is_left_out_for_all_and_said(
+def test_what_one_method_cannot_do_is_left_out_for_all_and_reported(
     small_bench, small_result, other, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(

@@ -70,8 +70,8 @@ def test_a_sweep_measures_ranks_claims_and_its_settings_run_anywhere(small_bench
     tones = {json.loads(s.knobs)["method"]: s.acquisition_s for s in lines.values()}
     assert tones == {"2fsk": 0.004, "3fsk": 0.006, "broadband": 0.008}
     half, full = (lines[f"2fsk-tolerance-1e-2{more}"] for more in ("-every_nth_antenna-2", ""))
-    # Pixels, passes and tones alike, a quarter of the channels; the look for focus has few points,
-    # by the aperture.
+    # The same pixels, passes and tones, a quarter of the channels; the search for focus has few
+    # points, by the aperture.
     assert full.operations == pytest.approx(4 * half.operations, rel=0.01)
     assert facts.claims[0].counted == pytest.approx(4 * 21 * 21 * 11 / (7 * 21 * 21))
     assert len(facts.claims) == 3 and all(c.measured > 0 for c in facts.claims)
@@ -84,7 +84,7 @@ def test_a_sweep_measures_ranks_claims_and_its_settings_run_anywhere(small_bench
     assert value == pytest.approx(lines[list(lines)[-1]].error)
 
 
-def test_what_a_setting_cannot_do_is_left_out_and_said(small_bench, tmp_path, capsys):
+def test_what_a_setting_cannot_do_is_left_out_and_reported(small_bench, tmp_path, capsys):
     found = sweep(declare(small_bench, FEW + BROADBAND), tmp_path / "out")
     assert {json.loads(s.knobs)["method"] for s in found.section("imaging")} == {"3fsk"}
     [line] = found.facts.facts["left_out"]

@@ -217,8 +217,8 @@ def recorded(state: State, echoes: TargetEchoes) -> np.ndarray:
 
 def test_the_covariance_is_honest_in_every_direction(target, centres_m):
     """Arrays and targets drawn from the priors: the squared error in units of the covariance
-    averages the number of directions that can be told, 133 less 12 gauges, over 12 trials: ± 11 %
-    is three standard errors."""
+    averages the number of observable directions, 133 less 12 gauges, over 12 trials: ± 11 % is
+    three standard errors."""
     random, nees = np.random.default_rng(11), []
     echoes = TargetEchoes(target, TONES_HZ[::2])
     for _ in range(12):

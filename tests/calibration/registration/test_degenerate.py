@@ -84,7 +84,7 @@ def scenario(
 
 
 def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) -> Transform:
-    """With covariances alike and so large that all pairs agree: then weighted least squares are
+    """With equal covariances, so large that all pairs agree: then weighted least squares are
     plain ones."""
     spread_m2 = (0.01 * EXTENT_M) ** 2 * np.eye(3)
     return align(
@@ -223,7 +223,7 @@ def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, word
 def test_a_mirror_image_is_named_as_one(shape, count, seed, with_scale):
     """Also of the five, of which four lie in a plane and would outvote the fifth."""
     p, _ = scenario(seed, shape)
-    words = f"{count} of {count} pairs of centres lie as the target's mirror image"
+    words = f"{count} of {count} pairs of centres fit the target's mirror image"
     with pytest.raises(HandbenchError, match=words):
         align(candidates(p), candidates(mirror(seed, p)), with_scale)
 

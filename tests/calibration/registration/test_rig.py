@@ -58,7 +58,7 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("with_scale", [False, True])
-def test_a_rig_at_rest_is_seldom_said_to_move(rng, with_scale):
+def test_a_rig_at_rest_is_seldom_reported_to_move(rng, with_scale):
     """400 repeats. χ² averages 6 or 7 (four standard errors, and 3 % for covariances that the
     residuals enlarge); 1 % are false alarms, 10 of 400 being four standard errors and more."""
     repeats = [

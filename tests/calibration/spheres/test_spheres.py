@@ -92,7 +92,7 @@ def test_other_surfaces_are_no_spheres(rng, target, kind):
 )
 def test_the_covariance_is_honest(rng, part, patch_m, radius_sigma_m, trials, low, high):
     """The normalised squared error of a centre averages 3, the degrees of freedom, within three
-    standard errors. Also where errors are alike within patches, as those of a dense reconstruction
+    standard errors. Also where errors are equal within patches, as those of a dense reconstruction
     are; there a part of what they share is fitted away, and standard deviations may come out a
     quarter too small (3 · 1.3² = 5.2): taken as independent, the same errors would give 20. And
     where spheres are made to ± 0.2 mm, which would move them by that in depth."""

@@ -107,7 +107,7 @@ def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 
-def test_a_surface_that_runs_on_is_said(capsys):
+def test_a_surface_that_runs_on_is_reported(capsys):
     points_m = np.random.default_rng(0).uniform(*HAND_M, (5000, 3))
     cloud = cloud_of(points_m, np.tile([0.0, 0, 1], (5000, 1)))
     fits = Volume((-0.2, -0.2, -0.01, 0.2, 0.2, 0.2), "the board and cameras")

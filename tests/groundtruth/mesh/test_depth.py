@@ -39,8 +39,8 @@ TILTED = (-0.7, 0.4, 0.3)  # slopes along x and y, depth on the axis
 def sheet(a, b, c, sigma_m=0.0, observed=True):
     flat = plane(a, b, c)
     vertices_m = np.asarray(flat.vertices)
-    told = np.full(len(vertices_m), sigma_m), np.full(len(vertices_m), observed)
-    return Surface(vertices_m, np.asarray(flat.triangles), *told)
+    per_vertex = np.full(len(vertices_m), sigma_m), np.full(len(vertices_m), observed)
+    return Surface(vertices_m, np.asarray(flat.triangles), *per_vertex)
 
 
 def registered(surface, *deviations) -> Reference:

@@ -127,7 +127,7 @@ def test_a_blurred_photograph_is_left_out_if_enough_remain(tmp_path, capsys, kin
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)) / 61.0
     blurred(tmp_path / "p2.png", disc if kind == "defocus" else np.eye(13) / 13)
     assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p3.png"]
-    assert "p2.png: blurred (" in (said := capsys.readouterr().err) and "left out" in said
+    assert "p2.png: blurred (" in (printed := capsys.readouterr().err) and "left out" in printed
     (tmp_path / "p0.png").unlink()
     assert names(select_usable(find_photos(tmp_path))) == ["p1.png", "p2.png", "p3.png"]
     assert "used, since there are few" in capsys.readouterr().err

@@ -19,7 +19,7 @@ INTRINSICS = tuple(range(8))
 
 
 def meeting_point(images, pixels, start_m):
-    """The point nearest to the rays of the pixels [n, 2], pixels weighing alike."""
+    """The point nearest to the rays of the pixels [n, 2], all pixels with the same weight."""
 
     def off(point_m):
         return np.concatenate(
@@ -64,7 +64,7 @@ def test_known_poses_hold_the_frame_to_what_they_miss():
     scene = noisy_model()
     bundle = Bundle(scene.model, {}, {})
     known = camera_covariance(bundle, Scale("poses", 5, 5, 2e-3))
-    # the centre −Rᵀt moves by −Rᵀτ, and not by ω, which turns t and R alike
+    # the centre −Rᵀt moves by −Rᵀτ, and not by ω, which turns both t and R
     by_tau = [-image.cam_from_world().rotation.matrix().T / 5 for image in bundle.images]
     mean = np.zeros((3, bundle.size))
     for image, slope in zip(bundle.images, by_tau, strict=True):

@@ -62,8 +62,8 @@ def test_markers_are_found_in_colmaps_pixels(tmp_path):
 
 
 def test_points_off_a_plane_tell_its_mirror_image():
-    """A majority in a plane fits either way; what lies off it, on the wrong side, is said to be a
-    reflection."""
+    """A majority in a plane fits either way; points off the plane, on the wrong side, are
+    reported as a reflection."""
     random = np.random.default_rng(4)
     target_m = np.concatenate(
         [

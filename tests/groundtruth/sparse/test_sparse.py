@@ -1,5 +1,5 @@
-"""Photographs that do not register, and models without depth: said or refused before the work
-starts."""
+"""Photographs that do not register, and models without depth: reported or refused before the
+work starts."""
 
 import pytest
 

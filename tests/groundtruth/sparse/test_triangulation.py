@@ -69,7 +69,7 @@ def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, 
 
 
 @pytest.mark.slow
-def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_said(photos, capsys):
+def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_reported(photos, capsys):
     true = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
     random = np.random.default_rng(0)
     given = tuple(
@@ -80,8 +80,10 @@ def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_said(photos, c
     held = solved(photos, cameras=photos / "moved.json")
     assert [camera.t for camera in held.cameras()] == [camera.t for camera in given]
     refined = solved(photos, cameras=photos / "moved.json", refine_poses=True)
-    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("refined: ")]
-    assert len(said) == 1 and "the given cameras moved by" in said[0]
+    printed = [
+        line for line in capsys.readouterr().err.splitlines() if line.startswith("refined: ")
+    ]
+    assert len(printed) == 1 and "the given cameras moved by" in printed[0]
     assert (
         refined.model.compute_mean_reprojection_error()
         < 0.5 * held.model.compute_mean_reprojection_error()

@@ -70,10 +70,10 @@ def test_no_error_is_above_its_certificate(kind, t, r, tolerance, counts, apart,
 def test_the_sum_in_float64_is_right_to_its_last_digits():
     uneven_hz = np.sort(np.random.default_rng(1).uniform(72e9, 82e9, 40))
     points = np.array([[0.01, 0.02, 0.3], [-0.1, 0.05, 1.0]])
-    alike_hz = np.r_[
+    repeated_hz = np.r_[
         [80e9] * 3, np.linspace(82e9, 72e9, 29), [81e9] * 8
     ]  # more than once, descending
-    for tones_hz in (np.linspace(72e9, 82e9, 40), uneven_hz, alike_hz):
+    for tones_hz in (np.linspace(72e9, 82e9, 40), uneven_hz, repeated_hz):
         samples = noise((40, 94, 94))
         off = exact_sums(samples, tones_hz, qar50(), points)[0] - direct_sum(
             samples, tones_hz, qar50(), points

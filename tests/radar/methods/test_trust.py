@@ -125,3 +125,5 @@ def test_it_survives_the_file_and_drops_what_is_doubted(tmp_path, plate):
     assert np.array_equal(kept, np.nan_to_num(depth.p_gross, nan=1.0) <= most) and kept.any()
     with pytest.raises(HandbenchError, match="no p_gross"):
         plate[0].trusted(0.5)
+    with pytest.raises(HandbenchError, match=r"most: is 1\.5; expected a probability"):
+        depth.trusted(1.5)

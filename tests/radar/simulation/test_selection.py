@@ -1,5 +1,5 @@
 """Selection of effects: the tolerance is a budget, a list is a list, and what a scene lacks is
-said."""
+reported."""
 
 import dataclasses
 
@@ -64,7 +64,7 @@ def test_what_takes_no_time_is_on(catalogue):
     assert cheap.on and "of the time" in cheap.why
 
 
-def test_what_the_scene_lacks_is_off_and_said(catalogue):
+def test_what_the_scene_lacks_is_off_and_reported(catalogue):
     catalogue(effect("a", 9.0, lacks="[noise] in the scene"), effect("b", 9.0))
     first, second = selection.choose(bead_scene(), "auto", 0.1)
     assert not first.on and first.why == "needs [noise] in the scene" and first.depth_mm is None

@@ -2,8 +2,8 @@
 short dipoles.
 
 Green's dyadic of the scattered field is a series of spherical waves M and N that leave the sphere
-(Mie's coefficients) for receiver and transmitter alike. The sum over the azimuthal orders of each
-degree n is closed by the addition theorem of Legendre's polynomials, so that P_n(cos γ) and two
+(Mie's coefficients), for receiver and transmitter. The sum over the azimuthal orders of each degree
+n is closed by the addition theorem of Legendre's polynomials, so that P_n(cos γ) and two
 derivatives are all that depends on both. Time is e^{+jωt}.
 
 Tai, Dyadic Green Functions in Electromagnetic Theory, 2nd ed. 1994, chapter 10; Bohren & Huffman,

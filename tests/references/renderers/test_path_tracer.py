@@ -59,7 +59,7 @@ def test_a_small_light_is_photographed_where_cameras_json_projects_it():
 
 
 def test_the_bitmap_on_a_ball_is_the_texel_that_its_coordinates_name():
-    """The reflectance at facets' middles, told from the point alone, against the bitmap at the mean
+    """The reflectance at facets' middles, from the point only, against the bitmap at the mean
     of the corners' texels, rounded: equal up to the pattern's change over a texel; shuffled points
     are not."""
     atlas = ball_atlas()

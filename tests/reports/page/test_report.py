@@ -192,17 +192,17 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
     assert '<a href="../index.html' in (out / "pages/001.html").read_text(encoding="utf-8")
 
 
-def test_effects_and_failures_are_told(folder, tmp_path, undrawn):
-    told = tmp_path / "told"
-    shutil.copytree(folder, told)
-    about = read_json(told / "result.json", "")
+def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
+    changed = tmp_path / "changed"
+    shutil.copytree(folder, changed)
+    about = read_json(changed / "result.json", "")
     noise = {"effect": "noise", "on": True, "why": "<b>", "depth_mm": 0.25, "seconds": 1.5}
     about["captures"][0]["effects"] = [noise | {"level_db": None}]
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
-    write_json(told / "result.json", about)
+    write_json(changed / "result.json", about)
     figures = {"2fsk": np.array([6.0, 5.0, 7.0]), "3fsk": np.array([1.0, 1.1, 0.9])}
-    results.write_tables(told, comparisons=compare(figures, "truth"))
-    text = html.build(told, tmp_path / "out").read_text(encoding="utf-8")
+    results.write_tables(changed, comparisons=compare(figures, "truth"))
+    text = html.build(changed, tmp_path / "out").read_text(encoding="utf-8")
     assert "<b>no" not in text and "X: score failed: &lt;b&gt;no" in text
     assert "1 of 1" in text and "0.250" in text
     # nothing is tested, so no method has the best figure

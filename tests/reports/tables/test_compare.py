@@ -56,12 +56,12 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
     table, times = (block for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE))
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()} == {7}
     assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
-    alike = comparison.markdown(
+    equal = comparison.markdown(
         replace(
             compared, changes=frame(CHANGES), differences=frame(DIFFERENCES), times=frame(TIMES)
         )
     )
-    assert "No difference shown." in alike and "Nothing." in alike
+    assert "No difference shown." in equal and "Nothing." in equal
 
 
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):

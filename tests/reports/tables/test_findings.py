@@ -14,7 +14,7 @@ from tests.reports.synthetic_result import write_synthetic
 @pytest.fixture(scope="module")
 def result(tmp_path_factory) -> results.Result:
     return results.load(
-        write_synthetic(tmp_path_factory.mktemp("alike"), captures=("B", "F"), alike=True)
+        write_synthetic(tmp_path_factory.mktemp("equal"), captures=("B", "F"), equal=True)
     )
 
 
