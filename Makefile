@@ -6,7 +6,7 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-all test-random hard-cases fuzz mutation bench lint docs coverage requirements clean
+.PHONY: setup table test test-all test-random hard-cases fuzz bench lint docs coverage requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
 
@@ -58,19 +58,6 @@ hard-cases: setup
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),20000) --seed $(or $(SEED),0) -o runs/fuzz
 
-# Random mutants of four packages against their tests, SAMPLE of each, in a copy of what git knows; an hour at most.
-MUTATION := runs/mutation
-MAPPED   := tests/calibration tests/groundtruth tests/radar tests/bench/evaluation tests/cli/test_calibrate_command.py \
-            $(addprefix tests/bench/run/test_,runner.py treatments.py outcome.py methods.py)
-mutation: setup
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r tests/mutation/requirements.txt
-	rm -rf $(MUTATION) && mkdir -p $(MUTATION)/tree
-	git ls-files -z | tar c --null -T - | tar x -C $(MUTATION)/tree
-	ln -s $(ROOMS:%=../%) $(MUTATION)/tree/handbench  # or the rooms would be imported from here
-	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation.contexts ../map.json $(MAPPED)
-	cd $(MUTATION)/tree && PYTHONPATH=. $(CURDIR)/$(BIN)/python -m tests.mutation --tree . --map ../map.json \
-	  --sample $(or $(SAMPLE),40) --seed $(or $(SEED),0) --minutes 40 -o ../mutants.json
-
 bench: setup
 	$(BIN)/python -m handbench.bench.studies.engine.measure_engine -o runs/bench.json
 
@@ -94,8 +81,6 @@ coverage: setup
 requirements:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
 	  --extra dev pyproject.toml -o requirements.txt
-	echo "cosmic-ray>=8.3" | uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
-	  -c requirements.txt - -o tests/mutation/requirements.txt
 
 clean:
 	rm -rf $(VENV) .types .mypy_cache .ruff_cache build dist *.egg-info
