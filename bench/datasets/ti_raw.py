@@ -77,8 +77,7 @@ def import_ti_raw(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
     """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
-    folder. settings: fields of `ChirpProfile` that replace those in the folder's .cfg or .json.
-    Raises HandbenchError for files that do not fit the profile."""
+    folder. settings: fields of `ChirpProfile` in place of those in the folder's .cfg or .json."""
     source = require_folder(source, WHAT)
     found = sorted([*source.glob("*.cfg"), *source.glob("*.json")])
     if len(found) != 1:
@@ -106,8 +105,8 @@ def import_ti_raw(
     places_m, gains = _antennas(source, profile, transmitters)
     about = {"source": " ".join(filter(None, ("TI raw capture", profile.board)))}
     recording = Recording(samples, profile.tones_hz(), places_m, None, gains, profile.sweeps, about)
-    facts = {"name": Path(folder).resolve().name, "kind": "other", **about}
-    description = parse(CaptureFile, {**facts, "contains": (ECHOES,)}, str(folder))
+    facts = {"name": Path(folder).resolve().name, "kind": "other", "contains": (ECHOES,), **about}
+    description = parse(CaptureFile, facts, str(folder))
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, recording.capture())
         save_capture_file(temporary, description)
@@ -141,10 +140,8 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
 
 def _read_numbers(source: Path) -> np.ndarray:
     """Read all .bin files in a folder, one after the other: int16 [n]."""
-    paths = sorted(
-        source.glob("*.bin"),
-        key=lambda path: [(int(n or 0), text) for text, n in re.findall(r"(\D*)(\d*)", path.name)],
-    )
+    parts = {path: re.findall(r"(\D*)(\d*)", path.name) for path in source.glob("*.bin")}
+    paths = sorted(parts, key=lambda path: [(int(n or 0), text) for text, n in parts[path]])
     if not (size := sum(path.stat().st_size for path in paths)):
         raise HandbenchError(f"{source}: has no samples in .bin files; expected {WHAT}")
     require_free(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
