@@ -27,6 +27,8 @@ ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
 # what can be imported, by the name of its data set
 FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}
 KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (HDF5, MATLAB) or radar_*/calibrated_data (MAROON)"
+# a file in a folder that has to be imported → the name of its data set
+RAW = {"scan.npy": "planar_scan", "positions.csv": "touchstone", "adc_data.bin": "ti-raw"}
 # behind a MAROON capture's path: its frames without the empty room
 AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"
 DEPTH = 3  # folders below a data set's root in which captures are looked for
@@ -43,11 +45,8 @@ def open_capture(path: str | Path) -> NativeCapture:
     )
     adapter = _adapter(folder)
     if adapter is None:
-        hint = (
-            "; a planar scan: run `handbench import planar_scan`"
-            if (folder / "scan.npy").exists()
-            else ""
-        )
+        kind = next((kind for name, kind in RAW.items() if (folder / name).exists()), None)
+        hint = f"; {kind}: run `handbench import {kind}`" if kind else ""
         below = _below(folder, DEPTH)
         hint = f"; it has captures in it: name one, as {min(below)}" if below else hint
         raise HandbenchError(f"{folder}: is no capture; expected {KNOWN}{hint}")

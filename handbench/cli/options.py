@@ -84,6 +84,23 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
     return values
 
 
+def set_values(values: dict[str, Any], settings: Sequence[str], example: str) -> None:
+    """Set values by the texts KEY=VALUE of --set; a key with dots is one of a table. Raises
+    HandbenchError, which names an example, for another text."""
+    for setting in settings:
+        key, separator, text = setting.partition("=")
+        *parents, leaf = key.split(".")
+        place: Any = values
+        for parent in parents:
+            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
+        if not separator or not isinstance(place, dict):
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as {example}")
+        try:
+            place[leaf] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            place[leaf] = text
+
+
 def free(path: Path, overwrite: bool) -> None:
     """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
     if path.exists() and not overwrite:

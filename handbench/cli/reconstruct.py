@@ -1,7 +1,6 @@
 """`handbench reconstruct`: image one capture by one method."""
 
 import argparse
-import tomllib
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
 from handbench.bench.validation.capture_warnings import warnings_of_image
 from handbench.bench.validation.checks import echo_warnings, on_target
-from handbench.cli.options import free
+from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging import api
 from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
@@ -126,18 +125,7 @@ def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, 
     """Return the method's settings `values` with those from the command line in their place: --set
     KEY=VALUE, --tolerance and --exact. A method that always images exactly has no tolerance to
     set."""
-    for setting in options.settings:
-        key, separator, text = setting.partition("=")
-        *parents, leaf = key.split(".")
-        place: Any = values
-        for parent in parents:
-            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
-        if not separator or not isinstance(place, dict):
-            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as z.step_m=0.002")
-        try:
-            place[leaf] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            place[leaf] = text
+    set_values(values, options.settings, "z.step_m=0.002")
     if "tolerance" in values and (options.exact or options.tolerance is not None):
         values["tolerance"] = options.tolerance
     return values

@@ -1,0 +1,225 @@
+"""A network analyser's Touchstone files (.s1p, .s2p), one for each place of the antennas, as a
+capture folder.
+
+A file of version 1.1 of the format (Touchstone File Format Specification, IBIS Open Forum, 2002)
+has comments after "!", one option line "# GHz S MA R 50", and a record of a frequency and 1 or 4
+pairs of numbers for each tone; of two ports in the order S11, S21, S12, S22, and perhaps followed
+by noise parameters. Network analysers use e^{+jωt}: S21 of a path is exp(−j2πf·path/c), which is
+handbench's own sign.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from handbench.radar.data.arrays import positions
+from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.data.recording import Recording
+from handbench.support.caller import option
+from handbench.support.config import Config, parse
+from handbench.support.cost import require_free
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, inside, read_bytes, require_folder
+from handbench.support.limits import CSV_BYTES, TOUCHSTONE_BYTES
+
+POSITIONS = "positions.csv"
+COLUMNS = ["file", "tx_x_m", "tx_y_m", "tx_z_m", "rx_x_m", "rx_y_m", "rx_z_m"]
+PARAMETERS = {".s1p": ("S11",), ".s2p": ("S11", "S21", "S12", "S22")}  # in a record's order
+USUAL = {".s1p": "S11", ".s2p": "S21"}
+UNITS = {"HZ": 1.0, "KHZ": 1e3, "MHZ": 1e6, "GHZ": 1e9}
+FORMATS = ("RI", "MA", "DB")
+OPTIONS = "expected '#' and then any of Hz, kHz, MHz, GHz; S; RI, MA, DB; R and ohms"
+NOISE = 5  # numbers of a line of noise parameters
+
+
+class TouchstoneSettings(Config):
+    """What of the files becomes the echoes. parameter: by default S21 of two ports, S11 of one."""
+
+    parameter: Literal["S11", "S21", "S12", "S22"] | None = None
+
+
+def import_touchstone(
+    source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
+) -> None:
+    """Convert the Touchstone files that SOURCE/positions.csv lists, with the places of transmitter
+    and receiver, to a capture folder: a scan if both are always in one place, else pairs.
+    settings: the fields of `TouchstoneSettings`. Raises HandbenchError for other files."""
+    source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
+    wanted = parse(TouchstoneSettings, dict(settings or {}), option("--set", "settings")).parameter
+    names, places_m = _read_positions(source / POSITIONS)
+    frequencies_hz, samples = np.empty(0), np.empty((0, 0), np.complex64)
+    for row, name in enumerate(names):
+        path = inside(source, name, POSITIONS)
+        tones_hz, values = read_touchstone(path, wanted)
+        if row == 0:
+            frequencies_hz = tones_hz
+            shape = len(tones_hz), len(names)
+            require_free(8.0 * math.prod(shape), f"{source}: {shape}", "import fewer files")
+            samples = np.empty(shape, np.complex64)
+        if tones_hz.shape != frequencies_hz.shape or not np.allclose(
+            tones_hz, frequencies_hz, rtol=1e-9, atol=0
+        ):
+            raise HandbenchError(
+                f"{path}: has {_range(tones_hz)}; expected those of {names[0]}, "
+                f"{_range(frequencies_hz)}: sweep all places alike"
+            )
+        samples[:, row] = values
+    tx_m, rx_m = places_m[:, :3], places_m[:, 3:]
+    moved = np.array_equal(tx_m, rx_m)
+    tables, pairs = ({"position_m": tx_m}, None) if moved else _pairs(tx_m, rx_m)
+    about = {"source": f"Touchstone files, {wanted or USUAL[Path(names[0]).suffix.lower()]}"}
+    capture = Recording(samples[None, None], frequencies_hz, tables, pairs, about=about).capture()
+    facts = {"name": Path(folder).resolve().name, "kind": "scan" if moved else "other", **about}
+    description = parse(CaptureFile, {**facts, "contains": (ECHOES,)}, str(folder))
+    with atomic_folder(folder) as temporary:
+        save_capture(temporary / ECHOES, capture)
+        save_capture_file(temporary, description)
+
+
+def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Read a file: (frequencies [f], hertz, rising; one of its S parameters [f], complex).
+    parameter: "S11" to "S22"; by default S21 of two ports and S11 of one. Raises HandbenchError,
+    with the line, for a file of another form."""
+    kind = path.suffix.lower()
+    if kind not in PARAMETERS:
+        raise HandbenchError(f"{path}: is no Touchstone file; expected one in .s1p or .s2p")
+    if (parameter := parameter or USUAL[kind]) not in PARAMETERS[kind]:
+        raise HandbenchError(f"{path}: has only S11; expected {parameter}: give a .s2p file")
+    content = read_bytes(path, "a Touchstone file", TOUCHSTONE_BYTES)
+    (unit, form), records = _read_records(path, content, 1 + 2 * len(PARAMETERS[kind]))
+    at = 1 + 2 * PARAMETERS[kind].index(parameter)
+    first, second = records[:, at], records[:, at + 1]
+    if form == "RI":
+        values = first + 1j * second
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            size = 10.0 ** (first / 20) if form == "DB" else first
+            values = size * np.exp(1j * np.deg2rad(second))
+    if not (np.abs(values) < 1e30).all():
+        raise HandbenchError(
+            f"{path}: {parameter} reaches {np.abs(values).max():.3g}; expected a reflection or "
+            f"transmission near 1: are its numbers {form}?"
+        )
+    return records[:, 0] * UNITS[unit], values
+
+
+def _read_records(path: Path, content: bytes, size: int) -> tuple[tuple[str, str], np.ndarray]:
+    """Parse a file's content: (its unit and format, its records [f, size]). A record may go on
+    over several lines; noise parameters, which begin at a lower frequency, are left out."""
+    options: tuple[str, str] | None = None
+    records: list[list[float]] = []
+    record: list[float] = []
+    number = 0
+    for number, line in enumerate(content.removeprefix(b"\xef\xbb\xbf").splitlines(), 1):
+        text, where = line.split(b"!")[0].decode("latin-1").strip(), f"{path}: line {number}"
+        if text.startswith("#"):
+            options = options or _options(text[1:], where)  # the first one counts
+            continue
+        if text.startswith("["):
+            raise HandbenchError(
+                f"{where} is '{text[:40]}', of Touchstone 2; expected version 1: export it so"
+            )
+        if not text:
+            continue
+        if options is None:
+            raise HandbenchError(f"{where} comes before the option line; {OPTIONS}")
+        try:
+            numbers = [float(word) for word in text.split()]
+        except ValueError:
+            numbers = []
+        last_hz = records[-1][0] if records else -math.inf
+        if not record and size == 9 and len(numbers) == NOISE and numbers[0] <= last_hz:
+            break
+        record = record + numbers
+        if not numbers or not all(map(math.isfinite, numbers)) or len(record) > size:
+            raise HandbenchError(f"{where} is '{text[:40]}'; expected a record of {size} numbers")
+        if len(record) == size:
+            if not record[0] > max(last_hz, 0):
+                raise HandbenchError(
+                    f"{where} has the frequency {record[0]:g}; expected one above "
+                    f"{max(last_hz, 0):g}, the one before"
+                )
+            records.append(record)
+            record = []
+    if options is None or record or not records:
+        raise HandbenchError(
+            f"{path}: ends at line {number} with {len(record)} numbers; expected records of {size}:"
+            " is the file complete?"
+        )
+    return options, np.array(records)
+
+
+def _options(text: str, where: str) -> tuple[str, str]:
+    """Parse an option line, in any order and case: (unit, format). Raises HandbenchError for words
+    that it may not have, and for other parameters than S."""
+    words = text.upper().split()
+    unit, form = "GHZ", "MA"
+    while words:
+        word = words.pop(0)
+        if word in UNITS:
+            unit = word
+        elif word in FORMATS:
+            form = word
+        elif word == "R" and words and words[0].replace(".", "", 1).isdigit():
+            words.pop(0)  # ohms: S parameters are echoes over what was sent, whatever they are
+        elif word != "S":
+            raise HandbenchError(f"{where} has the option '{word[:20]}'; {OPTIONS}")
+    return unit, form
+
+
+def _read_positions(path: Path) -> tuple[list[str], np.ndarray]:
+    """Read `positions.csv`: (names of files [n], places [n, 6] of transmitter and receiver,
+    metres)."""
+    content = read_bytes(path, f"a CSV file with the columns {','.join(COLUMNS)}", CSV_BYTES)
+    names: list[str] = []
+    places: list[list[float]] = []
+    lines: dict[Any, int] = {}
+    where = str(path)
+    try:
+        reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""))
+        for row in reader:
+            where = f"{path}: line {reader.line_num}"
+            if reader.line_num == 1 and row != COLUMNS:
+                raise HandbenchError(f"{where} is '{str(row)[:80]}'; expected {','.join(COLUMNS)}")
+            if reader.line_num == 1 or not row:
+                continue
+            if len(row) != len(COLUMNS):
+                raise HandbenchError(f"{where} has {len(row)} cells; expected {len(COLUMNS)}")
+            place = [float(cell) for cell in row[1:]]
+            for what in (row[0], tuple(place)):
+                if (before := lines.setdefault(what, reader.line_num)) != reader.line_num:
+                    raise HandbenchError(
+                        f"{where} has the file or the places of line {before}; expected others"
+                    )
+            names.append(row[0])
+            places.append(place)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise HandbenchError(f"{path}: is no CSV file ({error}); write it again") from None
+    except ValueError as error:
+        raise HandbenchError(f"{where}: {error}; expected metres") from None
+    if not names:
+        raise HandbenchError(f"{path}: lists no file; expected a line for each")
+    positions(str(path), np.reshape(places, (-1, 3)))  # refuses what cannot be metres
+    return names, np.array(places)
+
+
+def _pairs(tx_m: np.ndarray, rx_m: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """List the different places of transmitters and receivers [n, 3], and for each file the indices
+    of both [files, 2]."""
+    found = {
+        name: np.unique(places_m, axis=0, return_inverse=True)
+        for name, places_m in (("tx_m", tx_m), ("rx_m", rx_m))
+    }
+    pairs = np.stack([index.reshape(-1) for _, index in found.values()], axis=1)
+    return {name: places_m for name, (places_m, _) in found.items()}, pairs
+
+
+def _range(tones_hz: np.ndarray) -> str:
+    low, high = tones_hz[0] / 1e9, tones_hz[-1] / 1e9
+    return f"{len(tones_hz)} tones in {low:.6g}–{high:.6g} GHz"
