@@ -73,7 +73,7 @@ def test_a_mesh_of_another_form_is_named(tmp_path, name, content, message):
     [
         (read_toml, b"a = 1\nb = 0,3\n", "'b = 0,3'; write decimals with a point"),
         (read_json, b'{"a": 1,\n"b": 0,3}', '"b": 0,3}\'; write decimals with a point'),
-        (read_toml, b"['line 9, column 1']\n['line 9, column 1']\n", "twice (at line 2, column 20)"),
+        (read_toml, b"['line 9, column 1']\n['line 9, column 1']\n", "(at line 2, column 20)"),
         (read_toml, "a = “b”".encode(), "'a = “b”'"),
         (read_toml, "a = 'ü'".encode("utf-16"), "UTF-16; save it as UTF-8"),
         (read_json, b"{\0\n\0}\0", "UTF-16; save it as UTF-8"),
