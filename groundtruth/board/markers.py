@@ -114,7 +114,7 @@ def _markers_in(photos: Sequence[Photo], board: Board) -> str:
     detector, seen = cv2.aruco.ArucoDetector(board.cv_dictionary()), set[int]()
     for photo in photos[:TRIED]:
         _, ids, _ = detector.detectMarkers((photo.gray() * 255).round().astype(np.uint8))
-        seen |= set() if ids is None else set(ids.ravel().tolist())
+        seen |= set() if ids is None else set(map(int, ids.ravel()))
     if not seen:
         return "check dictionary, ids, focus"
     known = {marker.id for marker in board.marker}
