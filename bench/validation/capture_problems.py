@@ -45,7 +45,7 @@ from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, CameraFile
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.photos.photos import Photo, find_photos
+from handbench.groundtruth.photos.photos import UNREAD, Photo, find_photos
 from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
@@ -99,9 +99,10 @@ def is_native(folder: Path) -> bool:
 
 
 def is_of_photographs(folder: Path) -> bool:
-    """True if the folder itself has pictures and is not a capture."""
-    return any(file.suffix.lower() in SUFFIXES for file in folder.iterdir()) and not is_native(
-        folder
+    """True if the folder itself has pictures, readable or not, and is not a capture."""
+    pictures = {*SUFFIXES, *UNREAD}
+    return not is_native(folder) and any(
+        file.suffix.lower() in pictures for file in folder.iterdir()
     )
 
 

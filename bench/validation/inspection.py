@@ -137,6 +137,9 @@ def problems_of(
         yield from warnings_at(path, mesh_warnings(surface) if surface else ())
     elif suffix in (".h5", ".json"):
         yield from attempt(path, partial(load_capture if suffix == ".h5" else _read_json, path))
+    elif suffix == ".xml":
+        command = f"handbench groundtruth PHOTOS --cameras {path} -o MESH.ply"
+        yield Problem(path, None, f"inspect reads no XML; {command} checks cameras of Metashape")
     else:
         yield from _description(path)
 

@@ -82,7 +82,7 @@ def require_board(
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
         change = pattern_in(photos, board)
-        advice = f"write {change} in its description" if change else "check dictionary, ids, focus"
+        advice = f"write {change} in its description" if change else _markers_in(photos, board)
         raise HandbenchError(
             f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
             f"photographs, each at most once; some must be in two: {advice}"
@@ -107,6 +107,22 @@ def pattern_in(photos: Sequence[Photo], board: Board) -> str:
         found[words] = sum(len(_chessboard_corners(picture, tried)) for picture in pictures)
     best = max(found, key=lambda words: found[words])
     return best if found[best] >= FEWEST_CORNERS else ""
+
+
+def _markers_in(photos: Sequence[Photo], board: Board) -> str:
+    """Say which markers of the board's dictionary are in the photographs, and what to check."""
+    detector, seen = cv2.aruco.ArucoDetector(board.cv_dictionary()), set[int]()
+    for photo in photos[:TRIED]:
+        _, ids, _ = detector.detectMarkers((photo.gray() * 255).round().astype(np.uint8))
+        seen |= set() if ids is None else set(map(int, ids.ravel()))
+    if not seen:
+        return "check dictionary, ids, focus"
+    known = {marker.id for marker in board.marker}
+    known |= set(board.charuco.cv_board().getIds().ravel().tolist()) if board.charuco else set()
+    return (
+        f"the photographs show {len(seen)} markers, {min(seen)} to {max(seen)}, and the board has "
+        f"{len(known)}, {min(known)} to {max(known)}: check columns, rows, ids"
+    )
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_text
+from handbench.support.files import at_fault, one_form, read_text
 from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
@@ -44,10 +44,11 @@ def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> t
     Metashape's.
     """
     root = _parse(path)
-    chunks = root.findall("chunk")
+    chunks = [c for c in root.iterfind("chunk") if c.find("cameras//camera") is not None]
     if root.tag != "document" or len(chunks) != 1:
         raise HandbenchError(
-            f"{path}: has {len(chunks)} Metashape chunks; expected one: export its cameras again"
+            f"{path}: has {len(chunks)} Metashape chunks with cameras; expected one: export its "
+            "cameras again"
         )
     try:
         sensors = {_id(s, "id"): s for s in chunks[0].iterfind("sensors/sensor")}
@@ -82,6 +83,7 @@ def _is_of(label: str, photos: Collection[str]) -> bool:
 def _parse(path: str | Path) -> ElementTree.Element:
     """Parse an XML file and return its root. Raises HandbenchError for a file that is not XML or
     too large, and for one with a document type, since XML attacks use entities."""
+    text = ""
     try:
         text = read_text(path, "cameras exported by Metashape", XML_BYTES)
         if "<!DOCTYPE" in text.upper():
@@ -91,7 +93,7 @@ def _parse(path: str | Path) -> ElementTree.Element:
         return ElementTree.fromstring(text)
     except (ValueError, ElementTree.ParseError) as error:
         raise HandbenchError(
-            f"{path}: is not readable as XML ({error}); export the cameras again"
+            f"{path}: is not readable as XML ({at_fault(error, text)}); export the cameras again"
         ) from error
 
 

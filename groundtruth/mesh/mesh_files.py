@@ -16,7 +16,7 @@ from handbench.groundtruth.mesh.ply import MOST, read_ply
 from handbench.groundtruth.mesh.polygons import MOST_CORNERS, triangles
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, require_file, require_size
+from handbench.support.files import atomic_path, is_utf_16, require_file, require_size
 from handbench.support.limits import MESH_BYTES
 from handbench.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
@@ -166,6 +166,9 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     vertices: list[tuple[float, ...]] = []
     faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
+        if is_utf_16(stream.read(4)):
+            raise ValueError("it is UTF-16; save it as UTF-8")
+        stream.seek(0)
         for number, line in _obj_lines(stream):
             try:
                 match line.split():
@@ -189,7 +192,8 @@ def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
     """Yield the lines of an OBJ file with their numbers, without comments and byte order mark; a
     line that ends with a backslash is joined with the next."""
     begun = b""
-    for number, line in enumerate(stream, 1):
+    lines = (line for part in stream for line in part.splitlines())  # also those that end with \\r
+    for number, line in enumerate(lines, 1):
         line = begun + line.removeprefix(codecs.BOM_UTF8).partition(b"#")[0].rstrip()
         begun = b""
         if line.endswith(b"\\"):
@@ -221,6 +225,8 @@ def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
         corners = np.frombuffer(content, facet, count, 84)["corners"].reshape(-1, 3)
     elif (text := content.removeprefix(codecs.BOM_UTF8).lstrip())[:5].lower() == b"solid":
         corners = _text_corners(text)
+    elif b"\0" not in content[:1000]:
+        raise ValueError("it is text that does not begin with 'solid'")
     else:
         takes = 84 + 50 * count
         raise ValueError(f"its {count} triangles take {takes} bytes, but it has {len(content)}")

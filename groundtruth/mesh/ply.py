@@ -2,6 +2,7 @@
 read."""
 
 import codecs
+import re
 import struct
 import warnings
 from collections.abc import Iterator
@@ -72,6 +73,9 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     and indices make sense is not checked.
     """
     content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    if content.startswith(b"ply\r") and content[4:5] != b"\n":  # lines end as on the first Macs
+        head, end, body = content.partition(b"\rend_header\r")
+        content = (head + end).replace(b"\r", b"\n") + body
     order, elements, start = _header(content)
     body = _numbers(content[start:]).tobytes() if order == ORDERS["ascii"] else content[start:]
     vertices, faces, offset = {}, list[np.ndarray](), 0
@@ -79,6 +83,8 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
         rows, offset = _rows(element, body, offset)
         if element.name == "vertex":
             vertices = {p.name: rows[p.name] for p in element.properties if p.length is None}
+        if element.name == "tristrips" and element.count:
+            raise ValueError("its faces are strips of triangles")
         if element.name == "face":
             faces = _groups(next((rows[name] for name in CORNERS if name in element.lists()), []))
     if body[offset:].strip():
@@ -154,7 +160,8 @@ def _numbers(text: bytes) -> np.ndarray:
         try:
             return np.fromstring(text, sep=" ") if text.strip() else np.zeros(0)
         except (DeprecationWarning, ValueError):
-            raise ValueError("what follows its header is not numbers alone") from None
+            commas = ": it has decimal commas" if re.search(rb"\d,\d", text) else ""
+            raise ValueError(f"what follows its header is not numbers alone{commas}") from None
 
 
 def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:

@@ -145,20 +145,22 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
             f"{folder}: two photographs are called {twice[0]}, with accents written in two ways; "
             "rename one"
         )
+    unread = [
+        path.name
+        for path in _files(paths[0].parent if paths else folder)
+        if path.suffix.lower() in UNREAD and path not in paths
+    ]
+    others = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
+    left_out = f"{one_form(unread[0])}{others}: no JPEG, PNG or TIFF; left out" if unread else ""
     if len(paths) < FEWEST:
         raise HandbenchError(
             f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in "
             "images/; "
             f"at least {FEWEST} are needed, 5 to 12 from different sides are good"
+            + (f" ({left_out})" if left_out else "")
         )
-    unread = [
-        path.name
-        for path in _files(paths[0].parent)
-        if path.suffix.lower() in UNREAD and path not in paths
-    ]
-    if unread:
-        others = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
-        say(f"{one_form(unread[0])}{others}: no JPEG, PNG or TIFF; left out")
+    if left_out:
+        say(left_out)
     return tuple(_open(path) for path in paths)
 
 

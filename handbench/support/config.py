@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 import pydantic
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_text
+from handbench.support.files import at_fault, one_form, read_text
 from handbench.support.limits import (
     LONG_KEY,
     MOST_PROBLEMS,
@@ -111,14 +111,16 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Return the content of a TOML file as plain values. Raises a HandbenchError, which says that
     `what` was expected, for a missing or broken file."""
+    text = ""
     try:
-        return plain_toml(read_text(path, what, TOML_BYTES))
+        text = read_text(path, what, TOML_BYTES)
+        return plain_toml(text)
     except (
         ValueError,
         RecursionError,
     ) as error:  # whole numbers of 5000 digits are no TOMLDecodeError
         raise HandbenchError(
-            f"{path}: is not readable as TOML ({error}); expected {what}"
+            f"{path}: is not readable as TOML ({at_fault(error, text)}); expected {what}"
         ) from error
 
 

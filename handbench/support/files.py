@@ -1,11 +1,13 @@
 """Reading and writing of files such that a crash, a full disk or a malicious file does no harm."""
 
+import codecs
 import errno
 import hashlib
 import io
 import json
 import math
 import os
+import re
 import shutil
 import stat
 import tempfile
@@ -150,8 +152,31 @@ def read_text(path: str | Path, what: str, most: int) -> str:
     r"""Return a file's content as text, from UTF-8 without a byte order mark and with \n at the end
     of every line. Raises ValueError for bytes that are not UTF-8, and HandbenchError as
     `read_bytes` does for a missing or too large file."""
-    text = read_bytes(path, what, most).decode("utf-8-sig")
+    content = read_bytes(path, what, most)
+    if is_utf_16(content):
+        raise ValueError("it is UTF-16; save it as UTF-8")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"line {line} is not UTF-8; save the file as UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def is_utf_16(content: bytes) -> bool:
+    """Report whether a text file's first bytes are UTF-16, with a byte order mark or without."""
+    marked = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return marked or (content[:2].count(0) == 1 and content[2:4].count(0) == 1)
+
+
+def at_fault(error: Exception, text: str) -> str:
+    """Return a parser's error followed by the text at the line and column that it names, and by a
+    hint if a decimal comma is there."""
+    places = re.findall(r"line (\d{1,9}),? column (\d{1,9})", str(error))
+    line, column = map(int, places[-1]) if places else (0, 0)  # a key may have the form of another
+    shown = "".join(["", *text.split("\n")][line : line + 1])[max(0, column - 40) :][:60].strip()
+    hint = "; write decimals with a point" if re.search(r"[=:]\s*[-+]?\d+,\d", shown) else ""
+    return f"{error}: {shown!r}{hint}" if shown else str(error)
 
 
 def one_form(name: str) -> str:
@@ -222,11 +247,13 @@ def read_json(
 ) -> Any:
     """Return the content of a JSON file. Raises a HandbenchError, which says that `what` was
     expected, for a missing or broken file and for more than `most` values or `most_bytes` bytes."""
+    text = ""
     try:
-        return plain_json(read_text(path, what, most_bytes), most)
+        text = read_text(path, what, most_bytes)
+        return plain_json(text, most)
     except (ValueError, RecursionError) as error:
         raise HandbenchError(
-            f"{path}: is not readable as JSON ({error}); expected {what}"
+            f"{path}: is not readable as JSON ({at_fault(error, text)}); expected {what}"
         ) from error
 
 

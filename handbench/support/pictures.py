@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes
@@ -27,15 +27,16 @@ MOST_MARKERS = 10_000  # of a JPEG; programs write some dozens
 MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)  # that ends a scan
 
 
+READ = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif")
 try:
     import pillow_heif  # an extra
 except ImportError:
-    SUFFIXES: tuple[str, ...] = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+    SUFFIXES: tuple[str, ...] = READ
 else:
     pillow_heif.register_heif_opener()
     FORMATS.append("HEIF")
-    SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", *HEIC)
+    SUFFIXES = (*READ, *HEIC)
 
 
 @contextmanager
@@ -60,9 +61,18 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
         struct.error,
         Image.DecompressionBombError,
     ) as error:
+        unknown = f"no {', '.join(FORMATS)} inside{_inside(content.getvalue())}"
+        reason = unknown if isinstance(error, UnidentifiedImageError) else error
         raise HandbenchError(
-            f"{path}: is not a readable photograph ({error}); replace or remove it"
+            f"{path}: is not a readable photograph ({reason}); replace or remove it"
         ) from error
+
+
+def _inside(content: bytes) -> str:
+    """Return the name of the HEIC or AVIF format of a file's content, for a message: telephones
+    hand such pictures on under the names of JPEG files."""
+    brand = content[8:12].decode("latin-1").upper() if content[4:8] == b"ftyp" else ""
+    return f", but {brand}" if brand.isalnum() else ""
 
 
 def is_deep(image: Image.Image) -> bool:

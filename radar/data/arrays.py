@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes
+from handbench.support.files import read_text
 from handbench.support.limits import CSV_BYTES
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -172,17 +172,22 @@ def load_positions(path: str | Path) -> np.ndarray:
     """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m. Raises
     HandbenchError for a file with another content."""
     try:
-        text = read_bytes(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES).decode(
-            "utf-8"
-        )
-        rows = list(csv.reader(io.StringIO(text, newline="")))
-    except (UnicodeDecodeError, csv.Error) as error:
+        text = read_text(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES)
+        lines = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+        rows = [row for row in lines if row]
+    except (ValueError, csv.Error) as error:
         raise HandbenchError(
             f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m"
         ) from None
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
         raise HandbenchError(
-            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m"
+            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m, then three "
+            "numbers a line, separated by commas and with decimal points"
+        )
+    if wrong := [row for row in rows if len(row) != 3]:
+        raise HandbenchError(
+            f"{path}: the line {','.join(wrong[0])[:80]} has {len(wrong[0])} values; expected x, y "
+            "and z, separated by commas and with decimal points"
         )
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
