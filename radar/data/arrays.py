@@ -14,6 +14,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes
 from handbench.support.limits import CSV_BYTES
 
+MOST_ANTENNAS = 2000  # of one file; 2000 × 2000 channels take 32 MB a tone
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
 # float64 resolves a path to 4e-9 m there, and a phase at 80 GHz to 1e-5 rad
@@ -183,6 +184,10 @@ def load_positions(path: str | Path) -> np.ndarray:
     if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
         raise HandbenchError(
             f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m"
+        )
+    if len(rows) > MOST_ANTENNAS + 1:
+        raise HandbenchError(
+            f"{path}: holds {len(rows) - 1} antennas; expected at most {MOST_ANTENNAS}"
         )
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
