@@ -46,7 +46,7 @@ class CaptureFile(Config):
         default=None,
         description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored",
     )
-    contains: tuple[str, ...] = ()
+    contains: tuple[str, ...] = Field(default=(), max_length=1000)
     source: str | None = None
     effects: tuple[Choice, ...] = Field(
         default=(), description="of a simulated capture: what its echoes show"

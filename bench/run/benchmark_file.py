@@ -120,11 +120,11 @@ class MethodEntry(Config):
     id: str
     config: dict[str, Any] = Field(default_factory=dict)
     precision: bool = False
-    every_nth_antenna: int = Field(default=1, ge=1)
+    every_nth_antenna: int = Field(default=1, ge=1, le=MOST_TABLES)
     maps: str | None = None
     command: str | None = None
-    limit_s: float | None = Field(default=None, gt=0)
-    limit_mb: int | None = Field(default=None, ge=0)
+    limit_s: float | None = Field(default=None, gt=0, le=1e7)  # 115 days
+    limit_mb: int | None = Field(default=None, ge=0, le=2**30)
 
     @property
     def foreign(self) -> bool:

@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,13 +30,15 @@ from handbench.groundtruth.photos.photos import FEWEST
 from handbench.radar.methods.registry import method
 from handbench.support.config import Config, checked_name, load, suggest
 from handbench.support.errors import HandbenchError
+from handbench.support.limits import MOST_TABLES
 
 SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
 ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
+MOST_VALUES = 100  # of one parameter
 MOST_RIGS = 100  # and captures of each: numbers that are drawn from do not meet
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0, le=1000)]
 DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 
@@ -72,13 +75,21 @@ class ImagingEntry(Config):
         for key, values in sweep.items():
             if not values:
                 raise ValueError(f"'{key}' has no values; list at least one")
+        count = prod(map(len, sweep.values()))
+        if count > MOST_TABLES:
+            raise ValueError(
+                f"its lists make {count} settings; at most {MOST_TABLES}: list fewer values"
+            )
         return sweep
 
     @field_validator("every_nth_antenna")
     @classmethod
     def _from_one(cls, every: tuple[int, ...]) -> tuple[int, ...]:
-        if not every or min(every) < 1:
-            raise ValueError("expected a list of whole numbers ≥ 1 (1: all antennas)")
+        if not every or min(every) < 1 or max(*every, len(every)) > MOST_TABLES:
+            raise ValueError(
+                f"expected a list of at most {MOST_TABLES} whole numbers from 1 (all antennas) to "
+                f"{MOST_TABLES}"
+            )
         return every
 
 
@@ -88,9 +99,15 @@ class GroundTruthKnobs(Config):
     (they are never enlarged); quality: of the depth maps, as in `handbench groundtruth
     --quality`."""
 
-    views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(default=(5, 8), min_length=1)
-    long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(default=(1200, 2400), min_length=1)
-    quality: tuple[Quality, ...] = Field(default=("draft", "normal"), min_length=1)
+    views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(
+        default=(5, 8), min_length=1, max_length=MOST_VALUES
+    )
+    long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(
+        default=(1200, 2400), min_length=1, max_length=MOST_VALUES
+    )
+    quality: tuple[Quality, ...] = Field(
+        default=("draft", "normal"), min_length=1, max_length=MOST_VALUES
+    )
 
 
 class SimulationKnobs(Config):
@@ -107,11 +124,17 @@ class SimulationKnobs(Config):
     """
 
     scenes: tuple[str, ...] = Field(
-        ("fingers 6 mm apart, skin", "finger before palm, skin"), min_length=1
+        default=("fingers 6 mm apart, skin", "finger before palm, skin"),
+        min_length=1,
+        max_length=MOST_VALUES,
     )
-    facets_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0), min_length=1)
-    mirrors_per_wavelength: tuple[Positive, ...] = Field((ORDINARY, 2.0, 8.0), min_length=1)
-    nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1)
+    facets_per_wavelength: tuple[Positive, ...] = Field(
+        (ORDINARY, 2.0), min_length=1, max_length=MOST_VALUES
+    )
+    mirrors_per_wavelength: tuple[Positive, ...] = Field(
+        (ORDINARY, 2.0, 8.0), min_length=1, max_length=MOST_VALUES
+    )
+    nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1, max_length=MOST_VALUES)
     without: tuple[Annotated[tuple[str, ...], AfterValidator(known_effects)], ...] = (
         (),
         ("multipath",),
@@ -119,7 +142,7 @@ class SimulationKnobs(Config):
         ("multipath", "shadow_diffraction", "shadow_antennas"),
         ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
     )
-    tolerance_mm: tuple[Positive, ...] = (0.1, 1.0)
+    tolerance_mm: tuple[Positive, ...] = Field((0.1, 1.0), max_length=MOST_VALUES)
 
     @field_validator("scenes")
     @classmethod
@@ -138,7 +161,7 @@ class RegistrationKnobs(Config):
     target drawn within its tolerances."""
 
     captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
-        default=(1, 2, 4), min_length=1
+        default=(1, 2, 4), min_length=1, max_length=MOST_VALUES
     )
     trials: int = Field(default=3, ge=1, le=MOST_RIGS)
 

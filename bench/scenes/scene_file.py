@@ -14,8 +14,10 @@ from handbench.radar.simulation.known_effects import check_names
 from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
 from handbench.support.config import Config, Name, Near, Tone, suggest
 from handbench.support.errors import HandbenchError
+from handbench.support.pictures import LARGEST_PX
 
 BUILT_IN_ARRAY = "qar50"
+MOST_TONES = 20_000  # of a scene; echoes of the built-in array take 1.4 GB
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
 
 
@@ -152,6 +154,11 @@ class Sensor(SensorFaults):
     def _some_tone(self) -> "Sensor":
         if not self.sweep and not self.tones_hz:
             raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
+        count = sum(sweep.count for sweep in self.sweep) + len(self.tones_hz)
+        if count > MOST_TONES:
+            raise ValueError(
+                f"sweep and tones_hz make {count} tones; at most {MOST_TONES}: take a smaller count"
+            )
         return self
 
     @property
@@ -172,10 +179,12 @@ class Photos(Config):
     cameras: int = Field(default=8, ge=2, le=100)
     width: int = Field(default=2400, ge=64, le=12_000)
     height: int = Field(default=1600, ge=64, le=12_000)
-    full_well_e: float = Field(default=15_000.0, gt=0)  # electrons at white: sets the photon noise
-    read_noise_e: float = Field(default=6.0, ge=0)
-    blur_px: float = Field(default=0.5, ge=0)  # Gaussian, standard deviation
-    texture_contrast: float = Field(default=1.0, ge=0)  # 1 = natural skin or foam
+    full_well_e: float = Field(
+        default=15_000.0, gt=0, le=1e9
+    )  # electrons at white: sets the photon noise
+    read_noise_e: float = Field(default=6.0, ge=0, le=1e9)
+    blur_px: float = Field(default=0.5, ge=0, le=100)  # Gaussian, standard deviation
+    texture_contrast: float = Field(default=1.0, ge=0, le=100)  # 1 = natural skin or foam
     # lamps mirrored by the skin; 1 = refractive index 1.4
     highlights: float = Field(default=0.0, ge=0, le=20)
     # of the skin that mirrors: GGX's alpha; 0.15 = oily
@@ -194,6 +203,15 @@ class Photos(Config):
     speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
     speckle_from_m: tuple[Near, Near, Near] = (0.0, 0.22, 0.0)  # the projector, radar frame
     speckle_on_board: bool = False  # else the board is lit evenly
+
+    @model_validator(mode="after")
+    def _readable(self) -> "Photos":
+        if self.width * self.height > LARGEST_PX:
+            raise ValueError(
+                f"width and height make {self.width * self.height} pixels; at most "
+                f"{LARGEST_PX}, as handbench reads"
+            )
+        return self
 
 
 class Mount(Config):

@@ -49,8 +49,8 @@ class Target(Config):
     ball_offset_sigma_m (each ball's position in its sphere, per axis), and sphere_radius_sigma_m.
     """
 
-    element: tuple[Element, ...] = Field(min_length=3)
-    foam_permittivity: float = Field(default=1.03, ge=1)
+    element: tuple[Element, ...] = Field(min_length=3, max_length=50)
+    foam_permittivity: float = Field(default=1.03, ge=1, le=20)
     foam_permittivity_sigma: float = Field(default=0.003, ge=0)
     ball_offset_sigma_m: float = Field(default=5e-5, ge=0)
     sphere_radius_sigma_m: float = Field(default=5e-5, ge=0)

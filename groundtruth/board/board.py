@@ -18,7 +18,7 @@ class Marker(Config):
     """One ArUco marker: its id, and its four corners (x, y, z) in the board's frame, metres, in
     OpenCV's order (clockwise from top left)."""
 
-    id: int = Field(ge=0)
+    id: int = Field(ge=0, le=9999)
     corners_m: tuple[tuple[Near, Near, Near], ...] = Field(min_length=4, max_length=4)
 
 
@@ -76,7 +76,7 @@ class Board(Config):
     frame."""
 
     dictionary: str = "DICT_4X4_50"
-    marker: tuple[Marker, ...] = ()
+    marker: tuple[Marker, ...] = Field(default=(), max_length=1000)
     charuco: Charuco | None = None
 
     @field_validator("marker")

@@ -54,8 +54,8 @@ class Camera(Config):
     """
 
     name: FileName
-    width: int = Field(gt=0)
-    height: int = Field(gt=0)
+    width: int = Field(gt=0, le=1_000_000)
+    height: int = Field(gt=0, le=1_000_000)
     model: str = "OPENCV"
     params: tuple[float, ...]
     R: tuple[Row, ...] | None = None

@@ -65,25 +65,27 @@ class Config(pydantic.BaseModel):
         quantity in SI units is as small or large. Numbers in a tuple, as coordinates, may be so
         small by rounding."""
         for name, value in self:
-            for number in _numbers(value):
+            for key, number in _numbers(name, value):
                 vanishes = number and number is value and abs(number) < SMALLEST
                 if abs(number) > LARGEST or vanishes:
                     # a float cannot hold every whole number
                     given = number if isinstance(number, float) else Decimal(number)
                     raise ValueError(
-                        f"{name} is {given:.4g}; expected 0 or a size from {SMALLEST:g} to "
+                        f"{key} is {given:.4g}; expected 0 or a size from {SMALLEST:g} to "
                         f"{LARGEST:g}"
                     )
         return self
 
 
-def _numbers(value: object) -> Iterator[int | float]:
-    """Yield a value if it is a number, and all numbers in a tuple, list or table."""
+def _numbers(key: str, value: object) -> Iterator[tuple[str, int | float]]:
+    """Yield a value with its key if it is a number, and all numbers in a tuple, list or table, with
+    the keys that lead to them."""
     if isinstance(value, int | float):
-        yield value
+        yield key, value
     elif isinstance(value, tuple | list | dict):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _numbers(part)
+        parts = value.items() if isinstance(value, dict) else enumerate(value)
+        for inner, part in parts:
+            yield from _numbers(f"{key}.{inner}", part)
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:

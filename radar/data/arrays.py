@@ -14,6 +14,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_text
 from handbench.support.limits import CSV_BYTES
 
+MOST_ANTENNAS = 2000  # of one file; 2000 × 2000 channels take 32 MB a tone
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
 # float64 resolves a path to 4e-9 m there, and a phase at 80 GHz to 1e-5 rad
@@ -188,6 +189,10 @@ def load_positions(path: str | Path) -> np.ndarray:
         raise HandbenchError(
             f"{path}: the line {','.join(wrong[0])[:80]} has {len(wrong[0])} values; expected x, y "
             "and z, separated by commas and with decimal points"
+        )
+    if len(rows) > MOST_ANTENNAS + 1:
+        raise HandbenchError(
+            f"{path}: holds {len(rows) - 1} antennas; expected at most {MOST_ANTENNAS}"
         )
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))

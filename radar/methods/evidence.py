@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,14 +15,15 @@ from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
+EQUAL = 1e-5  # difference of two tones' samples below which they are copies, with rounding
 NAMED = 5  # antennas at most that a sentence names
 
 
 def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> None:
     """Raise HandbenchError for a frame whose echoes show no depth: a tone that the configuration
     requests holds no echo, two tones have equal samples, or the antennas with echoes are all in one
-    place along an axis of the configuration's grid. A frame without any echo is no error: its depth
-    map is empty."""
+    place along an axis of the configuration's grid, or on one line before pixels of both. A frame
+    without any echo is no error: its depth map is empty."""
     samples = capture.samples[frame]
     if not samples.any():
         return
@@ -33,30 +35,44 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
     )
     for sentence in tone_problems(used, used_hz):
         raise HandbenchError(f"echoes, frame {frame}: {sentence}")
+    point_m = POINT_WAVELENGTHS * shortest_m(capture)
+    counts = {}
     for name, extent_m in zip("xy", live_extent_m(capture, frame), strict=True):
         axis = getattr(config, name, None)
-        pixels = len(axis.values_m()) if isinstance(axis, Axis) else 1
-        if pixels > 1 and extent_m < POINT_WAVELENGTHS * shortest_m(capture):
+        counts[name] = pixels = axis.count if isinstance(axis, Axis) else 1
+        if pixels > 1 and extent_m < point_m:
             raise HandbenchError(
                 f"echoes, frame {frame}: all channels with echoes are at one {name}, so nothing "
                 f"tells the {pixels} pixels along {name} apart; expected antennas at several "
                 f"{name}, or one pixel: {name}.start_m = {name}.stop_m"
             )
+    if min(counts.values()) > 1 and live_width_m(capture, frame) < point_m:
+        raise HandbenchError(
+            f"echoes, frame {frame}: all channels with echoes are on one oblique line, so nothing "
+            "tells the pixels across it apart; expected antennas beside that line, or one pixel: "
+            "y.start_m = y.stop_m"
+        )
 
 
 def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[str]:
     """Yield sentences about tones without echoes, and about two different frequencies with equal
-    samples. samples [f, …]: of one frame; frequencies_hz [f]."""
-    first: dict[complex, int] = {}  # by the samples' sum: equal ones have equal sums
+    samples, up to a gain and rounding. samples [f, …]: of one frame; frequencies_hz [f]."""
     at = [f"{frequency_hz / 1e9:.10g}" for frequency_hz in frequencies_hz.tolist()]
+    means = []  # equal tones have equal ones; so they are neighbours when sorted
     for i, tone in enumerate(samples):
-        other = first.setdefault(complex(tone.sum(dtype=np.complex128)), i)
-        if not tone.any():
+        if tone.any():
+            means.append((complex(_unit(tone).mean(dtype=np.complex128)), i))
+        else:
             yield f"the tone at {at[i]} GHz is 0 in every channel; leave it out, or record it again"
-        elif at[i] != at[other] and np.array_equal(tone, samples[other]):
+    means.sort(key=lambda mean: mean[0].real)
+    for (one, i), (other, j) in pairwise(means):
+        near = at[i] != at[j] and abs(one - other) < EQUAL
+        if near and np.abs(_unit(samples[i]) - _unit(samples[j])).max() < EQUAL:
+            first, second = sorted((i, j))
             yield (
-                f"the tones at {at[other]} and {at[i]} GHz have equal samples, so their phases "
-                "hold no distance; expected a measurement of each: mend frequencies_hz or samples"
+                f"the tones at {at[first]} and {at[second]} GHz have equal samples, so their "
+                "phases hold no distance; expected a measurement of each: mend frequencies_hz or "
+                "samples"
             )
 
 
@@ -81,6 +97,20 @@ def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
 def live_extent_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
     """Compute the extent [2] along x and y, metres, of the middles between transmitter and receiver
     of the channels that hold an echo: of the scan of one antenna that resolves as well."""
+    return np.ptp(_live_middles_m(capture, frame), axis=0)
+
+
+def live_width_m(capture: RadarCapture, frame: int = 0) -> float:
+    """Compute the extent of these middles across their longest direction, metres: 0 for middles on
+    a line."""
+    middle_m = _live_middles_m(capture, frame)
+    _, axes = np.linalg.eigh(np.cov(middle_m.T, bias=True))
+    return float(np.ptp(middle_m @ axes[:, 0]))
+
+
+def _live_middles_m(capture: RadarCapture, frame: int) -> np.ndarray:
+    """Return x and y [n, 2] of the middles between transmitter and receiver of the channels that
+    hold an echo, metres; one at the origin if none does."""
     aperture, live = capture.aperture, _live(capture, frame)
     if isinstance(aperture, AntennaArray):
         tx, rx = np.nonzero(live)
@@ -89,7 +119,7 @@ def live_extent_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
         middle_m = (aperture.tx_m[live] + aperture.rx_m[live]) / 2
     else:
         middle_m = aperture.position_m[live]
-    return np.ptp(middle_m[:, :2], axis=0) if len(middle_m) else np.zeros(2)
+    return middle_m[:, :2] if len(middle_m) else np.zeros((1, 2))
 
 
 def shortest_m(capture: RadarCapture) -> float:
@@ -102,9 +132,16 @@ def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.n
     the sagitta δ²/8z of a cell δ = λz/2D wide, of antennas with echoes that extend over D; at most
     z. An axis along which the map has one pixel does not count."""
     extents_m = live_extent_m(capture, frame)[[n > 1 for n in z_m.shape[::-1]]]
+    if len(extents_m) == 2:
+        extents_m = np.append(extents_m, live_width_m(capture, frame))
     with np.errstate(divide="ignore"):
         share = (shortest_m(capture) / extents_m) ** 2 / 32
     return z_m * min(1.0, float(share.max(initial=0.0)))
+
+
+def _unit(tone: np.ndarray) -> np.ndarray:
+    """Return a tone's samples [...] with a largest size of 1."""
+    return tone / np.abs(tone).max()
 
 
 def _live(capture: RadarCapture, frame: int) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from handbench.radar.data.grid import Axis, GridConfig, PixelGrid
+from handbench.radar.data.grid import MOST_ON_AXIS, Axis, GridConfig, PixelGrid
 from handbench.support.config import Tone
 
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
@@ -22,6 +22,8 @@ def _odd(size_px: int) -> int:
         raise ValueError(
             "expected an odd number ≥ 1: an even window would shift the map by half a pixel"
         )
+    if size_px > MOST_ON_AXIS:
+        raise ValueError(f"expected a window of at most {MOST_ON_AXIS} pixels, as an axis has")
     return size_px
 
 
@@ -49,7 +51,7 @@ class FskConfig(PixelsConfig):
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )
     corrections: int = Field(
-        default=1, ge=1, description="times that z_e is corrected, at most (paper: once)"
+        default=1, ge=1, le=1000, description="times that z_e is corrected, at most (paper: once)"
     )
     settled_m: float = Field(
         default=0.005,
@@ -120,7 +122,10 @@ class RefinedConfig(FskConfig):
         default=5, description="averaging filter of the result, pixels"
     )
     fine_refinements: int = Field(
-        default=1, ge=1, description="times a further tone corrects each pixel (paper: once)"
+        default=1,
+        ge=1,
+        le=1000,
+        description="times a further tone corrects each pixel (paper: once)",
     )
     weighted: bool = Field(default=False, description="the filters weigh each pixel with its power")
     wrap_probability: float = Field(
@@ -182,7 +187,7 @@ class JointConfig(AgreementConfig, FskConfig):
         default=5, description="averaging filter before each search, pixels"
     )
     fine_refinements: int = Field(
-        default=2, ge=1, description="times that all tones are imaged and searched"
+        default=2, ge=1, le=1000, description="times that all tones are imaged and searched"
     )
     reach_m: float = Field(
         default=0.03, gt=0, le=1, description="of the search before and behind each pixel's depth"

@@ -70,6 +70,7 @@ def test_the_most_values_are_read(tmp_path):
             "has 262145 bytes; expected keys, 262144 at most",
         ),
         (load_positions, "x_m,y_m,z_m\n" + "0" * limits.CSV_BYTES, "at most"),
+        (load_positions, "x_m,y_m,z_m\n" + "0,0,0\n" * 2001, "2001 antennas; expected at most"),
     ],
 )
 def test_long_keys_and_large_files_are_refused(tmp_path, read, text, message):

@@ -14,6 +14,7 @@ from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import TONES_HZ, around, exact_capture
 
 POINT_M = np.array([0.01, -0.02, 0.35])
+OBLIQUE_M = np.linspace(-0.05, 0.05, 16)[:, None] * np.array([1.0, -0.7, 0.0])
 SOME = AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6])
 
 
@@ -31,15 +32,19 @@ def equal_tones(samples):
     samples[:, 2] = samples[:, 0]
 
 
+def scaled_tone(samples):
+    samples[:, 2] = 0.3 * samples[:, 0]
+
+
 def one_live_channel(samples):
     samples[:, :, 1:] = 0
     samples[:, :, :, 1:] = 0
 
 
 def rod(extent_m):
-    """Antennas on a rod along x, which extend over extent_m along y."""
+    """Antennas on both edges of a rod along x, which is extent_m wide along y."""
     x = np.linspace(-0.07, 0.07, 16)
-    places_m = np.stack([x, np.linspace(-extent_m / 2, extent_m / 2, 16), 0 * x], axis=1)
+    places_m = np.stack([x, extent_m * (np.arange(16) % 2 - 0.5), 0 * x], axis=1)
     return AntennaArray(places_m, places_m)
 
 
@@ -58,8 +63,10 @@ TONES = {"tones_hz": tuple(TONES_HZ.tolist())}
             "at one x",
         ),
         (exact_capture(POINT_M, array=rod(0.0)), "at one y"),
+        (exact_capture(POINT_M, array=AntennaArray(OBLIQUE_M, OBLIQUE_M)), "oblique line"),
+        (changed(exact_capture(POINT_M, array=SOME), scaled_tone), "have equal samples"),
     ],
-    ids=["dead tone", "equal tones", "one channel", "one place", "a line"],
+    ids=["dead tone", "equal tones", "one channel", "one place", "a line", "oblique", "a gain"],
 )
 def test_echoes_without_depth_are_refused(name, tones, capture, words):
     settings = method(name).configure(around(POINT_M) | tones, "test")

@@ -2,6 +2,9 @@
 
 import pytest
 
+from handbench.bench.run.benchmark_file import MethodEntry
+from handbench.bench.run.sweep import ImagingEntry
+from handbench.bench.scenes.scene_file import Photos, Sensor
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.methods.fsk_config import FskConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
@@ -13,6 +16,8 @@ def axis(step_m: float, stop_m: float = 1.0, start_m: float = 0.0) -> dict[str, 
     return {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
 
 
+SWEPT = {"tolerance": [1e-5] * 40, "threshold_db": [-9.0] * 40}
+LONG = {"start_hz": 72e9, "stop_hz": 82e9, "count": 12_000}
 CAMERA = {"name": "a.png", "width": 8, "height": 8, "params": (1.0,)}
 
 
@@ -30,8 +35,17 @@ def test_coordinates_may_be_as_small_as_rounding_makes_them():
         (BroadbandConfig, {"start_hz": 1e300}, "'start_hz' is 1e+300"),
         (BroadbandConfig, {"count": 10**9}, "'count' is 1000000000"),
         (FskConfig, {"first_depth_m": 10**400}, "first_depth_m"),
+        (FskConfig, {"spread_px": 10**9 + 1}, "at most 10000 pixels"),
+        (FskConfig, {"corrections": 10**9}, "'corrections' is 1000000000"),
+        (MethodEntry, {"id": "2fsk", "config": {"x": {"start_m": 1e300}}}, "config.x.start_m is"),
+        (MethodEntry, {"id": "2fsk", "every_nth_antenna": 10**30}, "less than or equal to 1000"),
+        (MethodEntry, {"id": "a", "command": "a", "limit_s": 1e30}, "'limit_s' is 1e+30"),
+        (ImagingEntry, {"method": "2fsk", "sweep": SWEPT}, "its lists make 1600 settings"),
+        (Photos, {"width": 12_000, "height": 12_000}, "144000000 pixels; at most 110000000"),
+        (Photos, {"blur_px": 1e9}, "'blur_px' is 1000000000.0"),
+        (Sensor, {"sweep": [LONG, LONG]}, "make 24000 tones; at most 20000"),
         (Camera, CAMERA | {"R": ((1.0, 0, 0), (0, 1, 0), (0, 0, 1e300))}, "'R'"),
-        (Camera, CAMERA | {"t": (0.0, 0.0, -1e300)}, "t is -1e+300"),
+        (Camera, CAMERA | {"t": (0.0, 0.0, -1e300)}, "t.2 is -1e+300"),
     ],
 )
 def test_what_no_machine_holds_is_refused(model, values, words):
