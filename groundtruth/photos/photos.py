@@ -193,15 +193,14 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
             f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so"
         )
     if not is_deep(image):
-        gray = np.array(image.convert("L"), dtype=np.float32)
+        gray: np.ndarray = np.array(image.convert("L"), dtype=np.float32)
         gray /= 255  # in place: a large picture has no room for two
         return gray
     image.load()  # complains of a truncated file, where OpenCV fills up
     deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None:
         raise ValueError("OpenCV cannot read its 16 bits")
-    deep = deep.astype(np.float32)
-    deep /= 65535
+    deep = deep.astype(np.float32) / 65535
     return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
