@@ -136,8 +136,8 @@ def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
     there = STAGE.folder(folder)
     shutil.rmtree(there, ignore_errors=True)
-    shutil.copytree(folder / "stage", there, symlinks=True)
     try:
+        shutil.copytree(folder / "stage", there, symlinks=True)
         cached(folder, STAGE)
         if (there / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
             raise AssertionError("a changed file of a kept stage was taken for what was made")
