@@ -6,22 +6,29 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-all test-random hard-cases fuzz bench lint docs coverage requirements clean
+.PHONY: setup table test test-all test-random hard-cases fuzz bench lint docs coverage \
+  requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
 
 $(VENV)/.ready: requirements.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-	  { echo "handbench needs Python 3.11 or newer, but $(PYTHON) is older: try make PYTHON=python3.12"; exit 2; }
+	  { echo \
+	    "handbench needs Python 3.11 or newer, but $(PYTHON) is older: try make PYTHON=python3.12"; \
+	    exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes \
+	  -r requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	  --no-build-isolation -e .
 	@touch $@
 
-# The package as one folder of links, for tools that read code and do not run it (mypy, the documentation's site).
+# The package as one folder of links, for tools that read code and do not run it (mypy, the
+# documentation's site).
 $(LINKS): $(wildcard handbench/*)
 	rm -rf $@ && mkdir -p $@
-	ln -s $(ROOMS:%=../../%) $(patsubst %,../../%,$(filter-out %__pycache__,$(wildcard handbench/*))) $@
+	ln -s $(ROOMS:%=../../%) \
+	  $(patsubst %,../../%,$(filter-out %__pycache__,$(wildcard handbench/*))) $@
 
 table: setup
 	$(BIN)/handbench run paper_table -o $(RUN)
@@ -37,24 +44,30 @@ test-all: lint
 	$(BIN)/python -m handbench.radar.warmup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-# A quarter of the test files, in random order, and property tests on more and fresh examples; SEED=N repeats a run.
+# A quarter of the test files, in random order, and property tests on more and fresh examples;
+# SEED=N repeats a run.
 test-random: SEED := $(or $(SEED),$(shell od -An -N4 -tu4 /dev/urandom | tr -d ' '))
 test-random: AGAIN = to repeat them: make test-random SEED=$(SEED)
 test-random: QUARTER = $(shell $(PYTHON) -c 'import random, sys; random.seed($(SEED)); \
-  print(*random.sample(sys.argv[1:], len(sys.argv) // 4))' $(sort $(shell find tests -name 'test_*.py')))
+  print(*random.sample(sys.argv[1:], len(sys.argv) // 4))' \
+  $(sort $(shell find tests -name 'test_*.py')))
 test-random: setup
 	@echo "A quarter of the tests in random order with seed $(SEED); $(AGAIN)"
-	timeout 600 $(BIN)/python -m pytest --random-order --random-order-seed=$(SEED) -n 2 --dist loadfile $(QUARTER) || \
+	timeout 600 $(BIN)/python -m pytest --random-order --random-order-seed=$(SEED) -n 2 \
+	  --dist loadfile $(QUARTER) || \
 	  { echo "Tests in random order failed, or took 10 minutes, with seed $(SEED); $(AGAIN)"; exit 1; }
 	@echo "Property tests on fresh examples with seed $(SEED); $(AGAIN)"
-	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
+	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random \
+	  --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
 	  { echo "Property tests failed with seed $(SEED); $(AGAIN)"; exit 1; }
 
-# The hard cases on this machine, its GPU too where there is one, with their table; GROUPS="phase data" runs two groups.
+# The hard cases on this machine, its GPU too where there is one, with their table;
+# GROUPS="phase data" runs two groups.
 hard-cases: setup
 	$(BIN)/python -m tests.hard_cases $(GROUPS)
 
-# Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes more or fewer.
+# Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes
+# more or fewer.
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),20000) --seed $(or $(SEED),0) -o runs/fuzz
 
@@ -79,8 +92,8 @@ coverage: setup
 
 # Re-pins every dependency (needs uv on the PATH); the result names no registry.
 requirements:
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
-	  --extra dev pyproject.toml -o requirements.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	  --no-header --extra dev pyproject.toml -o requirements.txt
 
 clean:
 	rm -rf $(VENV) .types .mypy_cache .ruff_cache build dist *.egg-info

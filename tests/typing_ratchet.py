@@ -1,9 +1,10 @@
 """The ratchet of types: mypy's errors per room, which may fall and not rise; strict rooms have
 none.
 
-python tests/typing_ratchet.py            fails where a room has more errors than typing_ratchet.json allows
+python tests/typing_ratchet.py            fails where a room has more errors than
+                                          typing_ratchet.json allows
 python tests/typing_ratchet.py --lower    writes today's counts where they are lower
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 

@@ -79,7 +79,9 @@ def range_compressed(
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
-def _interpolated(profiles, wavenumber, bins_per_m, tx_m, rx_m, points_m):  # type: ignore[no-untyped-def]
+def _interpolated(  # type: ignore[no-untyped-def]
+    profiles, wavenumber, bins_per_m, tx_m, rx_m, points_m
+):
     image = np.zeros(len(points_m), np.complex64)
     for block in numba.prange((len(points_m) + BLOCK - 1) // BLOCK):
         points = points_m[block * BLOCK : (block + 1) * BLOCK]

@@ -103,7 +103,9 @@ class PackedScatterers(NamedTuple):
 
 
 @njit(**FAST)
-def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  # type: ignore[no-untyped-def]
+def scatter(  # type: ignore[no-untyped-def]
+    source, turns_per_m, leaves, passes, reference_m, starts, shape
+):
     """Compute the samples [k, 2, a, b] (shape; 2: real and imaginary part) of a cell from the
     scatterers in it: the adjoint of `gather`. Scatterers starts[i]:starts[i + 1] of `source` lie in
     the cell's leaf i."""
@@ -119,7 +121,9 @@ def scatter(source, turns_per_m, leaves, passes, reference_m, starts, shape):  #
 
 
 @njit(**FAST)
-def to_parent(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+def to_parent(  # type: ignore[no-untyped-def]
+    samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
+):
     """Convert the samples [k', 2, a', b'] of a box to what they contribute to its parent's samples
     [k, 2, a, b]: the adjoint of `to_child`, with the same arguments."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)

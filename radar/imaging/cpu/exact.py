@@ -161,7 +161,9 @@ def _contract(a, u):  # type: ignore[no-untyped-def]
 
 
 @njit(**FAST)
-def _scan_image(samples, tx_m, rx_m, there_and_back, points_m, turns_per_m):  # type: ignore[no-untyped-def]
+def _scan_image(  # type: ignore[no-untyped-def]
+    samples, tx_m, rx_m, there_and_back, points_m, turns_per_m
+):
     n = points_m.shape[1]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)
     for a in range(len(tx_m)):

@@ -70,7 +70,9 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
 
 
 @njit(**FAST)
-def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count):  # type: ignore[no-untyped-def]
+def gather(  # type: ignore[no-untyped-def]
+    samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count
+):
     """Image a cell's points from its samples [k, 2, a, b] (2: real and imaginary part): complex64
     [count, n], with count = k one image per tone, with count = 1 their sum.
 
@@ -95,7 +97,9 @@ def gather(samples, turns_per_m, leaves, passes, reference_m, points_m, starts, 
 
 
 @njit(**FAST)
-def to_child(samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b):  # type: ignore[no-untyped-def]
+def to_child(  # type: ignore[no-untyped-def]
+    samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
+):
     """Compute the samples of a box from those of its parent [k, 2, a, b]: phases of the paths
     shift_a [a] and shift_b [b] (metres) move the centre, then real weights combine tones and
     antennas. Empty weights leave their axis unchanged."""
@@ -191,7 +195,9 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 
 
 @njit(**FAST)
-def evaluate(samples, points_m, turns_per_m, place, passes, reference_m, images):  # type: ignore[no-untyped-def]
+def evaluate(  # type: ignore[no-untyped-def]
+    samples, points_m, turns_per_m, place, passes, reference_m, images
+):
     """Image the points_m [3, n] of a leaf from its samples [k, 2, a, b], and write them to images,
     complex64: one row per tone [k, n], or the sum over all tones [1, n]."""
     tones, _, n_a, n_b = samples.shape
@@ -251,7 +257,9 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
 
 
 @njit(**FAST)
-def differences(points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m):  # type: ignore[no-untyped-def]
+def differences(  # type: ignore[no-untyped-def]
+    points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m
+):
     """Compute path differences to points, small enough for float32: out[a, p] = ΔR_a(p) −
     ΔR_reference(p), metres, where ΔR is the path from an antenna (or the reference point) to p,
     less that to the box's centre. ΔR_reference(p) is added to common_m [p]."""

@@ -106,7 +106,9 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
 
 
 @njit(**FAST)
-def steered_differences(antennas_m, turns_per_m, points_m, centre_m):  # type: ignore[no-untyped-def]
+def steered_differences(  # type: ignore[no-untyped-def]
+    antennas_m, turns_per_m, points_m, centre_m
+):
     """Compute exp(j2πf(|p − a| − |c − a|)/c₀) for points p [n, 3] with f/c₀ [n] (turns_per_m) each,
     antennas a [m, 3] and the centre c [3]: float32 [2n, m], real parts above imaginary parts."""
     n_points, n_antennas = len(points_m), len(antennas_m)
@@ -138,7 +140,9 @@ def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ig
 
 
 @njit(**FAST)
-def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes):  # type: ignore[no-untyped-def]
+def take_carrier_out(  # type: ignore[no-untyped-def]
+    image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes
+):
     """Remove an image's carrier, its fast phase: write image [ny, nx] times the conjugate carrier
     to planes [2, ny, nx], float32 (real part, imaginary part). The image lies at x_m × y_m and the
     one depth z_m; the arguments from turns_per_m to ramp are `GridPlan.carrier`."""
@@ -153,7 +157,9 @@ def take_carrier_out(image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ram
 
 
 @njit(**FAST)
-def restore_carrier(re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
+def restore_carrier(  # type: ignore[no-untyped-def]
+    re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp
+):
     """Multiply a volume re + j·im [nz, ny, nx] by its carrier, the fast phase that interpolation
     leaves out: complex64 [nz, ny, nx]. The arguments from turns_per_m to ramp are
     `GridPlan.carrier`."""

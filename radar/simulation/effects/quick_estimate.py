@@ -105,7 +105,9 @@ def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 @njit(nogil=True, cache=True)
-def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  # type: ignore[no-untyped-def]
+def _visible(  # type: ignore[no-untyped-def]
+    position_m, normal, view_m, frame, range_m, cell_m, most_cells
+):
     n = len(position_m)
     distance, cosine, tangent = np.empty(n), np.empty(n), np.empty((n, 2))
     for p in range(n):
@@ -139,7 +141,9 @@ def _visible(position_m, normal, view_m, frame, range_m, cell_m, most_cells):  #
 
 
 @njit(nogil=True, cache=True)
-def near_outlines(position_m, normal, outline_m, view_m, wavelength_m):  # type: ignore[no-untyped-def]
+def near_outlines(  # type: ignore[no-untyped-def]
+    position_m, normal, outline_m, view_m, wavelength_m
+):
     """Return the mask [p] of the facets that face a point view_m [3] and may be in the half-shadow
     of an outline, given by points outline_m [n, 3]. Such a facet is farther away than some of these
     points, seen within two Fresnel radii of their direction, and has them above its plane
@@ -226,7 +230,9 @@ def _returns(array: AntennaArray) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _walk(position_m, normal, view_m, normals, low_m, shape, cell_m):  # type: ignore[no-untyped-def]
+def _walk(  # type: ignore[no-untyped-def]
+    position_m, normal, view_m, normals, low_m, shape, cell_m
+):
     count = 0
     for p in range(len(position_m)):
         x, y, z = (

@@ -322,7 +322,9 @@ def radiate(  # type: ignore[no-untyped-def]
 
 
 @njit(**FAST)
-def _arrive(level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path):  # type: ignore[no-untyped-def]
+def _arrive(  # type: ignore[no-untyped-def]
+    level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path
+):
     """Fill in `gain` and `path` [r], the amplitude and path of a tube at every receiver. receivers
     [4, r]: x, y, z and the path that is taken out. Returns whether any receiver gets enough of it.
     No loop here or in `_add` has an end that depends on its values: they become vector code."""

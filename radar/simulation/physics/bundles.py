@@ -269,7 +269,9 @@ def _sorting(key: np.ndarray) -> np.ndarray:
 
 
 @njit(**FAST)
-def _reach(hits, order, starts, places, tx_m, start_m, first_m, last_m):  # type: ignore[no-untyped-def]
+def _reach(  # type: ignore[no-untyped-def]
+    hits, order, starts, places, tx_m, start_m, first_m, last_m
+):
     """Return for each bundle b, whose rays are order[starts[b]:starts[b + 1]], the mean length of
     its rays on the target, and the most by which a ray's path may differ, for any antennas, from
     that over the centres of its first and last cell (rows of first_m and last_m, by `places` [b,

@@ -259,7 +259,9 @@ def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no
 
 
 @njit(**FAST)
-def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # type: ignore[no-untyped-def]
+def _angles(  # type: ignore[no-untyped-def]
+    scratch, x, y, z, centre, edge, widest, wavenumber, farthest
+):
     """Fill in `scratch` [5, n] for one edge and each of n points (x, y, z from the cell's centre):
     the angle of the edge around the ray, over 2π, times its weight; 0; the detour over the edge;
     the weight of its wave; and 1/L, the sum of the inverse lengths before and behind the edge. The
@@ -324,7 +326,9 @@ def _angles(scratch, x, y, z, centre, edge, widest, wavenumber, farthest):  # ty
 
 
 @njit(**FAST)
-def _creep(scratch, x, y, z, middle, creeping, wavenumber, least, most):  # type: ignore[no-untyped-def]
+def _creep(  # type: ignore[no-untyped-def]
+    scratch, x, y, z, middle, creeping, wavenumber, least, most
+):
     """Add to `scratch` the waves that creep around one edge to the points (x, y, z from the cell's
     centre). middle: the edge's middle from there; creeping: its row of `Roundness.of_edges`."""
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])

@@ -1,6 +1,6 @@
 "use strict";
-// The surfaces of the page's captures in 3-D: a height field each, turned by mouse, touch and keys. Without WebGL 2
-// the figure stays as the page made it: a still picture.
+// The surfaces of the page's captures in 3-D: a height field each, turned by mouse, touch and
+// keys. Without WebGL 2 the figure stays as the page made it: a still picture.
 (() => {
 const figure = document.querySelector(".viewer");
 if (!figure) return;
@@ -8,7 +8,8 @@ const canvas = figure.querySelector("canvas"), form = figure.querySelector("form
 const status = figure.querySelector(".status"), legend = figure.querySelector(".legend");
 const scales = JSON.parse(document.getElementById("scales").textContent);
 const HOME = {yaw: 0.45, pitch: 0.22, zoom: 1};
-const FIELD = Math.tan(14 * Math.PI / 180), LIFT_MM = 0.8, JUMP = 6;  // a surface tears where it is steeper than JUMP
+// a surface tears where it is steeper than JUMP
+const FIELD = Math.tan(14 * Math.PI / 180), LIFT_MM = 0.8, JUMP = 6;
 let gl, program, scene, drawn = [], camera = {...HOME}, waiting = false;
 
 const VERTEX = `#version 300 es
@@ -32,7 +33,8 @@ out vec4 pixel;
 void main() {
   vec3 m = dot(n, n) > 0.0 ? normalize(n) : vec3(0, 0, 1);
   m *= m.z < 0.0 ? -1.0 : 1.0;
-  float key = max(dot(m, normalize(vec3(-0.45, 0.55, 0.70))), 0.0), fill = max(dot(m, normalize(vec3(0.8, -0.2, 0.5))), 0.0);
+  float key = max(dot(m, normalize(vec3(-0.45, 0.55, 0.70))), 0.0),
+        fill = max(dot(m, normalize(vec3(0.8, -0.2, 0.5))), 0.0);
   pixel = vec4(c * (0.36 + 0.66 * key + 0.16 * fill) * opacity, opacity);
 }`;
 
@@ -56,7 +58,8 @@ const PALETTE = {depth: scales.depth.map(rgb), error: scales.error.map(rgb)};
 
 // Vertices in mm, triangles between neighbours, and the vertices that no triangle holds.
 function mesh(surface) {
-  const [rows, columns] = surface.shape, seen = bytes(surface.seen), z = new Uint16Array(bytes(surface.z).buffer);
+  const [rows, columns] = surface.shape, seen = bytes(surface.seen),
+        z = new Uint16Array(bytes(surface.z).buffer);
   const number = new Int32Array(rows * columns).fill(-1), place = new Float32Array(3 * z.length);
   const step = (ends, count) => count > 1 ? (ends[1] - ends[0]) / (count - 1) : 0;
   const dx = step(surface.x_mm, columns), dy = step(surface.y_mm, rows);
@@ -73,28 +76,38 @@ function mesh(surface) {
     const deep = [a, b, c].map(depth);
     if (Math.max(...deep) - Math.min(...deep) > steep) return;
     triangles.push(a, b, c);
-    const u = [0, 1, 2].map(k => place[3 * b + k] - place[3 * a + k]), v = [0, 1, 2].map(k => place[3 * c + k] - place[3 * a + k]);
+    const u = [0, 1, 2].map(k => place[3 * b + k] - place[3 * a + k]),
+          v = [0, 1, 2].map(k => place[3 * c + k] - place[3 * a + k]);
     const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    for (const i of [a, b, c]) { held[i] = 1; for (let k = 0; k < 3; k++) normal[3 * i + k] += n[k]; }
+    for (const i of [a, b, c]) {
+      held[i] = 1;
+      for (let k = 0; k < 3; k++) normal[3 * i + k] += n[k];
+    }
   };
   for (let row = 0; row + 1 < rows; row++) for (let column = 0; column + 1 < columns; column++) {
-    const i = row * columns + column, [a, b, c, d] = [i, i + 1, i + columns + 1, i + columns].map(k => number[k]);
-    if (b < 0 || d < 0) { corner(a, b, c); corner(a, c, d); } else { corner(a, b, d); corner(b, c, d); }
+    const i = row * columns + column,
+          [a, b, c, d] = [i, i + 1, i + columns + 1, i + columns].map(k => number[k]);
+    if (b < 0 || d < 0) { corner(a, b, c); corner(a, c, d); }
+    else { corner(a, b, d); corner(b, c, d); }
   }
   const lone = [...held.keys()].filter(i => !held[i]);
-  return {place, normal, triangles: new Uint32Array(triangles), lone: new Uint32Array(lone), dx: Math.abs(dx) || 1};
+  return {place, normal, triangles: new Uint32Array(triangles), lone: new Uint32Array(lone),
+          dx: Math.abs(dx) || 1};
 }
 
 function colours(surface, place, by, against) {
-  const colour = new Float32Array(place.length), skin = scales.skin, error = surface.errors[against];
+  const colour = new Float32Array(place.length), skin = scales.skin,
+        error = surface.errors[against];
   const steps = error && new Int16Array(bytes(error.steps).buffer), last = scales.error.length - 1;
   const [near, far] = scene.depth_mm;
   for (let i = 0; i < place.length / 3; i++) {
     let c = skin;
     if (by === "depth") {
-      c = PALETTE.depth[Math.round(last * Math.min(Math.max((place[3 * i + 2] - near) / (far - near), 0), 1))];
+      c = PALETTE.depth[
+        Math.round(last * Math.min(Math.max((place[3 * i + 2] - near) / (far - near), 0), 1))];
     } else if (steps) {
-      const mm = steps[i] * scales.error_step_mm, at = scales.error_mm.findIndex(edge => edge >= mm);
+      const mm = steps[i] * scales.error_step_mm,
+            at = scales.error_mm.findIndex(edge => edge >= mm);
       c = steps[i] === scales.no_error ? [0.5, 0.5, 0.5] : PALETTE.error[at < 0 ? last : at];
     }
     colour.set(c, 3 * i);
@@ -105,7 +118,8 @@ function colours(surface, place, by, against) {
 function upload(surface, isReference, choice) {
   const made = mesh(surface), array = gl.createVertexArray();
   gl.bindVertexArray(array);
-  const arrays = [made.place, made.normal, colours(surface, made.place, choice.colour, choice.against)];
+  const arrays = [made.place, made.normal,
+                  colours(surface, made.place, choice.colour, choice.against)];
   const buffers = arrays.map((data, i) => {
     const buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -118,7 +132,8 @@ function upload(surface, isReference, choice) {
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, index);
   gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, order, gl.STATIC_DRAW);
   gl.bindVertexArray(null);
-  return {array, buffers: [...buffers, index], triangles: made.triangles.length, lone: made.lone.length, dx: made.dx, isReference};
+  return {array, buffers: [...buffers, index], triangles: made.triangles.length,
+          lone: made.lone.length, dx: made.dx, isReference};
 }
 
 function choose() {
@@ -129,11 +144,18 @@ function choose() {
     scene.middle = middle();
   }
   if (!scene.references.includes(choice.against)) choice.against = scene.references[0];
-  for (const old of drawn) { gl.deleteVertexArray(old.array); old.buffers.forEach(b => gl.deleteBuffer(b)); }
-  const shown = scene.surfaces.filter(s => s.name === choice.method || (choice.reference && s.name === choice.against));
+  for (const old of drawn) {
+    gl.deleteVertexArray(old.array);
+    old.buffers.forEach(b => gl.deleteBuffer(b));
+  }
+  const shown = scene.surfaces.filter(
+    s => s.name === choice.method || (choice.reference && s.name === choice.against));
   drawn = shown.map(s => upload(s, s.name === choice.against, choice));
-  const method = shown.find(s => s.name === choice.method), note = method && method.errors[choice.against];
-  status.textContent = `${scene.capture}: ` + (method ? `${method.title}, ${method.pixels} pixels observed${note ? ", " + note.note : ""}` : "no radar surface shown");
+  const method = shown.find(s => s.name === choice.method),
+        note = method && method.errors[choice.against];
+  status.textContent = `${scene.capture}: ` + (
+    method ? `${method.title}, ${method.pixels} pixels observed${note ? ", " + note.note : ""}`
+    : "no radar surface shown");
   key(choice.colour);
   redraw();
 }
@@ -147,10 +169,13 @@ function middle() {
 
 function key(by) {
   const ticks = by === "depth"
-    ? [0, 0.25, 0.5, 0.75, 1].map(at => [(scene.depth_mm[0] + at * (scene.depth_mm[1] - scene.depth_mm[0])).toFixed(0), at])
+    ? [0, 0.25, 0.5, 0.75, 1].map(at => [
+        (scene.depth_mm[0] + at * (scene.depth_mm[1] - scene.depth_mm[0])).toFixed(0), at])
     : scales.ticks.map(([mm, at]) => [(mm > 0 ? "+" : "") + String(mm).replace("-", "−"), at]);
-  legend.querySelector(".what").textContent = by === "depth" ? "depth z in mm" : "signed error z − z_ref in mm: − before the reference, + behind it; grey: no reference";
-  legend.querySelector(".bar").style.background = `linear-gradient(to right, ${scales[by].join(",")})`;
+  legend.querySelector(".what").textContent = by === "depth" ? "depth z in mm"
+    : "signed error z − z_ref in mm: − before the reference, + behind it; grey: no reference";
+  legend.querySelector(".bar").style.background =
+    `linear-gradient(to right, ${scales[by].join(",")})`;
   legend.querySelector(".ticks").replaceChildren(...ticks.map(([text, at]) => {
     const tick = document.createElement("span");
     tick.textContent = text;
@@ -159,23 +184,31 @@ function key(by) {
   }));
 }
 
-// Matrices by columns. The eye looks along +z with y up, so that x grows to the left, as seen from the array.
+// Matrices by columns. The eye looks along +z with y up, so that x grows to the left, as seen
+// from the array.
 function matrices() {
-  const [cy, sy, cp, sp] = [Math.cos(camera.yaw), Math.sin(camera.yaw), Math.cos(camera.pitch), Math.sin(camera.pitch)];
-  const rows = [[-cy, 0, -sy], [-sp * sy, cp, sp * cy], [cp * sy, sp, -cp * cy]], {at, half} = scene.middle;
-  const wide = canvas.width / canvas.height, far = 1.12 * half / FIELD / Math.min(wide, 1) / camera.zoom;
-  const shift = rows.map((row, i) => -row.reduce((sum, r, k) => sum + r * at[k], 0) - (i === 2 ? far : 0));
+  const [cy, sy, cp, sp] = [Math.cos(camera.yaw), Math.sin(camera.yaw),
+                            Math.cos(camera.pitch), Math.sin(camera.pitch)];
+  const rows = [[-cy, 0, -sy], [-sp * sy, cp, sp * cy], [cp * sy, sp, -cp * cy]],
+        {at, half} = scene.middle;
+  const wide = canvas.width / canvas.height,
+        far = 1.12 * half / FIELD / Math.min(wide, 1) / camera.zoom;
+  const shift = rows.map(
+    (row, i) => -row.reduce((sum, r, k) => sum + r * at[k], 0) - (i === 2 ? far : 0));
   const eye = [0, 1, 2].flatMap(k => [rows[0][k], rows[1][k], rows[2][k], 0]).concat(shift, 1);
   const [n, f] = [Math.max(far - 3 * half, far / 50), far + 3 * half];
-  const lens = [1 / FIELD / wide, 0, 0, 0, 0, 1 / FIELD, 0, 0, 0, 0, (n + f) / (n - f), -1, 0, 0, 2 * n * f / (n - f), 0];
+  const lens = [1 / FIELD / wide, 0, 0, 0, 0, 1 / FIELD, 0, 0,
+                0, 0, (n + f) / (n - f), -1, 0, 0, 2 * n * f / (n - f), 0];
   return {eye, lens};
 }
 
 function draw() {
   waiting = false;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight].map(size => Math.round(size * devicePixelRatio));
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight].map(
+    size => Math.round(size * devicePixelRatio));
   if (!width || !height) return;
-  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+  if (canvas.width !== width || canvas.height !== height)
+    [canvas.width, canvas.height] = [width, height];
   gl.viewport(0, 0, width, height);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   const {eye, lens} = matrices(), at = name => gl.getUniformLocation(program, name);
@@ -184,7 +217,8 @@ function draw() {
   const pass = (surface, compare, opacity) => {
     gl.depthFunc(compare);
     gl.uniform1f(at("opacity"), opacity);
-    gl.uniform1f(at("lift"), surface.isReference ? 0 : LIFT_MM);  // small errors do not sink into the reference
+    // small errors do not sink into the reference
+    gl.uniform1f(at("lift"), surface.isReference ? 0 : LIFT_MM);
     gl.uniform1f(at("size"), 1.2 * surface.dx * height / 2 / FIELD);
     gl.bindVertexArray(surface.array);
     gl.drawElements(gl.TRIANGLES, surface.triangles, gl.UNSIGNED_INT, 0);
@@ -193,7 +227,8 @@ function draw() {
   const references = drawn.filter(s => s.isReference), radar = drawn.filter(s => !s.isReference);
   references.forEach(s => pass(s, gl.LEQUAL, 1));
   gl.depthMask(false);
-  if (references.length) radar.forEach(s => pass(s, gl.GREATER, 0.7));  // what the reference hides shows through
+  // what the reference hides shows through
+  if (references.length) radar.forEach(s => pass(s, gl.GREATER, 0.7));
   gl.depthMask(true);
   radar.forEach(s => pass(s, gl.LEQUAL, 1));
 }
@@ -210,21 +245,31 @@ function turn(yaw, pitch, zoom = 1) {
 function home() { camera = {...HOME}; redraw(); }
 
 function listen() {
-  const fingers = new Map(), apart = () => { const [a, b] = [...fingers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
-  canvas.addEventListener("pointerdown", e => { fingers.set(e.pointerId, [e.clientX, e.clientY]); canvas.setPointerCapture(e.pointerId); });
-  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, e => fingers.delete(e.pointerId));
+  const fingers = new Map(), apart = () => {
+    const [a, b] = [...fingers.values()];
+    return Math.hypot(a[0] - b[0], a[1] - b[1]);
+  };
+  canvas.addEventListener("pointerdown", e => {
+    fingers.set(e.pointerId, [e.clientX, e.clientY]);
+    canvas.setPointerCapture(e.pointerId);
+  });
+  for (const end of ["pointerup", "pointercancel"])
+    canvas.addEventListener(end, e => fingers.delete(e.pointerId));
   canvas.addEventListener("pointermove", e => {
     if (!fingers.has(e.pointerId)) return;
     const [x, y] = fingers.get(e.pointerId), before = fingers.size === 2 ? apart() : 0;
     fingers.set(e.pointerId, [e.clientX, e.clientY]);
-    if (before) turn(0, 0, apart() / before); else turn((e.clientX - x) / 150, (e.clientY - y) / 150);
+    if (before) turn(0, 0, apart() / before);
+    else turn((e.clientX - x) / 150, (e.clientY - y) / 150);
   });
   canvas.addEventListener("wheel", e => {
     if (document.activeElement !== canvas) return;  // the page scrolls on until the view is chosen
     e.preventDefault();
     turn(0, 0, Math.exp(-e.deltaY / 500));
   }, {passive: false});
-  const KEYS = {ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12], "+": [0, 0, 1.15], "=": [0, 0, 1.15], "-": [0, 0, 1 / 1.15]};
+  const KEYS = {ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12],
+                ArrowDown: [0, 0.12], "+": [0, 0, 1.15], "=": [0, 0, 1.15],
+                "-": [0, 0, 1 / 1.15]};
   canvas.addEventListener("keydown", e => {
     if (e.ctrlKey || e.metaKey || e.altKey) return;
     if (e.key === "Home") home(); else if (KEYS[e.key]) turn(...KEYS[e.key]); else return;

@@ -47,7 +47,10 @@ def depth_of(z_m: np.ndarray, **optional: np.ndarray) -> DepthMap:
     return DepthMap(AXIS_M, AXIS_M, z_m, np.zeros(z_m.shape, np.float32), "test", **optional)
 
 
-def seen(surface: Surface, radar_from_mesh: Transform = identity("radar")) -> np.ndarray:  # noqa: B008 (immutable)
+def seen(
+    surface: Surface,
+    radar_from_mesh: Transform = identity("radar"),  # noqa: B008 (immutable)
+) -> np.ndarray:
     """What a radar without errors would measure of the surface."""
     return reference_on_grid(surface.moved(radar_from_mesh), AXIS_M, AXIS_M).z_m
 

@@ -36,7 +36,11 @@ def antennas_m() -> tuple[np.ndarray, np.ndarray]:
     return np.array(tx_m), np.array([(x, y, 0.0) for x in (-0.07, 0.07) for y in along])
 
 
-def echoes(spheres: list, permittivities: list[complex], frequency_hz: float) -> np.ndarray:  # type: ignore[type-arg]
+def echoes(
+    spheres: list,  # type: ignore[type-arg]
+    permittivities: list[complex],
+    frequency_hz: float,
+) -> np.ndarray:
     """Samples [t, r] of dipoles along y, as `tests.references.exact.cylinders` scales them."""
     import treams
 
@@ -75,7 +79,12 @@ def echoes(spheres: list, permittivities: list[complex], frequency_hz: float) ->
     return 1j * SPEED_OF_LIGHT_M_S / frequency_hz * np.conj(scattered)
 
 
-def _waves_of(dipole, place_m: np.ndarray, k: float, field: dict) -> np.ndarray:  # type: ignore[no-untyped-def, type-arg]
+def _waves_of(  # type: ignore[no-untyped-def]
+    dipole,
+    place_m: np.ndarray,
+    k: float,
+    field: dict,  # type: ignore[type-arg]
+) -> np.ndarray:
     """Amplitudes of the three electric waves of degree 1 that are the field (1 + ∇∇·/k²)(y
     e^{ikR}/R)."""
     import treams

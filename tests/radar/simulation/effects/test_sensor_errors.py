@@ -45,7 +45,9 @@ def test_snr_is_another_way_to_say_it():
 @pytest.mark.parametrize("bandwidth_hz", [1e5, 1e6, 3e8, 3e9])
 def test_range_correlation_has_the_integral_of_the_spectrum(bandwidth_hz):
     delay_s = 2e-9
-    density = lambda f: 2 * 1e-9 * (1e6 / f) ** 2 * 4 * np.sin(np.pi * f * delay_s) ** 2  # noqa: E731
+    density = lambda f: (  # noqa: E731
+        2 * 1e-9 * (1e6 / f) ** 2 * 4 * np.sin(np.pi * f * delay_s) ** 2
+    )
     edges = np.linspace(0, bandwidth_hz, 200)
     edges[0] = 1.0
     power = sum(quad(density, a, b)[0] for a, b in pairwise(edges))
