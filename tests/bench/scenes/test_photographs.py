@@ -102,7 +102,7 @@ def test_noise_has_the_stated_level() -> None:
 
 def test_an_exposure_scales_the_light_and_what_is_clipped_is_white() -> None:
     radiance = np.linspace(0.05, 0.3, 120, dtype=np.float32).reshape(1, 40, 3)
-    photos = Photos(exposure_spread=0.5, full_well_e=1e12, read_noise_e=0.0)
+    photos = Photos(exposure_spread=0.5, full_well_e=1e9, read_noise_e=0.0)
     for number in range(3):
         gain = exposure(0.5, generator(7, EXPOSURE, number))
         image = linear(develop(radiance, photos, 7, number))

@@ -29,7 +29,7 @@ def make_capture(
     generator = np.random.default_rng(0)
     array = AntennaArray(*(0.1 * scale * generator.uniform(size=(n, 3)) for n in (3, 4)))
     samples = np.ones((frames, len(tones_hz), 3, 4), np.complex64)
-    samples *= np.arange(1, 1 + len(tones_hz))[:, None, None]  # equal tones would be doubted
+    samples *= np.exp(0.01j * np.arange(len(tones_hz)))[:, None, None]  # equal tones are doubted
     save_capture(folder / "echoes.h5", RadarCapture(samples, tones_hz, array))
     write_mesh(folder / "truth.ply", mesh(scale * VERTICES_M, [(0, 2, 1)]))
     save_capture_file(folder, CaptureFile(name=name, contains=("echoes.h5", "truth.ply"), **about))
