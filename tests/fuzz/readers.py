@@ -3,6 +3,7 @@ to break."""
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -132,12 +133,20 @@ def _kept(folder: Path) -> None:
     shutil.copy(folder / "stage" / "depth.npz", folder / "fresh.npz")
 
 
+def _copy(source: str, target: str) -> None:
+    """Copy a file or a pipe."""
+    if os.path.isfile(source):
+        shutil.copy2(source, target)
+    else:
+        os.mkfifo(target)
+
+
 def _stage(folder: Path) -> None:
     """A stage whose files were changed is found out and made again."""
     there = STAGE.folder(folder)
     shutil.rmtree(there, ignore_errors=True)
     try:
-        shutil.copytree(folder / "stage", there, symlinks=True)
+        shutil.copytree(folder / "stage", there, symlinks=True, copy_function=_copy)
         cached(folder, STAGE)
         if (there / "depth.npz").read_bytes() != (folder / "fresh.npz").read_bytes():
             raise AssertionError("a changed file of a kept stage was taken for what was made")
