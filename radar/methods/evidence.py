@@ -36,8 +36,9 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
     for sentence in tone_problems(used, used_hz):
         raise HandbenchError(f"echoes, frame {frame}: {sentence}")
     point_m = POINT_WAVELENGTHS * shortest_m(capture)
+    *extents_m, width_m = live_extents_m(capture, frame)
     counts = {}
-    for name, extent_m in zip("xy", live_extent_m(capture, frame), strict=True):
+    for name, extent_m in zip("xy", extents_m, strict=True):
         axis = getattr(config, name, None)
         counts[name] = pixels = axis.count if isinstance(axis, Axis) else 1
         if pixels > 1 and extent_m < point_m:
@@ -46,7 +47,7 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
                 f"tells the {pixels} pixels along {name} apart; expected antennas at several "
                 f"{name}, or one pixel: {name}.start_m = {name}.stop_m"
             )
-    if min(counts.values()) > 1 and live_width_m(capture, frame) < point_m:
+    if min(counts.values()) > 1 and width_m < point_m:
         raise HandbenchError(
             f"echoes, frame {frame}: all channels with echoes are on one oblique line, so nothing "
             "tells the pixels across it apart; expected antennas beside that line, or one pixel: "
@@ -94,23 +95,11 @@ def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
             )
 
 
-def live_extent_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
-    """Compute the extent [2] along x and y, metres, of the middles between transmitter and receiver
-    of the channels that hold an echo: of the scan of one antenna that resolves as well."""
-    return np.ptp(_live_middles_m(capture, frame), axis=0)
-
-
-def live_width_m(capture: RadarCapture, frame: int = 0) -> float:
-    """Compute the extent of these middles across their longest direction, metres: 0 for middles on
-    a line."""
-    middle_m = _live_middles_m(capture, frame)
-    _, axes = np.linalg.eigh(np.cov(middle_m.T, bias=True))
-    return float(np.ptp(middle_m @ axes[:, 0]))
-
-
-def _live_middles_m(capture: RadarCapture, frame: int) -> np.ndarray:
-    """Return x and y [n, 2] of the middles between transmitter and receiver of the channels that
-    hold an echo, metres; one at the origin if none does."""
+def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
+    """Compute the extents [3] along x, along y and across their longest direction, metres, of the
+    middles between transmitter and receiver of the channels that hold an echo: a scan of one
+    antenna over them resolves as well. 0 across for middles on a line; all 0 if no channel holds
+    an echo."""
     aperture, live = capture.aperture, _live(capture, frame)
     if isinstance(aperture, AntennaArray):
         tx, rx = np.nonzero(live)
@@ -119,7 +108,11 @@ def _live_middles_m(capture: RadarCapture, frame: int) -> np.ndarray:
         middle_m = (aperture.tx_m[live] + aperture.rx_m[live]) / 2
     else:
         middle_m = aperture.position_m[live]
-    return middle_m[:, :2] if len(middle_m) else np.zeros((1, 2))
+    if len(middle_m) == 0:
+        return np.zeros(3)
+    middle_m = middle_m[:, :2]
+    _, axes = np.linalg.eigh(np.cov(middle_m.T, bias=True))
+    return np.append(np.ptp(middle_m, axis=0), np.ptp(middle_m @ axes[:, 0]))
 
 
 def shortest_m(capture: RadarCapture) -> float:
@@ -131,9 +124,8 @@ def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.n
     """Compute how much depths z_m [ny, nx] vary within a resolution cell at one distance, metres:
     the sagitta δ²/8z of a cell δ = λz/2D wide, of antennas with echoes that extend over D; at most
     z. An axis along which the map has one pixel does not count."""
-    extents_m = live_extent_m(capture, frame)[[n > 1 for n in z_m.shape[::-1]]]
-    if len(extents_m) == 2:
-        extents_m = np.append(extents_m, live_width_m(capture, frame))
+    ny, nx = z_m.shape
+    extents_m = live_extents_m(capture, frame)[[nx > 1, ny > 1, min(nx, ny) > 1]]
     with np.errstate(divide="ignore"):
         share = (shortest_m(capture) / extents_m) ** 2 / 32
     return z_m * min(1.0, float(share.max(initial=0.0)))
