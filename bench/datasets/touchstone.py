@@ -8,8 +8,6 @@ by noise parameters. Network analysers use e^{+jωt}: S21 of a path is exp(−j2
 handbench's own sign.
 """
 
-import csv
-import io
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,8 +23,8 @@ from handbench.support.caller import option
 from handbench.support.config import Config, parse
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, inside, read_bytes, require_folder
-from handbench.support.limits import CSV_BYTES, TOUCHSTONE_BYTES
+from handbench.support.files import atomic_folder, inside, read_bytes, read_csv, require_folder
+from handbench.support.limits import TOUCHSTONE_BYTES
 
 POSITIONS = "positions.csv"
 COLUMNS = ["file", "tx_x_m", "tx_y_m", "tx_z_m", "rx_x_m", "rx_y_m", "rx_z_m"]
@@ -176,33 +174,29 @@ def _options(text: str, where: str) -> tuple[str, str]:
 def _read_positions(path: Path) -> tuple[list[str], np.ndarray]:
     """Read `positions.csv`: (names of files [n], places [n, 6] of transmitter and receiver,
     metres)."""
-    content = read_bytes(path, f"a CSV file with the columns {','.join(COLUMNS)}", CSV_BYTES)
+    rows = read_csv(path, COLUMNS)
+    if rows and rows[0] != (1, COLUMNS):
+        number, row = rows[0]
+        found = f"{path}: line {number} is '{str(row)[:80]}'"
+        raise HandbenchError(f"{found}; expected {','.join(COLUMNS)} in line 1")
     names: list[str] = []
     places: list[list[float]] = []
     lines: dict[Any, int] = {}
-    where = str(path)
-    try:
-        reader = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""))
-        for row in reader:
-            where = f"{path}: line {reader.line_num}"
-            if reader.line_num == 1 and row != COLUMNS:
-                raise HandbenchError(f"{where} is '{str(row)[:80]}'; expected {','.join(COLUMNS)}")
-            if reader.line_num == 1 or not row:
-                continue
-            if len(row) != len(COLUMNS):
-                raise HandbenchError(f"{where} has {len(row)} cells; expected {len(COLUMNS)}")
+    for number, row in rows[1:]:
+        where = f"{path}: line {number}"
+        if len(row) != len(COLUMNS):
+            raise HandbenchError(f"{where} has {len(row)} cells; expected {len(COLUMNS)}")
+        try:
             place = [float(cell) for cell in row[1:]]
-            for what in (row[0], tuple(place)):
-                if (before := lines.setdefault(what, reader.line_num)) != reader.line_num:
-                    raise HandbenchError(
-                        f"{where} has the file or the places of line {before}; expected others"
-                    )
-            names.append(row[0])
-            places.append(place)
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise HandbenchError(f"{path}: is no CSV file ({error}); write it again") from None
-    except ValueError as error:
-        raise HandbenchError(f"{where}: {error}; expected metres") from None
+        except ValueError as error:
+            raise HandbenchError(f"{where}: {error}; expected metres") from None
+        for what in (row[0], tuple(place)):
+            if (before := lines.setdefault(what, number)) != number:
+                raise HandbenchError(
+                    f"{where} has the file or the places of line {before}; expected others"
+                )
+        names.append(row[0])
+        places.append(place)
     if not names:
         raise HandbenchError(f"{path}: lists no file; expected a line for each")
     positions(str(path), np.reshape(places, (-1, 3)))  # refuses what cannot be metres

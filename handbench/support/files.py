@@ -1,6 +1,7 @@
 """Reading and writing of files such that a crash, a full disk or a malicious file does no harm."""
 
 import codecs
+import csv
 import errno
 import hashlib
 import io
@@ -13,7 +14,7 @@ import stat
 import tempfile
 import unicodedata
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -161,6 +162,18 @@ def read_text(path: str | Path, what: str, most: int) -> str:
         line = content.count(b"\n", 0, error.start) + 1
         raise ValueError(f"line {line} is not UTF-8; save the file as UTF-8") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_csv(path: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Return the lines of a CSV file that are not empty, each with its number, from 1, and its
+    cells. Raises HandbenchError for a file that is no text or no CSV; columns: those expected."""
+    expected = f"the columns {','.join(columns)}"
+    try:
+        text = read_text(path, f"a CSV file with {expected}", limits.CSV_BYTES)
+        reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+        return [(reader.line_num, row) for row in reader if row]
+    except (ValueError, csv.Error) as error:
+        raise HandbenchError(f"{path}: is no CSV file ({error}); expected {expected}") from None
 
 
 def is_utf_16(content: bytes) -> bool:

@@ -1,8 +1,6 @@
 """Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y
 × z."""
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_text
-from handbench.support.limits import CSV_BYTES
+from handbench.support.files import read_csv
 
 MOST_ANTENNAS = 2000  # of one file; 2000 × 2000 channels take 32 MB a tone
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -172,15 +169,9 @@ def qar50() -> AntennaArray:
 def load_positions(path: str | Path) -> np.ndarray:
     """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m. Raises
     HandbenchError for a file with another content."""
-    try:
-        text = read_text(path, "a CSV file with the columns x_m,y_m,z_m", CSV_BYTES)
-        lines = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
-        rows = [row for row in lines if row]
-    except (ValueError, csv.Error) as error:
-        raise HandbenchError(
-            f"{path}: is no CSV file ({error}); expected the columns x_m,y_m,z_m"
-        ) from None
-    if not rows or rows[0] != ["x_m", "y_m", "z_m"]:
+    columns = ["x_m", "y_m", "z_m"]
+    rows = [row for _, row in read_csv(path, columns)]
+    if not rows or rows[0] != columns:
         raise HandbenchError(
             f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m, then three "
             "numbers a line, separated by commas and with decimal points"
