@@ -1,5 +1,5 @@
-"""Advice for a capture that does not suit a method's settings: tones that it lacks, and limits of
-its depths."""
+"""Advice for the user where a capture does not suit a method's settings: which of its tones fit,
+and what limits the depths."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def requested_tones_hz(config: Config) -> np.ndarray | None:
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """Raise HandbenchError for a capture without the tones that a configuration requests. If other
-    settings fit the capture's tones, the message names them."""
+    """Raise HandbenchError for a capture without the tones that a method's configuration requests.
+    If the method could use the capture's tones with other settings, the message names these."""
     if (asked := requested_tones_hz(config)) is None:
         return
     try:
@@ -53,8 +53,8 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
 
 
 def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
-    """Choose settings with which a method uses the capture's tones_hz [f], highest first: values by
-    name, of the names in `known`."""
+    """Choose settings with which a method uses the tones_hz [f] that a capture has, highest first:
+    values by the settings' names. known: names of the settings that the method has."""
     if "count" in known:
         return {
             "start_hz": float(tones_hz[-1]),
@@ -73,9 +73,9 @@ def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str,
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
-    """Yield sentences for the user on what limits a depth map of this capture's frame: ambiguous
-    depths, echoes at an end of the depth box, low range resolution, a short unambiguous range.
-    config: of the method that made it."""
+    """Yield sentences for the user on what limits the depth map of a capture's frame: ambiguous
+    depths, echoes at an end of the depth box, low range resolution, or a short unambiguous range.
+    config: configuration of the method that made the map."""
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
@@ -133,9 +133,13 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 
 
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
-    """Estimate how far the target lies behind the depths of a map's strongest pixels, metres, by a
-    pair of the capture's tones closer together than those requested (asked_hz), which is less
-    ambiguous; 0 without such a pair, or if its images are noise."""
+    """Estimate how far the target is behind the depths of a map's strongest pixels, metres;
+    negative if it is before them.
+
+    The estimate is the phase between two of the capture's tones that are closer together than the
+    requested ones (asked_hz), and so less ambiguous. It is 0 if there is no such pair, or if the
+    images of the pair are noise.
+    """
     from handbench.radar.imaging.api import image_points
     from handbench.radar.methods.fsk import depth_step_m
 
