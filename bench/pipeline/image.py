@@ -34,9 +34,9 @@ class ImagingTask:
         return self.method.run(self.echoes, self.settings, frame)
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
-        """Return a depth map of this task with p_gross, the probability of a gross error, and with
-        standard deviations that the antennas' resolution allows. Raises HandbenchError for an
-        invalid map, such as a plug-in may return."""
+        """Return a depth map of this task with p_gross, the probability of a gross error, added;
+        its standard deviations are raised to what the antennas can resolve. Raises HandbenchError
+        for an invalid map, such as a plug-in may return."""
         from handbench.radar.methods.depth_uncertainty import with_p_gross  # it reads a calibration
 
         checked = depth.checked(f"method '{self.method.id}'")

@@ -110,8 +110,8 @@ def in_rounds(
     Args:
         settings: name → setting.
         rounds: how many times each setting is measured.
-        measure: function from a setting to its results (dictionaries): one, several (for instance one
-            per capture), or none if the setting fails.
+        measure: function from a setting to its results (dictionaries): one, several (for instance
+            one per capture), or none if the setting fails.
         title: title of the progress bar.
 
     Returns:
