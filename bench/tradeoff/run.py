@@ -237,8 +237,9 @@ def setting_path(folder: Path, name: str) -> Path:
 def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSection) -> None:
     """Write each imaging setting as a benchmark file that can be run, settings/NAME.toml.
 
-    A benchmark may read only files below its own folder, so the captures and the captures of the
-    calibration target are put there too, as hard links, or as copies if the file system has none.
+    A benchmark may read only files below its own folder. The scored captures and those of the
+    calibration target are therefore put there too, as hard links, or as copies if the file system
+    has none.
     """
     captures, targets = (
         _link_captures(some, folder / SETTINGS, inputs)

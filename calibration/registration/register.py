@@ -124,7 +124,7 @@ class RigMotion:
 
     @property
     def chi2(self) -> float:
-        """Squared Mahalanobis distance of the step from zero."""
+        """Squared Mahalanobis distance of the step (change of the transform) from zero."""
         return float(self.step @ np.linalg.solve(self.covariance, self.step))
 
     @property

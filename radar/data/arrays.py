@@ -20,12 +20,12 @@ FARTHEST_M = 1e7
 
 @dataclass(frozen=True)
 class Leg:
-    """One leg of every path from transmitter to target to receiver: the part from all transmitters,
-    or the part to all receivers.
+    """One leg of every path: from all transmitters to the target, or from the target to all
+    receivers.
 
-    position_m [n, 3]: the antennas; passes: how often a path goes between target and antenna (2 for
-    a scan, there and back); channels [n]: number of channels (measured pairs) of each antenna, up
-    to a common factor.
+    position_m [n, 3]: these transmitters or receivers; passes: how often a path goes between target
+    and antenna (2 for a scan, there and back); channels [n]: number of channels (measured pairs) of
+    each antenna, up to a common factor.
     """
 
     position_m: np.ndarray
@@ -76,7 +76,7 @@ class AntennaArray:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The two legs of the paths: from the transmitters, and to the receivers."""
+        """The two legs of the paths: transmitters to target, and target to receivers."""
         every = [np.ones(n) for n in self.channels]
         to, back = (
             every
@@ -134,8 +134,8 @@ class BistaticScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The two legs of the paths: from the transmitters, and to the receivers. Path i goes from
-        transmitter i to receiver i."""
+        """The two legs of the paths: transmitters to target, and target to receivers. Path i goes
+        from transmitter i to receiver i."""
         return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
             self.rx_m, 1, np.ones(len(self.rx_m))
         )

@@ -330,9 +330,9 @@ def check(tolerance: float | None) -> None:
 
 
 class _Device(NamedTuple):
-    """The functions that make images on one device: `executor` makes from a plan the object that
-    applies it to samples, `upsampler` makes from a grid's plan the object that interpolates coarse
-    nodes to voxels, and `exact_images` sums every tone and antenna."""
+    """The implementation of imaging on one device. executor: makes from a plan the object that
+    applies it to samples; upsampler: makes from a grid's plan the object that interpolates coarse
+    nodes to voxels; exact_images: sums every tone and antenna."""
 
     executor: Callable[[TreePlan], Any]
     upsampler: Callable[[GridPlan], Any]

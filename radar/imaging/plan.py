@@ -122,7 +122,8 @@ class TreePlan:
         return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
-        """Sort points [n, 3] of the box, in metres, by cell and leaf."""
+        """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that
+        contain them."""
         counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
         place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
@@ -279,9 +280,12 @@ def exact_terms(images: int, aperture: Aperture) -> float:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reference path whose phase is the carrier of images: (how often the path passes
-    each leg [2], the means of each leg's antennas [2, 3] in metres, between which and the point the
-    path runs)."""
+    """Return the reference path whose phase is the carrier of images. It goes from the mean
+    position of the transmitters to the point and on to that of the receivers.
+
+    Returns (how often the path passes each of the two legs [2], mean positions [2, 3] in metres). A
+    scan's path passes its one leg twice and the other, which has no length, zero times.
+    """
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 

@@ -51,9 +51,12 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 
 
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Compute the kernel Π J₀(w (a − b)) [n, m] for a [n, d], b [m, d] and half_band w [d]: the
-    correlation of waves at a and b whose spectrum is concentrated at the band's edges. The kernel
-    of a flat spectrum, sinc, has three to four times larger errors there for as many members."""
+    """Compute the correlation Π J₀(w (a − b)) of waves at points a [n, d] and b [m, d] whose
+    spectrum is concentrated at the edges ±w of a band: [n, m]. half_band [d]: w along each axis.
+
+    For an interpolation with as many nodes, the kernel of a flat spectrum, sinc, has three to four
+    times larger errors at the band's edges.
+    """
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):

@@ -65,12 +65,13 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """The antennas of a leg (all transmitters, or all receivers) that a box of the tree keeps.
+    """The antennas of one leg of the paths (all transmitters, or all receivers) that a box of the
+    tree keeps.
 
-    position_m [n, 3]; number [n]: index of each among all antennas of the leg; passes: how often a
-    path passes the leg (2 for a scan, there and back); length_m [n]: passes times the distance from
-    the antenna to the box's centre, the path whose phase is removed from the box's samples (0 in
-    the root of the tree).
+    position_m [n, 3]; number [n]: index of each among all transmitters or receivers; passes: how
+    often a path goes between target and antenna (2 for a scan, there and back); length_m [n]:
+    passes times the distance from the antenna to the box's centre, the path whose phase is removed
+    from the box's samples (0 in the root of the tree).
     """
 
     position_m: np.ndarray
@@ -80,7 +81,7 @@ class LocalLeg:
 
     def only(self, index: np.ndarray, length_m: np.ndarray) -> "LocalLeg":
         """Return the leg with only the antennas at these indices [k]. length_m [n]: new path
-        lengths of all antennas to a box's centre, from which theirs are taken."""
+        lengths of all its antennas to a box's centre, of which theirs are kept."""
         return LocalLeg(self.position_m[index], self.passes, length_m[index], self.number[index])
 
 
@@ -89,11 +90,11 @@ class Node:
     """A box of the tree with the tones and antennas that it keeps, and the weights that combine the
     samples of its parent box into its own.
 
-    turns_per_m [k]: f/c of the kept tones; legs: the kept antennas of both legs. tone_weights [k,
-    parent's k] and, per leg, leg_weights [n, parent's n] are real; empty weights mean that all
-    tones or antennas are kept. shifts_m, per leg [parent's n]: path lengths whose phase is applied
-    to the parent's samples first; it moves their phase reference from the parent's centre to this
-    box's.
+    turns_per_m [k]: f/c of the kept tones; legs: the kept transmitters and the kept receivers.
+    tone_weights [k, parent's k] and, for transmitters and receivers, leg_weights [n, parent's n]
+    are real; empty weights mean that all tones or antennas are kept. shifts_m, for transmitters and
+    receivers [parent's n]: path lengths whose phase is applied to the parent's samples first, to
+    move their phase reference from the parent's centre to this box's.
     """
 
     box: Box
@@ -133,7 +134,8 @@ def needs_direct_sum(aperture: Aperture) -> bool:
 
 
 def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
-    """Return the root of the tree: all tones and antennas, no phase removed from the samples."""
+    """Return the root of the tree of boxes: it keeps all tones and antennas, and no phase is
+    removed from its samples."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
     legs = tuple(
         LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
@@ -202,9 +204,9 @@ def _tones(
     """Choose the tones of which all others are linear combinations within the box: (indices of the
     chosen, real weights [chosen, all]; with empty weights all are kept).
 
-    lengths: per leg, the paths [n] from the parent's antennas to the box's centre, metres. Paths to
-    other points of the box differ from those by at most d = Σ_legs max|ΔR|, so that the phases, as
-    functions of the wavenumber, are band-limited to ±d.
+    lengths: for transmitters and receivers, the paths [n] from the parent's antennas to the box's
+    centre, metres. Paths to other points of the box differ from those by at most d = Σ_legs
+    max|ΔR|, so that the phases, as functions of the wavenumber, are band-limited to ±d.
     """
     every = np.arange(len(parent.turns_per_m))
     if family.apart or len(every) <= 2:
@@ -223,9 +225,9 @@ def _tones(
 def _antennas(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the antennas of one leg whose waves give those of all others within the box by linear
-    combination: (indices of the chosen, real weights [chosen, all]; with empty weights all are
-    kept).
+    """Choose the transmitters, or the receivers, whose waves give those of all others within the
+    box by linear combination: (indices of the chosen, real weights [chosen, all]; with empty
+    weights all are kept).
 
     The wave of antenna a is e^{jk(R_a(p) − R_a(c))} for points p in the box, its centre c and all
     tones. The waves are sampled, not bounded by a band: near the aperture they are chirps, whose
@@ -270,8 +272,8 @@ def _reduced(
 def _family_skeletons(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
 ) -> Reduce:
-    """Return the function tolerance → (indices, weights [chosen, n]) that chooses those antennas of
-    a leg whose waves represent the waves of all n antennas in a box.
+    """Return the function tolerance → (indices, weights [chosen, n]) that chooses those of n
+    transmitters, or receivers, whose waves represent the waves of all in a box.
 
     pattern: exponent of the antennas' pattern, None for waves without gains. More than DIRECT
     antennas are divided into halves, recursively, which are reduced separately.

@@ -363,8 +363,9 @@ def weights_of(method: str) -> np.ndarray:
 def features(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute what p_gross is predicted from: (flat indices [n] of the pixels with a depth in front
-    of the array, their features [n, k] in the order of FEATURES)."""
+    """Compute the features from which p_gross, the probability of a gross error, is predicted:
+    (flat indices [n] of the pixels with a depth in front of the array, their features [n, k] in the
+    order of FEATURES)."""
     on = np.nan_to_num(depth.z_m) > 0
     index = np.flatnonzero(on)
     if not len(index):

@@ -144,7 +144,7 @@ class Tones:
 
     def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
         """Image all pixels of the plane at depth z_m at every tone, except for a phase factor that
-        all tones share: an imaging step."""
+        all tones share: the images and the depths that follow from them, as an `FskStep`."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
             self.samples,
@@ -168,8 +168,8 @@ class Tones:
         )
 
     def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
-        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at every tone: an
-        imaging step."""
+        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at every tone: the
+        images and the depths that follow from them, as an `FskStep`."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         return _step(

@@ -38,7 +38,7 @@ class PixelsConfig(GridConfig):
     y: Axis = PAPER_LATERAL
 
     def grid(self) -> PixelGrid:
-        """Return the pixels."""
+        """Return the configured pixels as a grid."""
         return PixelGrid(self.x.values_m(), self.y.values_m())
 
 

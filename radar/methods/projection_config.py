@@ -29,7 +29,7 @@ class _VolumeConfig(GridConfig):
     )
 
     def grid(self) -> VoxelGrid:
-        """Return the voxels."""
+        """Return the configured voxels as a grid."""
         return VoxelGrid(self.x.values_m(), self.y.values_m(), self.z.values_m())
 
 

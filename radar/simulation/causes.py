@@ -172,8 +172,8 @@ class SensorFaults(Config):
 
 
 class Causes(SensorFaults):
-    """What causes effects in a scene's echoes: imperfections of the sensor, noise, and the target's
-    motion and roughness."""
+    """Causes of the effects in a scene's echoes: imperfections of the sensor, noise, and the
+    target's motion and roughness."""
 
     noise: Noise = Noise()
     motion: Motion = Motion()

@@ -4,8 +4,8 @@
 
 δ is an optional one-way delay (in foam), as a length. The gains g_a(p) = √max(n·û_a, 0) / |p − a|
 are the spreading and obliquity between antenna a and point p with normal n: the physical-optics
-integrand of a smooth surface, whose obliquity is shared evenly by both legs, so that it is
-separable and reciprocal (exact where transmitter and receiver see the facet under the same angle).
+integrand of a smooth surface, whose obliquity is shared evenly between transmitter and receiver, so
+that it is separable and reciprocal (exact where both see the facet under the same angle).
 """
 
 from __future__ import annotations

@@ -30,9 +30,9 @@ class Sight(NamedTuple):
     corner [3, n]: the three surface samples around each point (−1: the point is in full sight of
     all antennas), whose table entries are interpolated with barycentric weights `share` [3, n].
     table_a [surface samples, 3, nodes], complex64: coefficients of 1, u and u², u = (f/c − middle)
-    / half, at some antennas (nodes) of the first leg; spread_a [a, nodes] interpolates them to all
-    its antennas. table_b, spread_b: the same arrays for the second leg. detour_m: longest extra
-    path of diffracted waves; beside: sine of the largest angle between them and the straight ray.
+    / half, at some transmitters (nodes); spread_a [a, nodes] interpolates them to all transmitters.
+    table_b, spread_b: the same arrays for the receivers. detour_m: longest extra path of diffracted
+    waves; beside: sine of the largest angle between them and the straight ray.
     """
 
     corner: np.ndarray
@@ -58,8 +58,8 @@ class Sight(NamedTuple):
         )
 
     def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
-        """Compute the complex factor of the wave between each antenna of a leg (0: first, 1:
-        second) and each point, at turns_per_m = f/c: [a, n], 1 for points in full sight."""
+        """Compute the complex factor of the wave between each antenna (leg 0: transmitters, 1:
+        receivers) and each point, at turns_per_m = f/c: [a, n], 1 for points in full sight."""
         table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
         u = (turns_per_m - self.middle) / self.half
         nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
@@ -90,7 +90,7 @@ class PackedScatterers(NamedTuple):
 
     point_m [3, n]; weight [n] complex64; delay_m [n]: extra one-way path; normal [3, n] of facets,
     or [3, 0]; spreading: whether echoes have gains (1/R, obliquity, pattern); pattern: exponent q
-    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: for each leg, 1 where an antenna sees a
+    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: 1 where a transmitter or a receiver sees a
     point and 0 where not, or [0, 0] if all do; these masks need a plan that keeps all antennas.
     sight: the factors of waves that obstacles partly block.
     """
@@ -240,7 +240,7 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
     """Interpolate the tabulated factors of partly blocked waves (see `Sight`) to n points from
-    index `start` on and to the a antennas of a leg: float32 [3, 2a, n].
+    index `start` on and to a transmitters, or receivers: float32 [3, 2a, n].
 
     The first axis has the coefficients of 1, u and u² of the scaled frequency u; the second has the
     real parts above the imaginary parts.

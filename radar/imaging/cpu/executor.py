@@ -74,8 +74,8 @@ class CpuExecutor:
         return unsorted
 
     def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
-        """Compute the samples of scatterers at the sorted points: complex64 [f, t, r], or [f, n, 1]
-        for a scan. This is the adjoint of `image` with its tones summed."""
+        """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t,
+        r], or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 

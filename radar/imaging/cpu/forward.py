@@ -26,10 +26,10 @@ VECTOR = 32
 class Leaves(NamedTuple):
     """The leaves (smallest boxes) of a cell, packed into three arrays for compiled code.
 
-    sizes [n, 8], one row per leaf: its numbers of tones and of antennas of both legs; three flags,
-    whether weights of tones and of both legs are given; the index at which its data begin in
-    `single` and in `double`. Rows of leaves that are not computed are zero. single, double: the
-    float32 and the float64 arrays of all leaves, concatenated.
+    sizes [n, 8], one row per leaf: its numbers of tones, transmitters and receivers; three flags,
+    whether weights of each of these are given; the index at which its data begin in `single` and in
+    `double`. Rows of leaves that are not computed are zero. single, double: the float32 and the
+    float64 arrays of all leaves, concatenated.
     """
 
     sizes: np.ndarray
@@ -102,9 +102,12 @@ def gather(  # type: ignore[no-untyped-def]
 def to_child(  # type: ignore[no-untyped-def]
     samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
 ):
-    """Compute the samples of a box from the samples [k, 2, a, b] of its parent box: phases of the
-    paths shift_a [a] and shift_b [b] (metres) change the reference point to the box's centre, then
-    real weights combine tones and antennas. Empty weights leave their axis unchanged."""
+    """Compute the samples of a box from the samples [k, 2, a, b] of its parent box, for k tones,
+    real and imaginary part, a transmitters and b receivers.
+
+    Phases of the paths shift_a [a] and shift_b [b] (metres) change the reference point to the box's
+    centre; then real weights combine tones and antennas. Empty weights leave their axis unchanged.
+    """
     return apply(
         weights_a,
         weights_b,
@@ -142,8 +145,8 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
-    """Combine the antennas of samples [k, 2, a, b] with real weights [n, a] and [m, b] of both
-    legs: [k, 2, n, m]. Empty weights leave their axis unchanged."""
+    """Combine the antennas of samples [k, 2, a, b] with real weights [n, a] of transmitters and [m,
+    b] of receivers: [k, 2, n, m]. Empty weights leave their axis unchanged."""
     tones, _, n_a, n_b = samples.shape
     if weights_b.size != 0:
         samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
@@ -163,9 +166,9 @@ def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     """Unpack leaf i of a cell from the packed `Leaves`. shape: shape [k, 2, a, b] of the cell's
     samples.
 
-    Returns ((weights of its tones, of its antennas of both legs), (path shifts of both legs), f/c
-    of its tones, place). place: the leaf's centre, then for the first and for the second leg the
-    path length to the centre, position and number of each antenna.
+    Returns ((weights of its tones, transmitters, receivers), (path shifts of transmitters, of
+    receivers), f/c of its tones, place). place: the leaf's centre, then for the transmitters and
+    for the receivers the path length to the centre, position and number of each.
     """
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
@@ -246,11 +249,11 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Compute the double sum Σ_i Σ_j a_i S_ij b_j over antennas at every point: float32 [2, p],
-    real and imaginary part.
+    """Compute the double sum Σ_i Σ_j a_i S_ij b_j over transmitters and receivers at every point:
+    float32 [2, p], real and imaginary part.
 
-    a [2a, p], b [2b, p]: waves of both legs, real parts above imaginary parts; samples [2, a, b]:
-    S; stacked [2a, 2b] and u [2a, p]: scratch arrays.
+    a [2a, p], b [2b, p]: waves of transmitters and of receivers, real parts above imaginary parts;
+    samples [2, a, b]: S; stacked [2a, 2b] and u [2a, p]: scratch arrays.
     """
     n_a, n_b = samples.shape[1:]
     stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]

@@ -8,7 +8,7 @@ remainders in float32. The images at the nodes go through the processor's memory
 thirty times fewer nodes than voxels.
 
 An exact image is one complex product per tone and block of points. A planar scan is treated as an
-array whose second leg is a single antenna that the path passes zero times.
+array with a single receiver that the path does not pass.
 """
 
 from collections.abc import Iterator

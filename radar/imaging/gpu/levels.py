@@ -18,14 +18,14 @@ CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 
 @dataclass(frozen=True)
 class Level:
-    """The n boxes of one level of the tree, as arrays on a device. A box has k tones and a, b
-    antennas of the two legs; its parent, in the level above, has k', a', b'.
+    """The n boxes of one level of the tree, as arrays on a device. A box has k tones, a
+    transmitters and b receivers; its parent, in the level above, has k', a', b'.
 
     parent [n]: row of each box's parent in the level above. Complex64: phases [n, k', a'] and [n,
     k', b'] from the parent's centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'],
     weights_b [n, b', b] (transposed). Float64: turns_per_m [n, k] = f/c, centre_m [3, n], and for
-    each leg position_m [3, n, a] and length_m [n, a], the path between antenna and centre. xp:
-    numpy or cupy.
+    transmitters and receivers position_m [3, n, a] and length_m [n, a], the path between antenna
+    and centre. xp: numpy or cupy.
     """
 
     xp: ModuleType

@@ -108,12 +108,12 @@ def oscillator(echoes: Echoes) -> Echoes:
 
     The receiver mixes with the same oscillator, a delay τ later: noise of density L(f) is reduced
     to 4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the
-    receiver's bandwidth B,
+    receiver's bandwidth B, the phase has the variance
 
         σ² = ∫₀^B 2·L·4 sin²(πfτ) df = 8 L₀ f₀² [ πτ·Si(2πτB) − sin²(πτB)/B ].
 
     Transmitters send one after another, so the phases differ between tones and transmitters and are
-    the same for all receivers; in an image, their average over T transmitters is σ/√T.
+    the same for all receivers. An image averages them over T transmitters, which leaves σ/√T.
     """
     delay_s = 2 * float(np.linalg.norm(echoes.scene.middle_m)) / SPEED_OF_LIGHT_M_S
     sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)

@@ -3,8 +3,9 @@ surface reflects a ray tube onto another part, which radiates by physical optics
 
 A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and arrives
 at q on a footprint of the area A_q in the surface. Its energy is conserved, so that the field on
-the footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi the angle of incidence; with physical optics'
-integrand, shared evenly by both legs as in `radar.simulation.forward`,
+the footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi the angle of incidence. With the integrand of
+physical optics, whose obliquity is shared evenly between incidence and radiation as in
+`radar.simulation.forward`,
 
     S_f[t, r] = Σ_tubes √(A_p A_q) / R_t · √cos θ_qr / R_r · D · exp(−j2πf(R_t + |pq| + R_r)/c),
 
@@ -54,7 +55,7 @@ class Tubes(NamedTuple):
     at q; length_m [n]: path from p to q. root_m2 [n]: √(A_p A_q) of the areas of patch and
     footprint, 0 for an invalid tube; edge_m [n, 3, 3]: vectors from q to the footprint's corners;
     longer_m [n, 3]: by how much the rays to these corners are longer than that to q; caustics [n]:
-    number of focal lines between p and q, 0 to 2 on each leg.
+    number of focal lines between p and q, 0 to 2 between successive corners of the path.
     """
 
     transmitter: np.ndarray

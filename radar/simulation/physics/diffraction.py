@@ -345,9 +345,13 @@ def _angles(  # type: ignore[no-untyped-def]
 def _creep(  # type: ignore[no-untyped-def]
     scratch, x, y, z, middle, creeping, wavenumber, least, most
 ):
-    """Add the waves that creep around one edge to the contributions of this edge in `scratch` (see
-    `_angles`), for points x, y, z relative to the cube's centre. middle: the edge's middle relative
-    to the same centre; creeping: the edge's row of `Roundness.of_edges`."""
+    """Add the waves that creep around one edge to the wave of this edge at n points, which have the
+    coordinates x, y, z relative to the cube's centre.
+
+    The wave is stored in `scratch` [5, n]: real and imaginary amplitude, detour, weight, 1/L.
+    middle: the edge's middle relative to the same centre; creeping: parameters of the edge's
+    creeping wave, a row of `Roundness.of_edges`.
+    """
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
     nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
     r0, r1, r2, r3, r4, r5 = (

@@ -111,8 +111,8 @@ def tubes_around(
 
 
 def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Follow rays over one more reflection. Returns only those that meet the body once more, with
-    paths that are longer by this leg and with one more column of faces."""
+    """Follow rays over one more reflection. Returns only those that meet the body once more: their
+    paths end there, and they have one more column of faces."""
     tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
