@@ -24,8 +24,8 @@ class Leg:
     receivers.
 
     position_m [n, 3]: these transmitters or receivers; passes: how often a path goes between target
-    and antenna (2 for a scan, there and back); channels [n]: number of channels (measured pairs) of
-    each antenna, up to a common factor.
+    and antenna (2 for a planar scan, there and back); channels [n]: number of channels (measured
+    pairs) of each antenna, up to a common factor.
     """
 
     position_m: np.ndarray

@@ -177,10 +177,9 @@ def certify_nodes(
 class ImagePower:
     """The power of images [f or 1, rows, n], by which pixels are drawn at random.
 
-    Args rows [rows] and counts [n]: the pixel at row i, column j represents rows[i] × counts[j]
-    voxels. `largest` is the largest absolute real or imaginary part; of_rows [f or 1, rows], the
-    power of each row, and the result of `along` are in units of largest², so that float32 holds
-    them.
+    rows [rows], counts [n]: the pixel at row i, column j represents rows[i] × counts[j] voxels.
+    largest: largest absolute real or imaginary part. The power of each row, of_rows [f or 1, rows],
+    and the result of `along` are in units of largest², so that float32 can hold them.
     """
 
     def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:

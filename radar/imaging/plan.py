@@ -283,8 +283,9 @@ def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
     """Return the reference path whose phase is the carrier of images. It goes from the mean
     position of the transmitters to the point and on to that of the receivers.
 
-    Returns (how often the path passes each of the two legs [2], mean positions [2, 3] in metres). A
-    scan's path passes its one leg twice and the other, which has no length, zero times.
+    Returns (how often the path passes each of the two legs [2], mean positions [2, 3] in metres).
+    The path of a planar scan passes its one leg twice and the other, which has no length, zero
+    times.
     """
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])

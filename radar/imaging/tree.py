@@ -69,9 +69,9 @@ class LocalLeg:
     tree keeps.
 
     position_m [n, 3]; number [n]: index of each among all transmitters or receivers; passes: how
-    often a path goes between target and antenna (2 for a scan, there and back); length_m [n]:
-    passes times the distance from the antenna to the box's centre, the path whose phase is removed
-    from the box's samples (0 in the root of the tree).
+    often a path goes between target and antenna (2 for a planar scan, there and back); length_m
+    [n]: passes times the distance from the antenna to the box's centre, the path whose phase is
+    removed from the box's samples (0 in the root of the tree).
     """
 
     position_m: np.ndarray

@@ -134,12 +134,13 @@ def speckle_spread_m(
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """Return True for pixels whose phase is only noise: three standard deviations of it fill the
-    circle. sigma_m: predicted depth error; ±ambiguity_m: unambiguous range.
+    """Return True for pixels whose phase is only noise: three of its standard deviations exceed
+    half a turn. sigma_m: predicted depth error; ±ambiguity_m: unambiguous range, which is half a
+    turn.
 
-    Amplitudes show σ_φ = πσ_z/a, a = ambiguity_m, only up to σ₀, the value for unrelated images; s
-    = σ_φ/√(1 − (σ_φ/σ₀)²) corrects this, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) =
-    0.61.
+    The amplitudes show the standard deviation σ_φ = πσ_z/a, a = ambiguity_m, only up to σ₀, the
+    value for unrelated images; s = σ_φ/√(1 − (σ_φ/σ₀)²) corrects this, and 3s > π where σ_φ exceeds
+    (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
     """
     most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
     return sigma_m > most_rad / np.pi * ambiguity_m
@@ -318,9 +319,9 @@ def with_p_gross(
     """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
     5 mm: NaN off target, 1 for depths behind the array.
 
-    Where the depths within one resolution cell of the antennas vary by more than 5 mm, p_gross is
-    at least 0.5, and sigma_m is at least this variation. Maps of other sensors are returned
-    unchanged. config: configuration of the method that made the map.
+    Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
+    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Maps of other sensors
+    are returned unchanged. config: configuration of the method that made the map.
     """
     if depth.method in capture.sensors:
         return depth

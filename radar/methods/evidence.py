@@ -24,9 +24,9 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
     """Raise HandbenchError for a frame whose echoes cannot show depths.
 
     That is so if a tone that the configuration requests has no echo, if two tones have equal
-    samples, if the antennas with echoes are all in one place along an axis of several pixels, or if
-    they are all on one line though the pixels extend along x and y. A frame without any echo is no
-    error: its depth map is empty.
+    samples, if all antennas with echoes have the same coordinate along an axis with several pixels,
+    or if they are all on one line though there are several pixels along x and y. A frame without
+    any echo is no error: its depth map is empty.
     """
     samples = capture.samples[frame]
     if not samples.any():

@@ -24,7 +24,7 @@ from handbench.support.compiled import FAST, njit
 
 class Sight(NamedTuple):
     """The complex factor by which obstacles change the wave between each antenna and each point: 1
-    in full sight, 0 in full shadow, in between by diffraction.
+    in full sight, 0 in full shadow, and in between, near shadow edges, the result of diffraction.
 
     The factor is smooth over points, antennas and frequency, so it is tabulated at few of each.
     corner [3, n]: the three surface samples around each point (−1: the point is in full sight of

@@ -237,7 +237,7 @@ def _lit(
     """Return how many reflections after its own matter for each patch [m]: the largest number for
     which a ray tube from one of a few antennas is valid; 0 if none is.
 
-    The number is limited to those reflections before which all tubes together are still strong
+    Reflections are not counted from the first number on for which all tubes together are weak
     (LEAST).
     """
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
