@@ -53,8 +53,8 @@ class SimulationVariant:
     """One setting of the simulation: how finely surfaces and antennas are sampled, and which
     effects are on.
 
-    Effects are all those except `without` or, if tolerance_mm is given, those that the automatic
-    choice with this tolerance switches on.
+    All effects are on except those in `without`. If tolerance_mm is given, the effects are chosen
+    automatically with this tolerance instead.
     """
 
     facets_per_wavelength: float = ORDINARY

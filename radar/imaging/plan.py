@@ -143,9 +143,10 @@ class GridPlan:
     imaging the nodes; None if they are summed exactly, because choosing few tones and antennas
     costs more than it saves (too many antennas, too few nodes).
 
-    Only the image's envelope is interpolated, which is the image divided by its carrier, exp(jk_c Σ
-    R_reference) times a linear phase that centres the band of spatial frequencies. The envelope
-    varies as slowly as the array's angles and bandwidth allow.
+    Only the image's envelope is interpolated, which is the image divided by its carrier and varies
+    as slowly as the array's angles and bandwidth allow. The carrier is exp(jk_c R) times a linear
+    phase that centres the band of spatial frequencies; R is the path from the mean position of the
+    transmitters to the voxel to that of the receivers, and k_c the middle wavenumber.
     """
 
     def __init__(
@@ -295,7 +296,9 @@ def bands(
     frequencies_hz: np.ndarray, aperture: Aperture, box: Box
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the lowest and the highest spatial frequency of an image along x, y, z within the
-    box, after the carrier exp(jk_c Σ R_reference) is removed: ([3], [3]), rad/m."""
+    box, after its carrier exp(jk_c R) is removed: ([3], [3]), rad/m. R is the path from the mean
+    position of the transmitters to the point to that of the receivers, and k_c the middle
+    wavenumber."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
     axes = [

@@ -105,9 +105,9 @@ def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
     """Compute how far the antennas with echoes extend: [3], along x, along y and across their
     longest direction, metres. All are 0 if no channel has an echo.
 
-    Counted are the midpoints between transmitter and receiver of the channels that have an echo,
-    since a scan of one antenna over the midpoints would resolve as well. Midpoints on one line have
-    extent 0 across.
+    The extents are those of the midpoints between transmitter and receiver of all channels that
+    have an echo, since a scan of one antenna over the midpoints would resolve as well. Midpoints on
+    one line have extent 0 across.
     """
     aperture, live = capture.aperture, _live(capture, frame)
     if isinstance(aperture, AntennaArray):

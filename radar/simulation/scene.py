@@ -114,7 +114,7 @@ class EchoScene:
 
     @property
     def body(self) -> Body:
-        """The target. Raises ValueError for a scene without one."""
+        """The target body. Raises ValueError for a scene without one."""
         if self.target is None:
             raise ValueError("the scene has no target but balls")
         return self.target

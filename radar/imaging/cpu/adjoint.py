@@ -239,8 +239,8 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
-    """Interpolate the tabulated factors of partly blocked waves (see `Sight`) to n points from
-    index `start` on and to a transmitters, or receivers: float32 [3, 2a, n].
+    """Interpolate the tabulated factors of partly blocked waves (see `Sight`) to n points, from
+    index `start` on, and to all transmitters or all receivers, a in number: float32 [3, 2a, n].
 
     The first axis has the coefficients of 1, u and u² of the scaled frequency u; the second has the
     real parts above the imaginary parts.

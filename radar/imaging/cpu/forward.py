@@ -3,9 +3,10 @@
 Samples are float32 arrays [tone, re/im, transmitter, receiver], because products of real matrices
 are faster here than complex ones. Each step from a box to a smaller box in it multiplies the
 samples by phases and by real weights, which combine tones and antennas. In a leaf, a smallest box,
-path differences ΔR to the box's centre are computed in float64, less that of a reference point near
-the aperture; the remainder differs little between antennas, so float32 is enough for its phase. The
-leaves of a cell are packed into arrays, so that one call images a whole cell.
+phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is computed
+in float64, less that of a reference point near the aperture; the remainder differs little between
+antennas, so float32 is enough for its phase. The leaves of a cell are packed into arrays, so that
+one call images a whole cell.
 """
 
 from typing import NamedTuple

@@ -40,7 +40,7 @@ class Batch(NamedTuple):
     """Points that are imaged together on the device: n pieces of up to p points, each piece within
     one leaf (smallest box of the plan).
 
-    sample [n]: row of the piece's leaf among the computed samples; leaf [n]: row of the same leaf
+    sample [n]: row of each piece's leaf among the computed samples; leaf [n]: row of the same leaf
     in the `Level` of all leaves; points_m [3, n, p]; target [n, p]: column of the images to which
     each point's value is written. Points that only fill up a piece are written to one extra column.
     """

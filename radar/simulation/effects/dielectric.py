@@ -114,8 +114,8 @@ def _transparent(
 
 
 def back_facets(scene: EchoScene, body: Body) -> Facets:
-    """Return the facets of a body that the array sees from inside the body, with normals that point
-    inwards."""
+    """Return the facets of a body whose inner side faces the array (those of its far side), with
+    normals that point inwards."""
     inside_out = scene.cached(
         ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
     )
