@@ -1,5 +1,5 @@
-"""The last stage of a reconstruction: from the fused cloud of points to a surface with uncertainty.
-"""
+"""The last stage of a reconstruction: from the fused cloud of points to a surface with
+uncertainty."""
 
 from dataclasses import replace
 from itertools import product

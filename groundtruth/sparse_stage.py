@@ -1,5 +1,5 @@
-"""The first stage of a reconstruction: from photographs to cameras and points in the metric frame.
-"""
+"""The first stage of a reconstruction: from photographs to cameras and points in the metric
+frame."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,5 @@
-"""Cameras with COLMAP's lens models and pixel convention (the first pixel's centre is at 0.5, 0.5)."""
+"""Cameras with COLMAP's lens models and pixel convention (the first pixel's centre is at 0.5,
+0.5)."""
 
 import signal
 import sys
@@ -16,8 +17,8 @@ from handbench.support.files import read_json, write_json
 
 def load_pycolmap() -> ModuleType:
     """Import pycolmap, and restore the SIGTERM handler that the import replaces by one that prints
-    a stack trace. Only the main thread can restore a handler, so the first call must be made there.
-    """
+    a stack trace. Only the main thread can restore a handler, so the first call must be made
+    there."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
@@ -94,7 +95,8 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def shifted(self, by_m: np.ndarray) -> "Camera":
-        """Return the camera in a world frame whose coordinates are all larger by by_m [3], metres."""
+        """Return the camera in a world frame whose coordinates are all larger by by_m [3],
+        metres."""
         if not self.posed or not by_m.any():
             return self
         return self.model_copy(

@@ -200,7 +200,8 @@ def _world(
 def _project(
     point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
 ) -> None:
-    """Project a world point [3] into a view; the column, row and depth are written into `seen` [3]."""
+    """Project a world point [3] into a view; the column, row and depth are written into `seen`
+    [3]."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
     b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
     c = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]

@@ -55,7 +55,8 @@ class View:
         return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
 
     def rays(self) -> np.ndarray:
-        """Compute the viewing directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
+        """Compute the viewing directions [h, w, 3] of the pixels in the camera frame, with z =
+        1."""
         return _rays(self.K, *self.gray.shape)
 
     def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:

@@ -116,7 +116,8 @@ class Volume:
         return cls(tuple(box_m.ravel().round(6).tolist()), source)
 
     def box(self) -> np.ndarray | None:
-        """Return the lowest and highest corner [2, 3] of the box; None for a volume without limits."""
+        """Return the lowest and highest corner [2, 3] of the box; None for a volume without
+        limits."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
     def shifted(self, by_m: np.ndarray) -> "Volume":

@@ -239,8 +239,8 @@ def _walk(
 
 def _groups(polygons: np.ndarray | list[tuple[float, ...]]) -> list[np.ndarray]:
     """Group polygons by their number of corners. Returns arrays [count, corners] of vertex indices,
-    those with the fewest corners first. Raises ValueError for an index that is not a whole number.
-    """
+    those with the fewest corners first. Raises ValueError for an index that is not a whole
+    number."""
     if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
         groups = [polygons]
     else:

@@ -219,8 +219,8 @@ class Bundle:
 
     def normal(self, jacobians: bool = True) -> NormalEquations:
         """Compute the normal equations and the cost at the model's current state. With
-        jacobians=False, only the cost is complete: the observations are not added to the equations.
-        """
+        jacobians=False, only the cost is complete: the observations are not added to the
+        equations."""
         equations = NormalEquations.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):

@@ -265,8 +265,8 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
 
 
 def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
-    """Transform the points and cameras of a reconstruction by a similarity matrix [4, 4], in place.
-    """
+    """Transform the points and cameras of a reconstruction by a similarity matrix [4, 4], in
+    place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     model.transform(
         pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3])
