@@ -1,1 +1,2 @@
-"""Adapters to data sets: each reads one form of captures and can write it as a capture folder."""
+"""Data sets: each module reads captures of one format, and most can write them as capture
+folders."""
