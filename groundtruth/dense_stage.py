@@ -26,11 +26,11 @@ COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
     """Run the dense stage: compute the depth maps of the photographs that the sparse stage
-    registered, and fuse them. The fused cloud (CLOUD) and the reconstructed box (VOLUME) are
-    written into `folder`.
+    registered, and fuse them to a cloud of points.
 
-    photos: folder of the photographs. options: fields of DenseOptions. sparse: folder that the
-    sparse stage wrote.
+    The cloud (cloud.npz) and the reconstructed box (volume.json) are written into `folder`. photos:
+    folder of the photographs. options: fields of DenseOptions. sparse: folder that the sparse stage
+    wrote.
     """
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}

@@ -34,10 +34,10 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
     """Run the mesh stage: reconstruct the surface of the dense stage's cloud.
 
-    Three files are written into `folder`: the surface (MESH), the description of its kept and
-    removed parts (TARGET), and a photograph cropped to the reconstructed box (VIEW). photos: folder
-    of the photographs. options: fields of MeshOptions. sparse, dense: folders that the sparse and
-    the dense stage wrote.
+    Three files are written into `folder`: the surface (mesh.ply), the description of its kept and
+    removed parts (target.json), and a photograph cropped to the reconstructed box (view.jpg).
+    photos: folder of the photographs. options: fields of MeshOptions. sparse, dense: folders that
+    the sparse and the dense stage wrote.
     """
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     found = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage"))

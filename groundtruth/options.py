@@ -108,7 +108,8 @@ class Region(Config):
     box_m: tuple[float, float, float, float, float, float] | None = None
 
     def shifted(self, by_m: np.ndarray) -> Self:
-        """Return the options in a frame whose coordinates are all larger by by_m [3], metres."""
+        """Return the options with the box moved by by_m [3], metres, for a frame with another
+        origin."""
         if self.box_m is None:
             return self
         return self.model_copy(update={"box_m": tuple((self.box_m + np.tile(by_m, 2)).tolist())})

@@ -1,2 +1,1 @@
-"""Data sets: each module reads captures of one format, and most can write them as capture
-folders."""
+"""Data sets: each module reads captures of one format, or converts them to capture folders."""

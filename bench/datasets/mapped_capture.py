@@ -324,8 +324,9 @@ def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarra
     """Read an array of complex numbers. of: function that reads a data set by name; entry: names
     and layout of the data sets; counts: expected length of each axis, where known.
 
-    The axes of the result are in the order of ORDER, without those that the file lacks. Raises
-    HandbenchError if an axis has another length.
+    The axes of the result are in handbench's order (frame, sweep, frequency, tx, rx, pair,
+    position), without those that the file lacks. Raises HandbenchError if an axis has another
+    length.
     """
     axes: tuple[str, ...] = entry.axes[::-1] if entry.reversed else entry.axes
     parts = {name: of(name) for name in entry.datasets}

@@ -430,8 +430,8 @@ def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarra
 
 def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Join the points of neighbouring pixels to triangles, unless their depths differ by more than
-    LONGEST_MM. seen [height, width]: mask of the n pixels with a point. Returns triangles [m, 3] of
-    point indices."""
+    10 mm (LONGEST_MM). seen [height, width]: mask of the n pixels with a point. Returns triangles
+    [m, 3] of point indices."""
     index = np.where(seen, np.cumsum(seen).reshape(seen.shape) - 1, -1)
     corners = np.stack(
         [index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1

@@ -265,8 +265,8 @@ def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
 
 
 def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
-    """Return the pose with its joint angles replaced by angles_deg [n], which lists those of all
-    digits in the order of ANGLES."""
+    """Return the pose with its joint angles replaced by angles_deg [n], which lists the angles of
+    all digits (in the order of ANGLES: index to little finger, then thumb)."""
     values = iter(map(float, angles_deg))
     digits = {
         digit: getattr(pose, digit).model_copy(update={angle: next(values) for angle in names})

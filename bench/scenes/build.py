@@ -43,9 +43,9 @@ class Scene:
     target_mesh: the target's surface in the radar frame. target: description of the calibration
     target (None for other targets). cameras: empty if no photographs are taken. box_m [2, 3]: lower
     and upper corner, in the photo frame, of the box to which reconstructions are cropped; it
-    contains the target without plate and block. block_m [2, 3]: corners of the block under the
-    forearm in the photo frame (None: no block, because the forearm does not point down). folder:
-    folder of the files that the scene file refers to.
+    contains the target without plate and block. block_m [2, 3]: corners of the block under a hand's
+    forearm in the photo frame (None: no block; there is one only if the forearm points down).
+    folder: folder of the files that the scene file refers to.
     """
 
     file: SceneFile

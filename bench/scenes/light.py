@@ -36,8 +36,7 @@ class Lamp:
         return float(np.linalg.norm(self.centre_m))
 
     def samples_m(self) -> np.ndarray:
-        """Return points [LAMP_SAMPLES, 3] spread evenly over the lamp's disc, in the photo frame,
-        metres."""
+        """Return points [n, 3] spread evenly over the lamp's disc, in the photo frame, metres."""
         centre_m = np.array(self.centre_m)
         z = centre_m / np.linalg.norm(centre_m)
         x = np.cross([0.0, 1.0, 0.0], z)
@@ -277,11 +276,13 @@ def _mirrored(
     roughness: float,
     result: np.ndarray,
 ) -> None:
-    """Compute the radiance of a lamp's highlight at points [n, 3], and write it into `result` [n].
+    """Compute the radiance of a lamp's highlight at points [n, 3] of skin, per unit of the lamp's
+    irradiance, and write it into `result` [n].
 
-    It is the rendering equation summed over k points of the lamp, π / k Σ brdf cos θ (reach /
-    distance)², with the angle of incidence θ. The other arguments are those of `mirrored`: unit
-    normals [n, 3], unit vectors to the camera [n, 3], lamp points [k, 3].
+    It is the rendering equation summed over k points lamp_m [k, 3] of the lamp: π / k Σ brdf cos θ
+    (reach / distance)², with the angle of incidence θ and the distance reach_m at which the
+    irradiance is given. normals [n, 3]: unit normals. eyes [n, 3]: unit vectors to the camera.
+    roughness: of the skin.
     """
     for i in range(len(points_m)):
         px, py, pz = points_m[i, 0], points_m[i, 1], points_m[i, 2]

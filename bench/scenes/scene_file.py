@@ -182,8 +182,8 @@ class Sensor(SensorFaults):
 class Photos(Config):
     """The photographs to simulate: cameras, pictures, sensor, lens, and imperfections.
 
-    effects: "all" and "auto" both mean every effect whose key below is set. tolerance_mm: accepted
-    for symmetry with the echoes, but without effect.
+    effects: "all" and "auto" both mean every effect whose key below is set. tolerance_mm: has no
+    effect.
     """
 
     effects: Literal["all", "auto"] = "all"

@@ -95,8 +95,8 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def shifted(self, by_m: np.ndarray) -> "Camera":
-        """Return the camera in a world frame whose coordinates are all larger by by_m [3],
-        metres."""
+        """Return the camera with its position moved by by_m [3], metres, for a world frame with
+        another origin."""
         if not self.posed or not by_m.any():
             return self
         return self.model_copy(

@@ -19,8 +19,8 @@ STEEPEST = 8.0  # disparities per pixel
 
 
 def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) -> list[ViewDepth]:
-    """Compute all depth maps again, LOOKS times, each starting from its own depths and, where these
-    are missing, from the other views' depths.
+    """Compute all depth maps again, twice (LOOKS), each starting from its own depths and, where
+    these are missing, from the other views' depths.
 
     sources: for each view, the indices of the views that it is matched with. seed: of PatchMatch's
     random numbers. Returns the new depth maps, in the order of the old ones.

@@ -210,7 +210,7 @@ def _beside_jump(planes: np.ndarray) -> np.ndarray:
     biases the depth.
 
     planes [h, w, 3]: disparity and its slopes per column and row. Returns True [h, w] where a
-    neighbour's disparity differs from the continued plane by more than JUMP_PX.
+    neighbour's disparity differs by more than JUMP_PX (one pixel) from the continued plane.
     """
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)

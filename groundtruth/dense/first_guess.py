@@ -93,18 +93,19 @@ def _planes(
 def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Compute the slopes of a disparity map [h, w] per column and per row, each [h, w].
 
-    The map is first smoothed by a Gaussian with standard deviation smooth_px. Slopes beyond
-    ±STEEPEST are clipped.
+    The map is first smoothed by a Gaussian with standard deviation smooth_px. Steeper slopes than
+    STEEPEST (disparities per pixel) are clipped to it.
     """
     slope_y, slope_x = np.gradient(cv2.GaussianBlur(disparity, (0, 0), smooth_px))
     return np.clip(slope_x, -STEEPEST, STEEPEST), np.clip(slope_y, -STEEPEST, STEEPEST)
 
 
 def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) -> np.ndarray:
-    """Find the disparity at each pixel by a sweep of parallel planes.
+    """Find the disparity at each pixel of a view by a sweep of parallel planes.
 
-    slope: the planes' common slopes per column and row, in disparities of `stereo` per pixel.
-    Returns disparity [h, w] float32 in steps of `unit` (1/m).
+    half: the view at half the resolution; stereo: its picture with the source views. slope: the
+    planes' common slopes per column and row, in disparities of `stereo` per pixel. Returns
+    disparity [h, w] float32, converted to steps of `unit` (inverse depth, 1/m).
     """
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)

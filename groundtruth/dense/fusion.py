@@ -47,7 +47,8 @@ class Cloud:
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
     def shifted(self, by_m: np.ndarray) -> "Cloud":
-        """Return the cloud in a frame whose coordinates are all larger by by_m [3], metres."""
+        """Return the cloud with all points moved by by_m [3], metres, for a frame with another
+        origin."""
         return replace(self, points_m=self.points_m + by_m)
 
     def save(self, file: Path) -> None:

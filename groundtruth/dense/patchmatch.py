@@ -56,7 +56,7 @@ def refine(
     seed: int,
 ) -> np.ndarray:
     """Improve each pixel's plane by PatchMatch, in place, and return the matching cost [h, w]
-    float32: 1 − NCC, averaged over the better half of the sources.
+    float32: 1 − NCC, averaged over the better half of the source views.
 
     planes [h, w, 3] float32: disparity, slope per column and slope per row. low, high [h, w]: range
     of allowed disparities, NaN for pixels to leave out. iterations: number of PatchMatch
@@ -131,9 +131,9 @@ def _window(
     """Extract the matching window around pixel (x, y) of the reference picture, which is padded at
     its border.
 
-    values, weights [SAMPLES]: scratch arrays, whose first `samples` entries are overwritten and
-    returned. Returns column, row, gray values minus their weighted mean, bilateral weights with sum
-    1, and weighted variance.
+    samples: number of pixels in the window. values, weights: scratch arrays, whose first `samples`
+    entries are overwritten and returned. Returns column, row, gray values minus their weighted
+    mean, bilateral weights with sum 1, and weighted variance.
     """
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
@@ -165,8 +165,8 @@ def _window(
     fastmath={"contract", "reassoc", "nsz", "arcp"},
 )
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
-    """Compute 1 − NCC between a window of the reference and source number s, if the surface is the
-    given plane; WORST if the source does not show the whole window.
+    """Compute 1 − NCC between a window of the reference and source view number s, if the surface is
+    the given plane; 2 (WORST) if the source view does not show the whole window.
 
     plane: disparity and its slopes per column and row, whose homography is approximated as affine
     across the window. bend: second derivatives of the disparity (per column², per column and row,
@@ -248,12 +248,13 @@ def _cost(
     ranked: bool,
     most: float = np.inf,
 ) -> float:
-    """Compute the matching cost of a plane: 1 − NCC, averaged over the better half of the sources.
+    """Compute the matching cost of a plane: 1 − NCC, averaged over the better half of the source
+    views.
 
-    ranked: True if `chosen` already lists the sources, best first, so that only its first half is
-    compared; False: all sources are compared, and their order is written to `chosen`. mismatch:
-    scratch, one value per source. most: the sum stops early once the mean must exceed this value;
-    the result is then only some number above it.
+    ranked: True if `chosen` already lists the source views, best first, so that only its first half
+    is compared; False: all of them are compared, and their order is written to `chosen`. mismatch:
+    scratch, one value per source view. most: the sum stops early once the mean must exceed this
+    value; the result is then only some number above it.
     """
     used = max(1, len(chosen) // 2)
     total = 0.0
@@ -278,7 +279,7 @@ def _cost(
 @njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
     """Find the pixel (row, column) with the lowest cost among the neighbours of (y, x) at distances
-    1, 3 and 5 in one of four directions. Returns (-1, -1) if none has a cost below WORST."""
+    1, 3 and 5 in one of four directions. Returns (-1, -1) if none of them has been matched."""
     h, w = cost.shape
     best_i, best_j, least = -1, -1, WORST
     for distance in range(1, REACH + 1, 2):
@@ -303,8 +304,8 @@ def _pass(
     the planes of neighbours, then random variations of the best plane.
 
     low, high [h, w]: allowed disparities. step: 2 · iteration + colour (0 or 1); iteration 0 only
-    evaluates the planes. samples: number of a window's pixels that are compared. The sources are
-    ranked under a pixel's current plane; other planes are compared with the better half only.
+    evaluates the planes. samples: number of a window's pixels that are compared. The source views
+    are ranked under a pixel's current plane; other planes are compared with the better half only.
     """
     h, w = cost.shape
     iteration = step // 2

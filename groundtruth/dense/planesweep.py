@@ -95,11 +95,12 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 def _warp(
     stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
 ) -> None:
-    """Warp source number s to row y of the reference, as if the surface were at this disparity.
+    """Warp source view number s to row y of the reference, as if the surface were at this
+    disparity.
 
-    Writes the source's gray values into `warped` [w]; OUTSIDE where the source does not show the
-    pixel. places [2, w]: scratch for columns and rows; their separate loop is compiled to vector
-    instructions.
+    Writes the source view's gray values into `warped` [w], and −1 (OUTSIDE) where it does not show
+    the pixel. places [2, w]: scratch for columns and rows; their separate loop is compiled to
+    vector instructions.
     """
     sources, A, b = stereo.sources, stereo.A, stereo.b
     rows, columns = np.float32(stereo.sizes[s, 0] - 1), np.float32(stereo.sizes[s, 1] - 1)
@@ -126,10 +127,11 @@ def _warp(
 
 @njit(cache=True)
 def _across(columns: np.ndarray, sums: np.ndarray) -> None:
-    """Sum along a row: add the 2 WINDOW_RADIUS + 1 column sums around each pixel, and write the
-    totals into `sums` [w].
+    """Sum over the square windows along a row: add the column sums under the window around each
+    pixel, and write the totals into `sums` [w].
 
-    columns [w + 2 WINDOW_RADIUS]: sums of the window's columns, 0 beyond the picture.
+    columns [w + 2 r]: sums over the windows' columns, 0 beyond the picture, for windows of 2 r + 1
+    pixels (r = WINDOW_RADIUS).
     """
     for x in range(len(sums)):
         total = columns[x]
@@ -145,8 +147,9 @@ def _mismatch(
     """Compute 1 − NCC of two pictures [h, w] over square windows, and write it into `mismatch` [h,
     w].
 
-    The value is 1 where one picture has no texture, and WORST where the second is OUTSIDE. moments
-    [3, h, w]: sums of the first picture over the windows, from `_moments`.
+    The value is 1 where one picture has no texture, and 2 (WORST) where the second picture is −1
+    (OUTSIDE). moments [3, h, w]: for the window around each pixel of the first picture a, the
+    number of pixels n, Σa, and n Σa² − (Σa)².
     """
     h, w = first.shape
     columns = np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)  # of b, b² and a b
@@ -188,8 +191,9 @@ def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.n
     """Compute the matching cost of the plane at one disparity, and write it into `cost` [h, w]
     uint8.
 
-    The cost is 1 − NCC, averaged over the better half of the sources, multiplied by LARGEST_COST
-    and limited to it. moments: window sums of the reference, from `_moments`.
+    The cost is 1 − NCC, averaged over the better half of the source views, multiplied by 127
+    (LARGEST_COST) and limited to it. moments [3, h, w]: for the window around each pixel of the
+    reference a, the number of pixels n, Σa, and n Σa² − (Σa)².
     """
     h, w = stereo.reference.shape
     count = len(stereo.sources)

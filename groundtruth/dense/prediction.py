@@ -77,8 +77,8 @@ def predict_cost(
 
 def _matches(sources: int, iterations: int) -> int:
     """Count the windows that PatchMatch compares at one pixel in a run of `iterations` iterations:
-    those of all sources for the current plane, and of their better half for each other plane
-    tried."""
+    those in all source views for the current plane, and in the better half of them for each other
+    plane tried."""
     half = max(1, sources // 2)
     return (
         sources

@@ -121,7 +121,8 @@ class Volume:
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
     def shifted(self, by_m: np.ndarray) -> "Volume":
-        """Return the volume in a frame whose coordinates are all larger by by_m [3], metres."""
+        """Return the volume with its box moved by by_m [3], metres, for a frame with another
+        origin."""
         if self.box_m is None or not by_m.any():
             return self
         return Volume.found(np.reshape(self.box_m, (2, 3)) + by_m, self.source)
@@ -155,7 +156,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
 
 
 def _seen(sparse: Sparse) -> np.ndarray:
-    """Return the sparse points [n, 3] that at least FEWEST_VIEWS photographs show."""
+    """Return the sparse points [n, 3] that at least three photographs (FEWEST_VIEWS) show."""
     seen = [
         point.xyz
         for point in sparse.model.points3D.values()
@@ -227,8 +228,8 @@ def _about(points_m: np.ndarray) -> np.ndarray:
 
 
 def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
-    """Shrink a box [2, 3] to the part that at least FEWEST_VIEWS photographs show, tested on a
-    coarse lattice of points. The whole box is returned if there is no such part."""
+    """Shrink a box [2, 3] to the part that at least three photographs (FEWEST_VIEWS) show, tested
+    on a coarse lattice of points. The whole box is returned if there is no such part."""
     steps = (np.arange(CELLS) + 0.5) / CELLS
     cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(
         -1, 3

@@ -38,7 +38,8 @@ class Surface:
         return mesh(self.vertices_m, self.faces)
 
     def shifted(self, by_m: np.ndarray) -> "Surface":
-        """Return the surface in a frame whose coordinates are all larger by by_m [3], metres."""
+        """Return the surface with all vertices moved by by_m [3], metres, for a frame with another
+        origin."""
         return replace(self, vertices_m=self.vertices_m + by_m)
 
     def moved(self, transform: Transform) -> "Surface":

@@ -12,13 +12,14 @@ textures.
 
 *Cameras*: the covariance of the cameras is propagated to the points (`adjust.point_covariance`).
 
-*Extrapolation*: where the surface continues beyond the photographed points, its slope is known with
-a standard deviation of SLOPE only.
+*Extrapolation*: where the surface continues beyond the photographed points, its slope is known only
+with the standard deviation SLOPE (1/4).
 
-*Windows*: on curved or slanted surfaces, matching windows shift all depth maps alike by SHARED_PX
-of a pixel. At the border of the visible surface, mostly a silhouette, windows include the
-background, which shifts the surface by FATTENED_PX at the border and by less up to a window's width
-inside. The spread shows neither shift, so both were measured on known surfaces.
+*Windows*: on curved or slanted surfaces, matching windows shift all depth maps alike, by a few
+hundredths of a pixel (SHARED_PX). At the border of the visible surface, mostly a silhouette,
+windows include the background, which shifts the surface by FATTENED_PX (a tenth of a pixel) at the
+border, and by less up to a window's width inside. The spread between the views shows neither shift,
+so both were measured.
 """
 
 import numpy as np

@@ -49,8 +49,8 @@ def adjust(
 
 
 def _descend(bundle: Bundle) -> None:
-    """Minimise the cost of a bundle adjustment by damped Gauss–Newton steps, in place, until it
-    falls by less than CONVERGED of itself in a step."""
+    """Minimise the cost of a bundle adjustment by damped Gauss–Newton steps, in place. It ends when
+    a step lowers the cost by a smaller share than CONVERGED, or after a fixed number of steps."""
     damping, equations = 1e-4, bundle.normal()
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)

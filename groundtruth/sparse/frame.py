@@ -45,9 +45,9 @@ class Scale:
 def origin_near(centres_m: np.ndarray) -> np.ndarray:
     """Choose an origin [3], in whole metres, from which single precision resolves micrometres.
 
-    Returns zero if the cameras with centres [n, 3] are less than NEAR_M away, else a point near
-    them. Raises HandbenchError for cameras so far away that double precision does not suffice
-    either.
+    centres_m [n, 3]: the cameras' centres. Returns zero if they are less than 10 m (NEAR_M) away
+    from the frame's origin, else a point near them. Raises HandbenchError for cameras so far away
+    that double precision does not suffice either.
     """
     if len(centres_m) == 0:
         return np.zeros(3)

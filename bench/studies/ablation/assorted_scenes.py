@@ -39,8 +39,8 @@ BEHIND_M = 0.2  # the stand's plate
 
 
 def assorted_scene(seed: int, folder: Path) -> Scene:
-    """Make the random scene of a seed. The seed modulo the number of KINDS selects the target
-    (hand, bowl, plate, …). If the target is a mesh, it is written into the folder."""
+    """Make the random scene of a seed. The seed modulo the number of kinds selects the kind of
+    target (hand, bowl, sphere, …). If the target is a mesh, it is written into the folder."""
     draw, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     name = f"{kind.replace(' ', '-')}-{seed}"
     target, surface = _target(kind, draw)
@@ -137,6 +137,6 @@ def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> Trian
 
 
 def wire(radius_m: float, x_m: float) -> TriangleMesh:
-    """Make the mesh of a cylinder of length WIRE_M, parallel to the y axis at x = x_m."""
+    """Make the mesh of a cylinder 80 mm long (WIRE_M), parallel to the y axis at x = x_m."""
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
     return cylinder_mesh(radius_m, WIRE_M, around, along).translate([x_m, 0.0, 0.0])

@@ -113,7 +113,7 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
 
 def summary(rows: list[Record]) -> list[Record]:
     """Make a record for each tolerance: in how many scenes it was kept, and how the CPU times with
-    selected and with all effects compare. rows: records of `compare`."""
+    selected and with all effects compare. rows: records of one scene and tolerance each."""
     found = []
     for mm in sorted({row["tolerance_mm"] for row in rows}):
         these = [row for row in rows if row["tolerance_mm"] == mm]

@@ -122,6 +122,6 @@ def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
     """Find the strongest voxel along z at each of p pixels. images [nz · p]: complex image at all
-    voxels of these pixels, layer by layer, as `column_points_m` lists them."""
+    voxels of these pixels, all pixels of the first layer first."""
     peaks = strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
     return Peaks(peaks.index[0], peaks.magnitude[:, 0])

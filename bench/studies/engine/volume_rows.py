@@ -150,8 +150,8 @@ def _slow_cases(inputs: Inputs, checked: EngineReference) -> list[EngineCase]:
     whole.
 
     Textbook sums are timed on some random voxels, exact sums on one plane. Interpolation of range
-    profiles is faster for neighbouring voxels, so it is timed on one plane; its time for a single
-    point, which does not depend on the number of voxels, is subtracted before the extrapolation.
+    profiles is faster for neighbouring voxels, so it is timed on one plane; the time for a single
+    point, mostly that of the FFTs, is needed once and is not extrapolated.
     """
     grid, scope = inputs.grid, inputs.scope
     points_m = grid.points_at_m(checked.voxels)

@@ -51,10 +51,10 @@ class PlacementScore:
     """Errors of one estimated transform from the photo frame to the radar frame.
 
     shift_m [3]: displacement of the hand's centre. turn_rad [3]: rotation error, as a rotation
-    vector. tre_m [n]: displacement of the points VOLUME_M, where hands are. predicted_m [n]: root
-    mean square of these displacements that the transform's covariance predicts. nees: eᵀC⁻¹e of the
-    six errors e (shift and rotation); χ²-distributed with 6 degrees of freedom if the covariance C
-    is right.
+    vector. tre_m [n]: displacement of points spread over the volume where hands are (VOLUME_M).
+    predicted_m [n]: root mean square of these displacements that the transform's covariance
+    predicts. nees: eᵀC⁻¹e of the six errors e (shift and rotation); χ²-distributed with 6 degrees
+    of freedom if the covariance C is right.
     """
 
     shift_m: np.ndarray
@@ -108,7 +108,7 @@ def tables(records: list[Record]) -> list[Table]:
 
 def summarised(records: list[Record]) -> Record:
     """Summarise the placements with one fault: how many were calibrated, refused, or calibrated
-    with an error above WRONG_M; their errors; and the median time."""
+    with an error above 2 mm (WRONG_M); their errors; and the median time."""
     scores = [record["score"] for record in records if not record["refused"]]
     return {
         "fault": records[0]["fault"],

@@ -58,10 +58,10 @@ def study(
 ) -> Study:
     """Make the study of p_gross, the predicted probability that a pixel's depth is grossly wrong.
 
-    work: folder for files. scenes: number of scenes of random points. One hand is added for each
-    HANDS of these, one assorted scene for each ASSORTED, and the folders `captures`. methods:
-    method ids separated by commas (empty: twelve different ones). fit: True to fit the weights of
-    p_gross again. seed: of the scenes.
+    work: folder for files. scenes: number of scenes of random points. For every 10 of these a scene
+    with a hand is added, for every 30 an assorted scene, and finally the folders `captures`.
+    methods: method ids separated by commas (empty: twelve different ones). fit: True to fit the
+    weights of p_gross again. seed: of the scenes.
     """
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     return Study(
@@ -77,12 +77,12 @@ def pixels(
     case: TrustCase, methods: tuple[str, ...], seed: int, work: Path, fit: bool
 ) -> list[Record]:
     """Image one scene with each method. Returns a record for each, with the following arrays over
-    its n pixels on the target.
+    its n pixels that have a depth.
 
-    found [n, k]: the features from which p_gross is predicted. wrong [n]: True if the depth error
-    exceeds GROSS_M. held [n]: 1 if the error is below 2σ, 0 if not, −1 if unknown. fit: True if
-    weights will be fitted; then, in some of the scenes for the fit, some depths are moved to wrong
-    values.
+    found [n, k]: the features from which p_gross, the probability of a gross error, is predicted.
+    wrong [n]: True if the depth error exceeds 5 mm (GROSS_M). held [n]: 1 if the error is below 2σ,
+    0 if not, −1 if unknown. fit: True if weights will be fitted; then, in some of the scenes for
+    the fit, some depths are moved to wrong values.
     """
     scene, of_points, records = known(case, seed, work), case.family == "points", []
     few = len(scene.capture.frequencies_hz) < SWEPT // 2
@@ -129,8 +129,8 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
     """Make two tables by group of scenes and method: how well p_gross predicts gross depth errors,
     and its reliability (predicted probability against observed share of wrong pixels).
 
-    records: those of `pixels`. fit: True to fit the weights to the scenes for calibration first,
-    and write them to trust.toml.
+    records: one for each scene and method, with features and errors of its pixels. fit: True to fit
+    the weights to the scenes for calibration first, and write them to trust.toml.
     """
     rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
     records = [record for record in records if len(record["wrong"])]
@@ -153,7 +153,7 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
 def figures(p: list[np.ndarray], records: list[Record]) -> Record:
     """Compute how well p_gross and σ predict the errors in some scenes. Returns statistics by name.
 
-    p: p_gross [n] of the pixels of each scene. records: those of `pixels`, for the same scenes.
+    p: p_gross [n] of the pixels of each scene. records: errors of the pixels, for the same scenes.
     Among the statistics are the Brier score, the share of wrong pixels that remains after those
     with the highest p_gross are removed, precision and recall of the flag (p_gross above a limit),
     and the share of errors below 2σ.

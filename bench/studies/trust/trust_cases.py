@@ -210,8 +210,8 @@ def recorded(
     """Simulate the echoes of random points on a surface, with noise and one difficulty. Returns the
     capture, and the positions [n, 3] of clutter, metres.
 
-    surface: its z as a function of x and y, relative to middle_m. trouble: the difficulty, one of
-    TROUBLES.
+    surface: its z as a function of x and y, relative to middle_m. trouble: the difficulty, "none",
+    "glint", "clutter", "dead" (antennas) or "clipped" (samples).
     """
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
@@ -269,8 +269,8 @@ def off_mesh(surface: TriangleMesh) -> Off:
     given as a mesh in the radar frame.
 
     The function returns two arrays [ny, nx] in metres: to the nearest true depth within the pixel's
-    resolution cell, and to the true depth at the pixel. Up to BESIDE_M beside the surface, the
-    depth of its nearest part counts as the true one; farther away, distances are infinite.
+    resolution cell, and to the true depth at the pixel. Up to 5 mm (BESIDE_M) beside the surface,
+    the depth of its nearest part counts as the true one; farther away, distances are infinite.
     """
 
     def off_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
