@@ -1,4 +1,4 @@
-"""Options of `handbench groundtruth`."""
+"""Options of the command `handbench groundtruth`, which reconstructs a mesh from photographs."""
 
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self

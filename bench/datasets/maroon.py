@@ -354,11 +354,11 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
     """Erode a mask [ny, nx] by a square of `pixels` × `pixels`, or by the largest smaller square
-    that leaves more than FEWEST_PX pixels, as MAROON's `SensorVisualizer.add_sensor` does.
+    that leaves more than 10 pixels (FEWEST_PX), as MAROON's `SensorVisualizer.add_sensor` does.
 
     The mask's rows go upwards in y and its columns along handbench's x. MAROON's images are such
     maps turned by 180°, which matters for an even square, so the mask is turned for the erosion.
-    Beyond the border of the map, nothing is eroded.
+    Pixels beyond the border of the map do not erode the mask.
     """
     import cv2
 

@@ -143,7 +143,7 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
     (polar decomposition) times the mean stretch.
 
     A small change is printed; path, key: the matrix's file and key, for messages. Raises
-    HandbenchError if the linear part is too far from that.
+    HandbenchError if the change would be large.
     """
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
@@ -182,10 +182,11 @@ def handedness_of(
 ) -> Handedness:
     """Find the handedness of the radar frame in an alignment file, and print it.
 
-    A reflection in the file's matrix determines it. The radar's depth map checks it: the surface,
-    transformed by the matrix, must be closer to the radar's depths than its mirror image. path: the
-    file. source: the sensor. surface: function that returns what the sensor measured, in its own
-    frame (None: nothing to check with). echoes: function that returns the capture's echoes.
+    It follows from whether the file's matrix contains a reflection, and is checked by the radar's
+    depth map: if the mirror image of the surface fits the radar's depths much better than the
+    surface, the opposite handedness is taken. path: the file. source: the sensor. surface: function
+    that returns what the sensor measured, in its own frame (None: nothing to check with). echoes:
+    function that returns the capture's echoes.
     """
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
     note, suspect = f"{source}2radar has {'a' if mirrored else 'no'} reflection", not mirrored

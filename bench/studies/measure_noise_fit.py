@@ -1,9 +1,8 @@
 """Fit of the simulation's phase noise, so that 2-FSK has a given depth precision.
 
 The precision is measured on the benchmark's scenes that measure it, with the same random numbers as
-in the benchmark's own repeats, so that the benchmark's table shows the fitted value. With
---repeats, more repeats are drawn than in the benchmark, which shows how far the precision from its
-few repeats is from that of many.
+in the benchmark's own repeats, so that the benchmark's table shows the fitted value. A larger
+number of --repeats shows how well the benchmark's few repeats represent many.
 
     python -m handbench.bench.studies.measure_noise_fit
         BENCH.toml [--precision-mm 3.6] [--repeats N]

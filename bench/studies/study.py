@@ -178,8 +178,9 @@ def run(
 
 
 def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
-    """Write the first table to STEM.csv, and all tables to STEM.json, with the facts of the run and
-    the definitions of the columns. out: a folder, or the path of the JSON file."""
+    """Write the first table as a CSV file, and all tables as a JSON file, with the facts of the run
+    and the definitions of the columns. out: a folder, in which the files get the study's name, or
+    the path of the JSON file."""
     stem = out.with_suffix("") if out.suffix == ".json" else out / study.name
     with atomic_path(stem.with_suffix(".csv")) as temporary:
         tables[0].frame.to_csv(temporary, index=False, lineterminator="\n")

@@ -16,9 +16,8 @@ from handbench.support.files import read_json, write_json
 
 
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap, and restore the SIGTERM handler that the import replaces by one that prints
-    a stack trace. Only the main thread can restore a handler, so the first call must be made
-    there."""
+    """Import pycolmap, and undo that the import installs a SIGTERM handler of its own, which prints
+    a stack trace. Only the main thread can do that, so the first call must be made there."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 

@@ -61,8 +61,9 @@ def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _filled(planes: np.ndarray) -> np.ndarray:
-    """Fill the missing planes (NaN) of a map [h, w, 3] with that of the nearest pixel that has one.
-    A map without any plane is returned unchanged."""
+    """Return a map of planes [h, w, 3] (disparity and its slopes per column and row) in which each
+    missing plane (NaN) is replaced by that of the nearest pixel with one. A map without any plane
+    is returned unchanged."""
     missing = np.isnan(planes[..., 0])
     if missing.all():
         return planes

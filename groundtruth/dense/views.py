@@ -68,12 +68,12 @@ class View:
 
 
 class Stereo(NamedTuple):
-    """A reference picture [h, w] and the source pictures [s, H, W] that it is matched with,
-    float32, as plain arrays for compiled functions.
+    """A reference picture [h, w] and the pictures [s, H, W] of the s source views that it is
+    matched with, float32, as plain arrays for compiled functions.
 
-    sizes [s, 2]: rows and columns of each source; the rest is padded with 0. A pixel x = [column,
-    row, 1] at disparity δ appears in source number i at A[i] x + b[i] δ, in homogeneous
-    coordinates. unit: inverse depth (1/m) of one step of disparity.
+    sizes [s, 2]: rows and columns of each source view; the rest of its picture is padded with 0. A
+    pixel x = [column, row, 1] at disparity δ appears in source view number i at A[i] x + b[i] δ, in
+    homogeneous coordinates. unit: inverse depth (1/m) of one step of disparity.
     """
 
     reference: np.ndarray

@@ -170,8 +170,8 @@ def trimmed_similarity(
     points fits a majority of the points much better (Rousseeuw 1984), the fits start with that
     majority. what: name of the points, for messages. Returns the matrix, the mask [n] of the points
     used, and the residuals [n] of all points, metres. Raises HandbenchError for fewer than three
-    points, for points on a line, if the target is a mirror image of the source, and if the
-    residuals are too large.
+    points, for points on a line, if a mirror image would explain the outliers, and if the residuals
+    are too large.
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(

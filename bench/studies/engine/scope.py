@@ -79,7 +79,7 @@ class Inputs:
 
     @cached_property
     def scatterers(self) -> Scatterers:
-        """The facets of the hand that the array sees, as point scatterers."""
+        """The facets of the hand that the array sees, as input of the simulation of echoes."""
         target = {"kind": "hand", "pose": "F", "edge_m": self.scope.edge_m}
         scene = build(SceneFile(version=1, name="F", target=target))
         seen = shadow_centre(bare_echoes(echo_scene(scene))).surface

@@ -170,7 +170,9 @@ def sampled(number: int, fault: str, work: Path) -> Record:
     its spheres, and calibrate from both. Returns a record with the errors, or with the reason why
     the calibration was refused.
 
-    number: of the placement. fault: "none" or one of FAULTS. work: folder for files.
+    number: of the placement. fault: "none", or what is wrong: "two hidden" or "fifth missing"
+    (spheres), "wrong file" (description of the target) or "clutter" (a further ball). work: folder
+    for files.
     """
     chosen = placement(number, work / f"placement-{number}")
     described = wrong(chosen.described) if fault == "wrong file" else chosen.described
