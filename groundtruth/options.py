@@ -165,8 +165,8 @@ class Options(SparseOptions, DenseOptions, MeshOptions):
 
     def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
         """Return the options of one stage as plain values by name. kind: the stage's class of
-        options. paths: False leaves out files and folders, for keys in which the hash of their
-        content stands instead."""
+        options. paths: False leaves out files and folders, for cache keys that have the hash of
+        their content instead."""
         wanted = {
             name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
         }

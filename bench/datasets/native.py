@@ -33,7 +33,11 @@ FAR_M = 10.0  # further than anything near-field: a number of millimetres, most 
 
 
 class CaptureFile(Config):
-    """The content of `capture.toml`."""
+    """The content of `capture.toml`, which describes a capture in its folder.
+
+    kind: of the target. pose: a letter of the manual alphabet or "free", for hands. contains: names
+    of the folder's other files. source: where the data are from, in words.
+    """
 
     version: Literal[1] = 1
     name: Name

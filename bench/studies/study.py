@@ -1,10 +1,11 @@
 """Framework of the studies: cases are measured one by one, and the records become tables and files.
 
 A study's script has only a function that measures one case, and the columns of its records.
-`measured` does the rest: command line, progress, failures of single cases, and the files
+`measured` does the rest: command line, progress, failures of single cases, and two files, named
+after the study:
 
-    STEM.csv   the first table, with unrounded values
-    STEM.json  command, seed, minutes, load, machine, versions, definitions, all tables, failures
+    NAME.csv   the first table, with unrounded values
+    NAME.json  command, seed, minutes, load, machine, versions, definitions, all tables, failures
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
     """Find the board's corners in a photograph, with sub-pixel accuracy.
 
     Returns a dict from (marker's id, number of the corner) to the corner's pixel [2] in COLMAP's
-    convention, where the first pixel's centre is at 0.5. The corners of a ChArUco board have
-    CHESSBOARD in place of a marker's id.
+    convention, where the first pixel's centre is at 0.5. For the corners of a ChArUco board, the
+    number −1 (CHESSBOARD) replaces the marker's id.
     """
     tones = photo.gray()
     picture = (tones * 255).round().astype(np.uint8)
@@ -71,8 +71,8 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
     """Find the inner corners of the ChArUco board in a picture [height, width], uint8.
 
-    Returns a dict from (CHESSBOARD, number of the corner) to array indices (column, row); empty if
-    the board has no ChArUco part. Blur and tone curve do not shift these corners, which need no
+    Returns a dict from (−1, number of the corner) to array indices (column, row); empty if the
+    board has no ChArUco part. Blur and tone curve do not shift these corners, so they need no
     refinement.
     """
     if board.charuco is None:
@@ -147,9 +147,10 @@ def _markers_in(photos: Sequence[Photo], board: Board) -> str:
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
     """Estimate the focal length in pixels, to a few per cent, from one view of a flat board.
 
-    corners: the detected ones, by (marker's id or CHESSBOARD, number). Returns None if there are
-    too few, if the board is not flat, or if the result is implausible. A tilted plane determines
-    the focal length if the principal point is at the picture's middle (Zhang, TPAMI 2000).
+    corners: the detected ones, by (marker's id, or −1 for a ChArUco board, and number of the
+    corner). Returns None if there are too few, if the board is not flat, or if the result is
+    implausible. A tilted plane determines the focal length if the principal point is at the
+    picture's middle (Zhang, TPAMI 2000).
     """
     if len(corners) < FEWEST_CORNERS:
         return None

@@ -73,7 +73,7 @@ def fuse(
     the points of all views that agree.
 
     box_m [2, 3]: points outside are dropped (None: all are kept). confirmations: number of other
-    views that must agree with a pixel; with FEW_VIEWS maps or fewer, one suffices. Raises
+    views that must agree with a pixel; with five maps (FEW_VIEWS) or fewer, one suffices. Raises
     HandbenchError if memory does not suffice.
     """
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
