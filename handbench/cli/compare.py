@@ -1,4 +1,4 @@
-"""`handbench compare`: the differences between two results."""
+"""`handbench compare`: the differences between the figures of two results."""
 
 import argparse
 
