@@ -21,7 +21,7 @@ FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw
 
 
 def about_plane_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depths [n] of the panel outside its flaw and its border, and their residuals [n]
+    """Return the depths [n] of the panel, without its flaw and its border, and their residuals [n]
     about the fitted plane, metres."""
     x, y = np.meshgrid(depth.x_m, depth.y_m)
     (x0, y0), (x1, y1) = FLAW_M

@@ -101,8 +101,8 @@ class Result:
         return facts.title if facts else metric
 
     def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """Return the methods than which no other is significantly better, by one metric against one
-        reference; () if nothing was tested.
+        """Return the method with the best figure and all that are not significantly worse, by one
+        metric against one reference; () if nothing was tested.
         treatment: an equal treatment (same smoothing for all methods), or "" for methods with their
         own settings."""
         return best(self.compared(treatment), metric, reference)
