@@ -32,8 +32,8 @@ def render(
 ) -> None:
     """Draw a mesh as the middle camera sees it, shaded with a scale bar of 1 m, and next to it in
     the colours of its predicted standard deviation.
-    model: COLMAP's cameras; metres: length of one unit of the model, metres, by the surveyed
-    cameras; out: file to write; width: of each picture, pixels."""
+    model: COLMAP's reconstruction, with the cameras; metres: length of one unit of the model,
+    metres, by the surveyed cameras; out: file to write; width: of each picture, pixels."""
     image = registered_images(model)[len(registered_images(model)) // 2]
     camera, pose = image.camera, image.cam_from_world().matrix()
     step = camera.width / width

@@ -1,7 +1,7 @@
 """Draw the figure of docs/hand.md: python docs/letters.py OUT.png [LETTERS [EDGE_MM [PANEL_PX]]]
 
-It shows the hands of all letters of the ASL alphabet (or of those named, such as "AEG") as the
-radar sees them, centred and on one scale.
+It shows the hand as it signs each letter for which handbench has a pose (or the named letters, such
+as "AEG"), as the radar sees it, centred and on one scale.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def navigation(contents: str) -> list[Any]:
     """Return the site's navigation: the groups of the page of contents (its lines in bold), each
-    with the pages to which it links. Measurements form a group of their own.
+    with the pages to which it links. Measurements form a separate group.
     contents: text of docs/README.md. A page to which no group links is left out; a test of the
     index reports it."""
     groups: dict[str, list[str]] = {"Start": ["index.md", "contents.md"]}

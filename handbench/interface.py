@@ -107,8 +107,7 @@ class Capture:
 
     @property
     def mesh(self) -> Path | None:
-        """The file of the surface measured by photogrammetry, in the photographs' frame; None if
-        there is none."""
+        """The file of the measured surface, in the photographs' frame; None if there is none."""
         return self._recorded.mesh()
 
     @property
@@ -265,7 +264,7 @@ class Depth(Plottable):
         protocol: str = "paper",
     ) -> Score:
         """Compare the depth map with a surface. Without a mesh, this is the surface of the capture
-        that was imaged: the true one or, if that is unknown, the one measured by photogrammetry.
+        that was imaged: the true one or, if that is unknown, the measured one.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).

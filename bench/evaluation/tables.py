@@ -158,12 +158,13 @@ def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMe
 
 
 def each(table: pd.DataFrame) -> Iterator[Any]:
-    """Iterate over the lines of a table as named tuples of its columns."""
+    """Return an iterator over the lines of a table, each as a named tuple with the table's
+    columns."""
     return iter(table.itertuples(index=False, name="Line"))
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Convert a table to a list of dictionaries by column, with None for unknown values."""
+    """Return the lines of a table as dictionaries, column → value, with None for unknown values."""
     lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
     return lines
 

@@ -53,7 +53,8 @@ def name_problem(name: str, own: str = "") -> str:
 
 
 class MetricFacts(Config):
-    """A metric as it was defined when the result was made."""
+    """The definition of a metric, as recorded in a result: title, unit, direction and definition in
+    words."""
 
     title: str
     unit: str
@@ -120,7 +121,7 @@ class Failure(Config):
 
     @property
     def line(self) -> str:
-        """The failure as one line of text, "CAPTURE METHOD: STAGE failed: MESSAGE"."""
+        """The failure as one line of text: "CAPTURE METHOD: STAGE failed: MESSAGE"."""
         return (
             f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
             f"{self.message}"

@@ -138,7 +138,8 @@ def compare_results(a: Result, b: Result) -> Compared:
 
 
 def require_comparable(a: Result, b: Result) -> None:
-    """Raise a HandbenchError if two results were scored by different protocols or definitions."""
+    """Raise a HandbenchError if two results were scored by different protocols or with different
+    definitions of a metric."""
     ours, theirs = (
         f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
     )

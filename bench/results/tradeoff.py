@@ -87,7 +87,8 @@ class Claim(Config):
 
 
 class TradeoffFacts(Config):
-    """Content of tradeoff.json."""
+    """Content of tradeoff.json: which stages were compared and how, statements of the paper,
+    captures, versions and machine."""
 
     schema_version: Literal[1] = 1
     name: Name

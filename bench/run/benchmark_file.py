@@ -182,7 +182,8 @@ class MethodEntry(Config):
 
 
 class BenchFile(Config):
-    """The content of a benchmark file."""
+    """Content of a benchmark file: the captures, the methods, how they are measured and scored, and
+    which settings a trade-off varies."""
 
     version: Literal[1]
     name: Name

@@ -84,10 +84,10 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
 
 
 def _start(folder: Path, text: str, overwrite: bool) -> None:
-    """Write the benchmark file `text` into the folder, or check that an interrupted call has
-    written it.
-    overwrite: first delete the captures that the folder has. Raises HandbenchError if the folder
-    has other files, or captures that must not be overwritten."""
+    """Write the benchmark file `text` into a folder that is new, empty, or left by an interrupted
+    call with the same text.
+    overwrite: replace captures that the folder has. Raises HandbenchError if the folder has other
+    files, or captures that must not be overwritten."""
     file = folder / BENCH
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():

@@ -37,9 +37,9 @@ def reconstruct(
     frames: int,
 ) -> None:
     """Image a capture by one method, measure the time, and write the results into a stage's folder.
-    It writes the depth map of frame 0 with its uncertainty (DEPTH), the maps of frame 0 under equal
-    treatment, with the same smoothing for all methods (TREATED), the depths of all frames if there
-    are several (FRAMES), and the times (TIMING).
+    It writes the depth map of frame 0 with its uncertainty (DEPTH), the depths of all frames if
+    there are several (FRAMES), and the times (TIMING). Unless imaging takes long, it also writes
+    the maps of frame 0 under equal treatment, with the same smoothing for all methods (TREATED).
     capture: its folder; config: complete settings of the method; device: name of the device that
     images; every_nth_antenna: use only every n-th transmitter and every n-th receiver; frames: how
     many frames are imaged."""

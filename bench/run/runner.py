@@ -176,8 +176,8 @@ class Run:
     def photographed(self) -> list[Stage]:
         """Reconstruct cameras and dense point clouds from all photographs that are needed.
         Returns the stages that remain to be done: the registration of camera and radar, if the
-        benchmark calibrates, and one mesh for each capture. Raises HandbenchError if the
-        photographs of a calibration capture cannot be reconstructed."""
+        benchmark calibrates, and for each capture the stage that makes its mesh. Raises
+        HandbenchError if the photographs of a calibration capture cannot be reconstructed."""
         clouds, targets = (
             [plan.clouds(self.bench, target, self.work) for target in self.targets],
             len(self.targets),

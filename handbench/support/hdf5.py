@@ -59,8 +59,8 @@ def _check_heaps(content: mmap.mmap) -> None:
 def attribute(file: "h5py.File", name: str) -> Any:
     """Return an attribute of a file as text or a number.
     The value may be stored in an array of one element, as the C library and netCDF do. Returns None
-    if there is no such attribute, or if it is of another type: for arrays of unknown types, the
-    HDF5 library crashes."""
+    if there is no such attribute, or if it is of another type. Types are checked first, because the
+    HDF5 library crashes on lists of a type that it does not know."""
     from h5py import h5t
 
     if name not in file.attrs:

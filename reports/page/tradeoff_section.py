@@ -1,5 +1,5 @@
 """The report of a trade-off (accuracy against time of many settings): its tables and pictures, in
-the page of a result or on a page of its own."""
+the page of a result or on a separate page."""
 
 from pathlib import Path
 from typing import Any

@@ -311,7 +311,7 @@ def title_with_unit(title: str, unit: str) -> str:
 
 
 def row(cells: Iterable[str]) -> str:
-    """Return a row of a LaTeX table. cells: already LaTeX."""
+    """Return a row of a LaTeX table. cells: their text, already in LaTeX."""
     return " & ".join(cells) + r" \\"
 
 
@@ -338,5 +338,5 @@ def num_figure(
 
 
 def p_value(p: float | None) -> str:
-    """Format a p-value for LaTeX, below 0.001 as "< 0.001"; "--" if it is unknown."""
+    """Format a p-value for LaTeX; below 0.001 it is "< 0.001", and an unknown one is "--"."""
     return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"
