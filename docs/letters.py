@@ -102,7 +102,7 @@ def panel(name: str, pose: Pose, edge_m: float, height: int) -> Image.Image:
 
 
 def sheet(panels: list[Image.Image]) -> Image.Image:
-    """Return all pictures arranged in one, row by row, with at most COLUMNS in a row."""
+    """Return all pictures arranged in one, row by row, with at most six in a row (COLUMNS)."""
     columns = min(COLUMNS, len(panels))
     width, height = panels[0].size
     size = columns * width, -(-len(panels) // columns) * height

@@ -65,8 +65,8 @@ def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int =
 
 def change(before: Surface, after: Surface) -> tuple[float, float]:
     """Compare two meshes: return the mean distance, mm, from the observed vertices of each mesh to
-    the other mesh, and the share of vertices that are further than MATCHED_M from it. These are not
-    in the mean."""
+    the other mesh, and the share of vertices that are further than 1 mm (MATCHED_M) from it. These
+    are not in the mean."""
     distances_m = []
     for one, other in ((before, after), (after, before)):
         points = load_open3d().core.Tensor(one.vertices_m[one.observed].astype(np.float32))

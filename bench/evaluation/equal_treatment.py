@@ -27,7 +27,8 @@ class TreatedFigures(NamedTuple):
     """Figures of one method on one capture under one equal treatment (same smoothing for all
     methods).
     figures: metric → value. curve_mm [n]: mean absolute error of the strongest pixels that cover
-    each of SHARES_PERCENT of the surface; NaN at shares that the method does not reach."""
+    0.5, 1, 1.5, … 100 % of the surface (SHARES_PERCENT); NaN at shares that the method does not
+    reach."""
 
     figures: Values
     curve_mm: np.ndarray
@@ -42,7 +43,7 @@ def on_common_pixels(metric: str) -> str:
 def taking_part(
     maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
 ) -> dict[str, TreatedDepths]:
-    """Select the methods that observe at least FEWEST_PERCENT of the surface.
+    """Select the methods that observe at least 1 % of the surface (FEWEST_PERCENT).
     maps: method → its depths, all on the pixel grid of the reference; reference_z_m [ny, nx]:
     depths of the surface, metres, NaN where there is none."""
     surface = np.isfinite(reference_z_m)

@@ -2,9 +2,9 @@
 
 The causes are incidence angle, amplitude, part of the hand (finger or palm) and distance to an
 edge. An edge lies between two neighbouring pixels if only one has a reference, or if their depths
-differ by more than JUMP_M. No slope is computed across an edge. The border of the image is no edge.
-Reliability is the share of errors inside the intervals that σ gives, and the likelihood of the
-errors.
+differ by more than 5 mm (JUMP_M). No slope is computed across an edge. The border of the image is
+no edge. Reliability is the share of errors inside the intervals that σ gives, and the likelihood of
+the errors.
 """
 
 from collections.abc import Iterator
@@ -170,8 +170,9 @@ def _figures(error_mm: np.ndarray) -> dict[str, float]:
 def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
     """Compute the possible causes of error that follow from the reference surface: cause → values
     [ny, nx].
-    These are incidence angle (degrees), part of the hand (index in PARTS), and distance to an edge
-    (mm); NaN where unknown. z_m [ny, nx]: depths of the reference on x_m [nx], y_m [ny], metres."""
+    These are incidence angle (degrees), part of the hand (0: finger, 1: palm), and distance to an
+    edge (mm); NaN where unknown. z_m [ny, nx]: depths of the reference on x_m [nx], y_m [ny],
+    metres."""
     return {
         "incidence_deg": incidence_deg(x_m, y_m, z_m),
         "part": parts(x_m, y_m, z_m),
@@ -183,8 +184,8 @@ def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarr
     """Compute the incidence angle [ny, nx], degrees: the angle between the surface normal and the
     direction to the centre of the array, the origin.
     z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. The slope along x or y is the mean of the
-    slopes to both neighbours. If one of these crosses an edge (a jump of more than JUMP_M), the
-    other is used; if both do, the angle is NaN."""
+    slopes to both neighbours. If one of these crosses an edge (a jump of more than 5 mm, JUMP_M),
+    the other is used; if both do, the angle is NaN."""
     x, y = np.meshgrid(x_m, y_m)
     slopes = []
     for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
@@ -204,8 +205,8 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
     """Compute the lateral distance [ny, nx], metres, from each pixel to the nearest edge of the
     surface.
     z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. An edge is the point midway between two
-    neighbouring pixels of which one has no depth, or whose depths differ by more than JUMP_M.
-    Infinite if there is no edge, NaN where there is no depth."""
+    neighbouring pixels of which one has no depth, or whose depths differ by more than 5 mm
+    (JUMP_M). Infinite if there is no edge, NaN where there is no depth."""
     from scipy.spatial import KDTree
 
     pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
@@ -219,11 +220,10 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
 
 
 def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Split a hand into finger (0) and palm (1): returns these numbers, indices in PARTS, for each
-    pixel [ny, nx].
+    """Split a hand into finger (0) and palm (1): returns the number for each pixel [ny, nx].
     z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. The palm is what a morphological opening
-    with a disc of radius PALM_RADIUS_M leaves of the filled silhouette. NaN where there is no
-    depth, and everywhere if one part has less than LEAST_SHARE of the pixels."""
+    with a disc of 22 mm radius (PALM_RADIUS_M) leaves of the filled silhouette. NaN where there is
+    no depth, and everywhere if one part has less than a tenth of the pixels (LEAST_SHARE)."""
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     surface = np.isfinite(z_m)

@@ -89,8 +89,8 @@ def _absolute_sum_m(
     """Draw errors of the reference, and return for each draw the sum of |e| over the observed
     pixels of one capture: [draws], metres.
     m: error map, r: reference of the capture. motions [draws, 6 or 7]: errors of the registration,
-    already drawn. The errors of the mesh are drawn here, one for each square of BLOCK_M ×
-    BLOCK_M."""
+    already drawn. The errors of the mesh are drawn here, one for each square of 15 × 15 mm
+    (BLOCK_M)."""
     observed = np.isfinite(m.error_m)
     column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
     names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)

@@ -4,7 +4,7 @@ An interval must hold for captures that were not measured. Captures differ: anot
 same hand placed again, has an error that all of its pixels share. So each capture is one value,
 however many pixels it has. Figures of captures have skewed distributions, so Student's t is
 transformed as by Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B
-54). Fewer than FEWEST captures give no interval. `tests/bench/evaluation/test_statistics.py`
+54). Fewer than five captures (FEWEST) give no interval. `tests/bench/evaluation/test_statistics.py`
 measures how often the intervals contain the true value.
 """
 
@@ -34,7 +34,7 @@ class Interval(NamedTuple):
 def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
     """Compute the 95 % interval of a figure's mean over captures, from its value on each capture
     [n].
-    NaN are left out. Returns None for fewer than FEWEST captures.
+    NaN are left out. Returns None for fewer than five captures (FEWEST).
     Student's T = (m − μ)/s is corrected for the skewness γ (Hall 1992): T + γT²/3 + γ²T³/27 + γ/6n
     follows Student's distribution more closely. The ends of the interval are transformed back."""
     from scipy.special import stdtrit
@@ -56,8 +56,8 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
 def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
     """Compute the 95 % interval of a metric's mean, from its value on each capture [n], cut to the
     values that the metric can have.
-    Returns None for fewer than FEWEST captures, and for percentages that are 0 or 100 in every
-    capture, which have no spread."""
+    Returns None for fewer than five captures (FEWEST), and for percentages that are 0 or 100 in
+    every capture, which have no spread."""
     found, facts = mean_interval(values), METRICS[metric]
     if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
         return None

@@ -31,8 +31,8 @@ class Difference(NamedTuple):
 def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
     """Test B − A by Student's paired t-test.
     a, b [n]: figures of A and B on the same captures, in the same order. Pairing removes the error
-    that a capture adds to both. Captures with NaN in either are left out. With fewer than FEWEST
-    captures, only the difference is returned."""
+    that a capture adds to both. Captures with NaN in either are left out. With fewer than five
+    captures (FEWEST), only the difference is returned."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
@@ -52,8 +52,8 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
     """Test B − A by Welch's t-test (1947), for two independent sets of captures.
-    a [n], b [m]: one figure for each capture of A and of B. NaN are left out. With fewer than
-    FEWEST captures in either set, only the difference is returned."""
+    a [n], b [m]: one figure for each capture of A and of B. NaN are left out. With fewer than five
+    captures (FEWEST) in either set, only the difference is returned."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
         return Difference(np.nan)
@@ -100,9 +100,10 @@ def compare(
     """Test every pair of methods by one metric. Returns the table COMPARISONS, with one line for
     each pair.
     figures: method → the metric on each capture [n], for the same captures in the same order.
-    reference, treatment: written into the lines; treatment is one of TREATMENTS, or "" for methods
-    with their own settings. titles: method → its name in the sentences. p-values are corrected for
-    the number of pairs (Holm). Methods without any figure are left out.
+    reference, treatment: written into the lines; treatment is the name of an equal treatment (same
+    smoothing for all methods), or "" for methods with their own settings. titles: method → its name
+    in the sentences. p-values are corrected for the number of pairs (Holm). Methods without any
+    figure are left out.
     Raises HandbenchError for unequal numbers of captures, and for a metric of which neither lower
     nor higher values are better."""
     if len({len(values) for values in figures.values()}) > 1:

@@ -91,8 +91,8 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     those that it does not (free); and the start.
 
     The covariance (6×6, for the given scale) contains the scatter of the distances and the typical
-    bias of a radar on a hand (BIAS_M). A larger bias, for example from a wrong delay, is not
-    included. Along free motions the covariance is that of the start; if the start has none, the
+    bias of a radar on a hand (BIAS_M, 0.12 mm). A larger bias, for example from a wrong delay, is
+    not included. Along free motions the covariance is that of the start; if the start has none, the
     result has none. Raises HandbenchError if radar and mesh have too few pixels in common, if the
     iteration does not converge, or if the mesh moves by more than 15 mm or 10°.
     """
@@ -200,8 +200,8 @@ def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, n
     """Find which rigid motions the surface determines: eigenvectors [6, 6] of the normal matrix, as
     columns, and their condition numbers [6], ascending.
     jacobian [n, 6], weight [n]: derivatives and weights of the pixels' distances. A condition
-    number is the largest eigenvalue divided by that of the vector; up to CONDITION, the surface
-    determines the motion. The size of a motion is how far it moves the pixels, metres."""
+    number is the largest eigenvalue divided by that of the vector; up to 300 (CONDITION), the
+    surface determines the motion. The size of a motion is how far it moves the pixels, metres."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     return vector, value[0] / np.maximum(value, 1e-12 * value[0])
@@ -236,8 +236,8 @@ def _scatter(
     weight [n] is w, curvature [n] is ψ'.
     s² is the mean square of u = w·e, divided by the share of it that the fit has not absorbed. ℓ
     follows from τ, the mean of u_i u_j/s² over the pairs with weights ρ(r_ij; q): ℓ² = q²τ/(1 − τ),
-    since the integral of ρ(r; ℓ)ρ(r; q) gives τ = ℓ²/(ℓ² + q²). β and L are BIAS_M and
-    BIAS_REACH_M, q is PROBE_M."""
+    since the integral of ρ(r; ℓ)ρ(r; q) gives τ = ℓ²/(ℓ² + q²). β is the radar's bias (BIAS_M), L
+    its correlation length (BIAS_REACH_M), and q a fixed length (PROBE_M)."""
     jacobian, left_m = pixels.jacobian @ held, weight * pixels.distance_m
     variance_m2 = float((left_m**2).mean()) + FINEST_M**2
     probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(
@@ -269,8 +269,8 @@ def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
     """Estimate how far the iteration still has to move the mesh, in standard deviations of the fit.
     walk: the steps so far; scatter: covariance of the fit. If a motion a was followed by a motion
     b, there remain |b|²/(|a| − |b|) (Aitken). This is evaluated for single steps and for sums of
-    ROUND steps; the sums detect an iteration that circles because pixels at outlines come and go.
-    The smaller estimate is returned; 0 once a step is below STILL_M."""
+    six steps (ROUND); the sums detect an iteration that circles because pixels at outlines come and
+    go. The smaller estimate is returned; 0 once a step is below 1 µm (STILL_M)."""
     left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
     for stride in (1, ROUND):
         if len(walk) >= 2 * stride:
@@ -324,8 +324,8 @@ def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Return for each place (x, y) the number of the square of BLOCK_M × BLOCK_M that contains it:
-    [n], from 0. The array [−1] if there are no places."""
+    """Return for each place (x, y) the number of the square of 15 × 15 mm (BLOCK_M) that contains
+    it: [n], from 0. The array [−1] if there are no places."""
     if not len(x_m):
         return np.full(1, -1)
     cell = np.stack([np.floor((axis - axis.min()) / BLOCK_M + 1e-9) for axis in (y_m, x_m)])

@@ -39,7 +39,8 @@ def components(figures: np.ndarray) -> Components:
     """Estimate the variance components of a metric by two-way analysis of variance with random
     captures.
     figures: [captures, methods] or [captures, methods, repeats]. Captures that lack a figure are
-    left out. Raises HandbenchError for fewer than LEAST captures or fewer than two methods."""
+    left out. Raises HandbenchError for fewer than three captures (LEAST) or fewer than two
+    methods."""
     cells = figures[..., None] if figures.ndim == 2 else figures
     cells = cells[np.isfinite(cells).all(axis=(1, 2))]
     n, k, r = cells.shape
@@ -107,7 +108,7 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
     """Find the smallest number of captures, from 2 on, with which a test has at least the given
-    power. None if it is above MOST.
+    power. None if it is above 100 000 (MOST).
     power_of: function from a number of captures to the power of the test."""
     few = bisect_left(range(2, MOST + 1), power, key=power_of) + 2
     return few if few <= MOST else None
@@ -115,12 +116,12 @@ def captures_needed(power_of: Callable[[int], float], power: float) -> int | Non
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
     """Find the number of captures that show a given difference of means at level alpha with a power
-    of POWER.
+    of 80 % (POWER).
 
     spreads: one standard deviation, that of the pairs' differences (paired t-test; the result is
     the number of pairs), or one for each of two groups (Welch's test; the result is the size of
-    each group). The result is at least FEWEST, the smallest sample that is tested. None if the
-    difference is 0 or not finite, or if more than MOST captures are needed.
+    each group). The result is at least five (FEWEST), the smallest sample that is tested. None if
+    the difference is 0 or not finite, or if more than 100 000 captures (MOST) are needed.
     """
     if not difference or not np.isfinite(difference):
         return None

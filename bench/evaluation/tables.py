@@ -142,9 +142,10 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
     """Arrange the scores against one reference: method → DataFrame with one line for each capture
     and one column for each metric.
-    scores: the table SCORES. treatment: an equal treatment (same smoothing for all methods), or ""
-    for methods with their own settings. Only the first frame of each capture is used. Captures and
-    metrics keep the order of the scores; NaN where there is no value."""
+    scores: the table of scores, with one line for each figure. treatment: an equal treatment (same
+    smoothing for all methods), or "" for methods with their own settings. Only the first frame of
+    each capture is used. Captures and metrics keep the order of the scores; NaN where there is no
+    value."""
     lines = scores[
         (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
     ]

@@ -228,7 +228,7 @@ def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
     """Return the standard deviations that determine how many captures a test needs.
     samples: a metric on the captures of A and of B. If they are paired, the result is the deviation
     of the differences; otherwise it is one deviation for A and one for B. Empty with fewer than
-    LEAST captures."""
+    three captures (LEAST)."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
@@ -274,8 +274,9 @@ def _line(
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Make the table DIFFERENCES from all lines. It adds p-values corrected for all tests (Holm),
-    the better result, the number of captures needed, and a sentence."""
+    """Make the table of differences between A and B (DIFFERENCES) from all lines. It adds p-values
+    corrected for all tests (Holm), the better result, the number of captures needed, and a
+    sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)

@@ -92,8 +92,8 @@ def equal_treatment_scores(
 
 
 def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
-    """Return the ids of the methods that observe fewer than FEWEST_PERCENT of a capture's surface
-    and are therefore not compared under equal treatment."""
+    """Return the ids of the methods that observe less than 1 % of a capture's surface
+    (FEWEST_PERCENT) and are therefore not compared under equal treatment."""
     reference, treated = equal_treatment_scores(scores, captures)
     taking_part = {method for methods in treated.values() for method in methods}
     return [

@@ -101,8 +101,8 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
     """Read and check a file with a depth map or error map: name → array, including x_m [nx] and y_m
     [ny].
     names: arrays [ny, nx] that the file must have; optional: arrays that are read if present.
-    Raises HandbenchError for arrays of another shape or type, lengths above LONGEST_M, and wrong
-    pixel positions."""
+    Raises HandbenchError for arrays of another shape or type, lengths that are too large
+    (LONGEST_M), and wrong pixel positions."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():

@@ -133,7 +133,7 @@ class Result:
     def busy(self) -> dict[str, float]:
         """Return the methods whose times other work on the machine disturbed: method → mean number
         of cores that this work took.
-        Methods with less than BUSY cores are left out."""
+        Methods with less than 0.25 cores (BUSY) are left out."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
             "method", sort=False
@@ -144,7 +144,7 @@ class Result:
     def unsettled(self) -> dict[str, float]:
         """Return the methods whose time per frame is uncertain: method → half the width of its
         interval divided by the time.
-        Methods with a ratio of at most UNSETTLED are left out."""
+        Methods with a ratio of at most 0.1 (UNSETTLED) are left out."""
         times = self.table[
             (self.table.metric == "seconds") & (self.table.value > 0)
         ].drop_duplicates("method")

@@ -37,9 +37,10 @@ def reconstruct(
     frames: int,
 ) -> None:
     """Image a capture by one method, measure the time, and write the results into a stage's folder.
-    It writes the depth map of frame 0 with its uncertainty (DEPTH), the depths of all frames if
-    there are several (FRAMES), and the times (TIMING). Unless imaging takes long, it also writes
-    the maps of frame 0 under equal treatment, with the same smoothing for all methods (TREATED).
+    It writes the depth map of frame 0 with its uncertainty (depth.npz), the depths of all frames if
+    there are several (frames.npz), and the times (timing.json). Unless imaging takes long, it also
+    writes the maps of frame 0 under equal treatment, with the same smoothing for all methods
+    (treated.npz).
     capture: its folder; config: complete settings of the method; device: name of the device that
     images; every_nth_antenna: use only every n-th transmitter and every n-th receiver; frames: how
     many frames are imaged."""
@@ -127,7 +128,7 @@ class Imager:
 
     def until_settled(self, seconds: list[float]) -> list[float]:
         """Repeat the imaging until the median of the times is known well enough (`settled`), or
-        SETTLE_S seconds have passed.
+        half a second (SETTLE_S) has passed.
         seconds: times measured so far, s. Returns these and the times of the repetitions."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
@@ -146,7 +147,7 @@ def timed(seconds: list[float]) -> Iterator[None]:
 
 def settled(seconds: list[float]) -> bool:
     """Tell whether the median of the times is known well: its 95 % confidence interval, taken
-    between two order statistics, is at most 2 × SETTLED of the median wide."""
+    between two order statistics, is at most 10 % of the median wide (2 × SETTLED)."""
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
@@ -165,9 +166,9 @@ def write_treated(
     folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
 ) -> None:
     """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
-    the file TREATED.
-    There are two maps for each treatment: above the method's own threshold, and above the low
-    threshold OPEN_DB that all methods share.
+    the file treated.npz.
+    There are two maps for each treatment: above the method's own threshold, and above a low
+    threshold that all methods share (OPEN_DB, −20 dB).
     image: function that makes the capture's depth map with a given configuration of the method.
     settings: the method's own configuration; own: the depth map that it gave."""
     # imports numba, which readers of the maps do not need

@@ -29,9 +29,9 @@ def repeat(
     """Image repeated frames of a capture by one method, and write the scatter of the depths into a
     stage's folder.
     It writes the depth of the strongest scatterer in each frame and the standard deviation of each
-    pixel (REPEATS), and the times of the frames (TIMING). capture: its folder; config: settings of
-    the method; device: name of the device that images; every_nth_antenna: use only every n-th
-    transmitter and every n-th receiver; frames: how many are imaged."""
+    pixel (repeats.npz), and the times of the frames (timing.json). capture: its folder; config:
+    settings of the method; device: name of the device that images; every_nth_antenna: use only
+    every n-th transmitter and every n-th receiver; frames: how many are imaged."""
     with use_device(device), others() as busy:
         found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in found.results]

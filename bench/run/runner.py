@@ -283,7 +283,7 @@ class Run:
         """Execute stages that do not depend on each other, and return their outcomes in the same
         order.
         Failures, times and machines are recorded in `found`. An executor gets at most IN_FLIGHT
-        jobs at a time, so that no process holds the entire run in memory."""
+        (256) jobs at a time, so that no process holds the entire run in memory."""
         ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
@@ -340,7 +340,8 @@ def _require_calibration(*ended: StageOutcome) -> None:
 
 
 def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> Line:
-    """Return the line of the table TASKS for one stage: its names, times, memory and machine.
+    """Return one stage's line of the table TASKS, which lists all stages: its names, times, memory
+    and machine.
     cached: whether the stage had been finished by an earlier run; folder: the stage's own."""
     timing = folder / TIMING
     times = read_json(timing, "a stage's times") if stage.method else {}

@@ -106,7 +106,8 @@ def curve_name(reference: str, treatment: str) -> str:
 
 
 def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Iterator[Line]:
-    """Return the lines of the table SCORES for the figures (metric → value) of one frame.
+    """Return the lines of the table of scores (SCORES) for the figures of one frame, one line for
+    each metric.
     about: capture, method, reference and treatment."""
     return ((*about, frame, metric, value) for metric, value in figures.items())
 

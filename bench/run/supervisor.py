@@ -69,8 +69,8 @@ def supervise(parent: int, folder: str, limit_bytes: int, command: list[str]) ->
 
 
 def read_last(output: int, last: bytes, wait_s: float) -> bytes:
-    """Read what a pipe has, waiting at most wait_s seconds for it; return the last LAST_BYTES of
-    all output so far.
+    """Read what a pipe has, waiting at most wait_s seconds for it; return the last 4096 bytes
+    (LAST_BYTES) of all output so far.
     output: file descriptor of the pipe; last: the end of what was read before."""
     if not select.select([output], [], [], wait_s)[0]:
         return last
@@ -85,7 +85,7 @@ def read_last(output: int, last: bytes, wait_s: float) -> bytes:
 
 
 def end_children() -> None:
-    """Kill all descendants of this process, repeating until none is left or END_S seconds have
+    """Kill all descendants of this process, repeating until none is left or 5 s (END_S) have
     passed."""
     end_s = time.monotonic() + END_S
     while time.monotonic() < end_s:

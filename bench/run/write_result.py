@@ -111,7 +111,7 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
-    """Collect the table SCORES of the captures and methods that the result contains.
+    """Collect the table of scores (SCORES) of the captures and methods that the result contains.
     Its lines are the figures of each capture, from its scoring stage; the time of each image; and
     for the precision, the depth of the strongest scatterer in each repeated frame, and the median
     over the pixels of their standard deviations."""
@@ -143,7 +143,7 @@ def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
 def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.DataFrame:
     """Make the main table of the result: the figures of each method with confidence intervals, for
     one reference after the other.
-    scores: the table SCORES, as the function `scores` returns it."""
+    scores: the table of scores, as the function `scores` returns it."""
     rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
     values: dict[Any, pd.DataFrame] = {
@@ -185,7 +185,8 @@ def _over_frames(
     values: dict[Any, pd.DataFrame], method: str, reference: str
 ) -> list[dict[str, Any]]:
     """Return for each capture how the error of a method varies over the frames: metric → value.
-    values: (method, metric) → lines of the table SCORES."""
+    values: (method, metric) → lines of the table of scores, which has one for each capture and
+    frame."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
@@ -197,8 +198,8 @@ def _over_frames(
 def mean_curves(
     outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
 ) -> list[tuple[Any, ...]]:
-    """Make the lines of the table CURVES: the risk–coverage curve of each method, averaged over the
-    captures.
+    """Make the lines of the table of risk–coverage curves (CURVES): the curve of each method,
+    averaged over the captures.
     A curve ends at the share of the surface that the method reaches in every capture. treated:
     treatment → method → figures, for the methods that are compared under equal treatment."""
     lines: list[tuple[Any, ...]] = []

@@ -254,7 +254,7 @@ def _seen_from(mesh: Surface) -> tuple[str, str, np.ndarray]:
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
     """Return evenly spaced pixel centres in x and in y that cover a mesh with a small margin, about
-    VIEWED_PX along its longer side.
+    320 (VIEWED_PX) along its longer side.
     vertices_m [n, 3]: vertices of the mesh, metres."""
     low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
     step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)

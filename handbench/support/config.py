@@ -236,7 +236,7 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 def checked_name(name: str) -> str:
     """Return `name` in Unicode's NFC form, if it can be part of a file name.
     Raises ValueError for a name that leads to another folder, is hidden, is longer than 80
-    characters or NAME_BYTES bytes, cannot be printed, or contains '__', with which handbench
+    characters or 100 bytes (NAME_BYTES), cannot be printed, or contains '__', with which handbench
     separates names."""
     name = one_form(name)
     unfit = (

@@ -166,7 +166,7 @@ def require_memory(needed_bytes: float, what: str) -> None:
 
 def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores;
-    print the predicted time if it is above ANNOUNCED_S.
+    print the predicted time if it is above 10 s (ANNOUNCED_S).
 
     Args:
         core_s: predicted processor time on one core, seconds.

@@ -57,7 +57,7 @@ def is_owned_folder(path: Path) -> bool:
 
 
 def read_owned(path: str | Path) -> Iterator[bytes]:
-    """Yield the content of a file in blocks of PART_BYTES.
+    """Yield the content of a file in blocks of 4 MB (PART_BYTES).
     Raises FileNotFoundError if there is no file, and HandbenchError for a link, a device or a pipe,
     and for a file of another user."""
     handle = _open_owned(path, os.O_RDONLY)

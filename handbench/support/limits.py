@@ -36,7 +36,7 @@ LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \
 
 def require_shallow(values: Any) -> Any:
     """Return `values` (plain values in lists and mappings) unchanged. Raises ValueError if they are
-    nested deeper than DEEPEST levels."""
+    nested deeper than 32 levels (DEEPEST)."""
     level = [values]
     for _ in range(DEEPEST + 1):
         inner = [

@@ -23,7 +23,8 @@ KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8",
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
     """Return the numeric arrays of a MATLAB file: name → array, with the order of axes reversed, as
     in a MATLAB file stored as HDF5.
-    Raises ValueError for a broken file, and for arrays that unpack to more than ARRAY_BYTES."""
+    Raises ValueError for a broken file, and for arrays that unpack to more than 256 MB
+    (ARRAY_BYTES)."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
         raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")

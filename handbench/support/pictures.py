@@ -105,7 +105,7 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 
 def _scans(content: bytes) -> int:
     """Return the number of scans of a JPEG file, in each of which a decoder goes over all pixels.
-    Counting stops soon after MOST_SCANS.
+    Counting stops soon after 32 scans (MOST_SCANS).
     content: the bytes of the file. Raises ValueError for too many markers."""
     count, at = 0, 2
     for _ in range(MOST_MARKERS):

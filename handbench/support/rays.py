@@ -70,8 +70,8 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
 class Rays:
     """Ray casting against the triangles of a mesh.
     vertices_m [n, 3]: metres; faces [m, 3]: indices of vertices. `Rays.cast` is the number of all
-    rays that this process has cast. Raises HandbenchError for a vertex farther than FARTHEST_M from
-    the origin, where single precision is too coarse."""
+    rays that this process has cast. Raises HandbenchError for a vertex farther than 500 m
+    (FARTHEST_M) from the origin, where single precision is too coarse."""
 
     cast = 0
 

@@ -61,7 +61,7 @@ class Drawing:
 def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
     """Return the printable sheets of several drawings, each as a figure of the paper's size.
     A drawing that does not fit on one sheet is cut into overlapping tiles with crop marks. Raises
-    HandbenchError for an unknown paper and for a drawing larger than LARGEST_MM."""
+    HandbenchError for an unknown paper and for a drawing larger than 5 m (LARGEST_MM)."""
     for drawing in drawings:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
             size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
@@ -114,7 +114,7 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
 
 def _starts(length_mm: float, window: float) -> np.ndarray:
     """Return where windows start, mm, of which as few as possible cover a length and overlap by at
-    least OVERLAP_MM; [0] if one window is enough.
+    least 10 mm (OVERLAP_MM); [0] if one window is enough.
     window: length of each window, mm."""
     if length_mm <= window + 1e-9:
         return np.zeros(1)

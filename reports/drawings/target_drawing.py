@@ -173,8 +173,8 @@ class _Views:
     def _spread(self, column: int) -> Iterator[tuple[float, float]]:
         """Yield each different coordinate in one column of the centres, mm, with the position of
         its number on the page.
-        Zero is included if it is inside the view. Positions are at least TEXT_MM apart, so that
-        numbers do not overlap."""
+        Zero is included if it is inside the view. Positions are at least one line of text apart
+        (TEXT_MM), so that numbers do not overlap."""
         zero = [0.0] if self.low_mm[column] < 0 < self.high_mm[column] else []
         values = np.sort([*self.centres_mm[:, column], *zero])
         values = values[np.diff(values, prepend=-np.inf) > SAME_MM]
@@ -232,8 +232,8 @@ def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: f
 
 def _coincident(points_mm: np.ndarray) -> list[list[int]]:
     """Group the points [n, 2] in mm of one view by position.
-    Returns lists of indices; points that are closer than SAME_MM in both directions are in one
-    list."""
+    Returns lists of indices; points that are closer than 0.005 mm (SAME_MM) in both directions are
+    in one list."""
     groups: list[list[int]] = []
     for i, point in enumerate(points_mm):
         same = next((g for g in groups if np.abs(points_mm[g[0]] - point).max() < SAME_MM), None)

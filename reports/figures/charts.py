@@ -175,8 +175,8 @@ def risk_coverage(result: Result) -> Picture:
 
 def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
     """Count the pixels of several captures by the size of their error: (method, reference) → array.
-    Value i of an array is the number of observed pixels with |z − z_ref| up to EDGES_MM[i]; the
-    last value is the number of all observed pixels."""
+    Value i of an array is the number of observed pixels with |z − z_ref| up to a limit,
+    EDGES_MM[i]; the last value is the number of all observed pixels."""
     counts = {
         (m.name, reference): np.zeros(len(EDGES_MM) + 1, int)
         for m in methods(result)

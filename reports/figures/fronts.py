@@ -220,8 +220,8 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Plot how the time of each setting is divided, as two bars.
     The left bar has the shares in % of acquisition, imaging and extraction of depths in the time of
     a frame, and the total in seconds. The right bar has the seconds of the preparation (plan),
-    which is done once for a geometry and shared by many frames. At most BARS settings are drawn,
-    those on the front first."""
+    which is done once for a geometry and shared by many frames. At most 40 settings (BARS) are
+    drawn, those on the front first."""
     with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]

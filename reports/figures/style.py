@@ -99,15 +99,15 @@ def width_in(page_in: float, columns: int = 1) -> float:
 
 
 def methods(result: Result) -> list[MethodFacts]:
-    """Return the methods of a result in the order in which pictures show them: first those in
-    ORDER, then the others."""
+    """Return the methods of a result in the order in which pictures show them: first the known ones
+    in a fixed order (ORDER), then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
 def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Return method → colour and marker. These are the same in all pictures for a method in ORDER;
-    other methods get the next free ones, in order of appearance."""
+    """Return method → colour and marker. These are the same in all pictures for the methods that
+    handbench knows (ORDER); other methods get the next free ones, in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
     return {name: nth_style(i) for i, name in enumerate(places)}
 
@@ -189,7 +189,8 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
 
 def save(figure: Figure, file: str | Path) -> None:
     """Write a figure to a file in the format of the file's suffix; an existing file is replaced
-    when the new one is complete. Raises HandbenchError for a suffix that is not in FORMATS."""
+    when the new one is complete. Raises HandbenchError for a suffix other than .png, .pdf and .svg
+    (FORMATS)."""
     if Path(file).suffix.lower() not in FORMATS:
         raise HandbenchError(
             f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"

@@ -140,8 +140,8 @@ def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
     """Divide captures over the pages of a report. Returns one tuple of captures for each page.
-    All are on the first page if there are at most ABREAST; otherwise FIRST are there, and up to
-    ABREAST on each further page."""
+    All are on the first page if there are at most 12 (ABREAST); otherwise 3 are there (FIRST), and
+    up to 12 on each further page."""
     first = len(captures) if len(captures) <= ABREAST else FIRST
     rest = [tuple(captures[i : i + ABREAST]) for i in range(first, len(captures), ABREAST)]
     return [tuple(captures[:first]), *rest]

@@ -90,7 +90,7 @@ def image(
 
 
 def _uri(picture: Pixels.Image) -> str:
-    """Return a picture as a data: URI (WebP), reduced to a width of WIDTH_PX pixels if it is
+    """Return a picture as a data: URI (WebP), reduced to a width of 1900 pixels (WIDTH_PX) if it is
     wider."""
     small = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
     if small.width > WIDTH_PX:

@@ -118,8 +118,8 @@ def _surface(
 ) -> dict[str, Any]:
     """Pack one surface for the page's script.
     Depths and errors are given for the observed pixels only, as integers: depths in steps of
-    step_mm above low_mm, errors in steps of ERROR_STEP_MM. For each pixel of the surrounding box, a
-    bit tells whether it was observed. Arrays become base64 text."""
+    step_mm above low_mm, errors in steps of 2 µm (ERROR_STEP_MM). For each pixel of the surrounding
+    box, a bit tells whether it was observed. Arrays become base64 text."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
     x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
@@ -149,8 +149,8 @@ def _surface(
 
 def _box(z_m: np.ndarray) -> tuple[slice, slice]:
     """Return the slices of rows and columns around the observed pixels of a depth map z_m [ny, nx].
-    Of a large map, only every second, third, … row and column is taken, so that about PIXELS pixels
-    remain. If nothing was observed, the slices are a corner of 2 × 2 pixels."""
+    Of a large map, only every second, third, … row and column is taken, so that about 60 000 pixels
+    remain (PIXELS). If nothing was observed, the slices are a corner of 2 × 2 pixels."""
     rows, columns = (np.flatnonzero(np.isfinite(z_m).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 2), slice(0, 2)

@@ -190,7 +190,7 @@ def _machines(compared: Compared) -> list[str]:
 
 def _changes(compared: Compared) -> list[str]:
     """Return a line for each fact that differs between A and B, such as a version or an input. Of
-    each sort, the first CHANGES are listed and the others counted."""
+    each sort, the first 12 (CHANGES) are listed and the others counted."""
     texts = []
     for what, changes in compared.changes.groupby("what", sort=False):
         first = each(changes[:CHANGES])

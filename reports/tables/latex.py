@@ -84,8 +84,8 @@ def _character(character: str) -> str:
 def latex(result: Result) -> str:
     """Return all figures of a result as LaTeX tables: one for each reference surface, and one for
     the methods under equal treatment (same smoothing, common pixels).
-    A table with more than COLUMNS methods is split into several. Below each figure are its 95 %
-    interval and the paper's figure."""
+    A table with more than five methods (COLUMNS) is split into several. Below each figure are its
+    95 % interval and the paper's figure."""
     found = blocks(result)
     facts = caption(result) + best_note(found)
     return "\n".join(
@@ -98,8 +98,8 @@ def latex(result: Result) -> str:
 def column(result: Result) -> str:
     """Return the metrics of the paper's table and the main ones, against the result's first
     reference surface, as LaTeX tables that fit one column of IEEEtran.
-    Our figures are above the paper's. A table has at most ABREAST methods. The text is empty if the
-    result has no figures."""
+    Our figures are above the paper's. A table has at most four methods (ABREAST). The text is empty
+    if the result has no figures."""
     found = blocks(result)[:1]
     return "\n".join(
         _narrow(result.about.name, paper_block(block), part)

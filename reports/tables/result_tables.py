@@ -38,8 +38,8 @@ OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:
-    """Return for each pair of methods in PAIRS a sentence that says which one is better and by how
-    much.
+    """Return for each of the main pairs of methods (PAIRS) a sentence that says which one is better
+    and by how much.
     Both the error on common pixels and the error over completeness are compared under equal
     treatment, that is with all depth maps unsmoothed, or all with the same smoothing. A pair that
     was not compared has no sentence."""
