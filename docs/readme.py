@@ -198,7 +198,7 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
-    """Return the recorded figures as (metric, reference, method) → line; under equal treatment, the
+    """Index the recorded figures: (metric, reference, method) → line. Under equal treatment, the
     treatment is in place of the reference."""
     own = {
         (row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))
@@ -305,8 +305,8 @@ def _page(file: Path) -> str:
 
 
 def _scenes(root: Path, config: str) -> dict[str, str]:
-    """Return scene file of the benchmark → hash of its content without comments; "" if there is no
-    such file.
+    """Compute a hash of each scene file of the benchmark, without its comments: file name → hash,
+    "" if there is no such file.
     config: the benchmark as TOML text."""
     described = tomllib.loads(config)
     sources = [*described.get("calibration", ()), *described.get("capture", ())]

@@ -49,7 +49,8 @@ def notebooks() -> list[str]:
 
 
 def pages() -> dict[str, str]:
-    """Return file outside docs/ → name of the site's page that is made from it."""
+    """List the files outside docs/ that become pages of the site: path in the repository → name of
+    the page."""
     return OUTSIDE | {name: Path(name).with_suffix(".md").as_posix() for name in notebooks()}
 
 

@@ -67,7 +67,8 @@ def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interv
 
 
 def note(captures: int) -> str:
-    """Return a sentence on how many captures the intervals are based on."""
+    """Return a sentence that says on how many captures the intervals are based, or that there are
+    too few for intervals."""
     if captures >= FEWEST:
         return f"{captures} captures: the intervals are those of the mean over captures like these"
     counted = f"{captures} capture{'s' * (captures > 1)}"

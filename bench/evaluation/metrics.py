@@ -258,8 +258,8 @@ def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] |
 
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
-    """Return metric → "definition [unit]; lower is better", the text that results and metric files
-    record."""
+    """Describe metrics in the words that results and metric files record: metric → "definition
+    [unit]; lower is better"."""
     return {
         k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))
     }

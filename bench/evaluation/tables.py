@@ -81,7 +81,7 @@ class Schema:
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns."""
+        """The names of the columns, in order."""
         return [column.name for column in self.columns]
 
 

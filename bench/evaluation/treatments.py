@@ -14,8 +14,8 @@ class TreatedDepths(NamedTuple):
     """Depth maps of one method on one capture under one equal treatment (same smoothing for all
     methods). All arrays are [ny, nx].
     z_m: depths of the pixels above the method's own threshold, metres; open_z_m: depths of those
-    above the lower threshold OPEN_DB (−20 dB), the same for all methods; NaN elsewhere. open_db:
-    amplitudes in dB by which the pixels of open_z_m are ordered."""
+    above a low threshold (OPEN_DB, −20 dB, or the method's own if that is lower); NaN elsewhere.
+    open_db: amplitudes in dB by which the pixels of open_z_m are ordered."""
 
     z_m: np.ndarray
     open_z_m: np.ndarray

@@ -1,5 +1,5 @@
-"""Content of result.json: facts of captures, methods and metrics, and failures; and the names that
-captures and methods may have."""
+"""The content of result.json: facts of captures, methods and metrics, and failures. A check refuses
+names of captures and methods that would mislead readers."""
 
 import unicodedata
 from pathlib import Path

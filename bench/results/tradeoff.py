@@ -111,7 +111,8 @@ class Tradeoff:
     settings: tuple[Setting, ...]
 
     def section(self, name: str) -> tuple[Setting, ...]:
-        """Return the settings of one section, in the order of tradeoff.csv."""
+        """Return the settings of one section (such as "imaging" or "groundtruth"), in the order of
+        tradeoff.csv."""
         return tuple(setting for setting in self.settings if setting.section == name)
 
 

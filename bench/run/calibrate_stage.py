@@ -32,11 +32,12 @@ def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
 def register_captures(
     captures: Sequence[Path], clouds: Sequence[Cloud], array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute the transform radar_from_photo from captures of one calibration target.
-    clouds: for each capture, the point cloud of its photographs, in the photo frame. Several
-    captures are combined into one transform, so the rig of camera and radar must not change between
-    them. array: calibration of the antennas, used instead of those in the captures' folders. Raises
-    HandbenchError if the captures show different targets."""
+    """Compute the transform from the photo frame to the radar frame, from captures of one
+    calibration target.
+    captures: their folders; clouds: for each capture, the point cloud of its photographs, in the
+    photo frame. Several captures are combined into one transform, so the rig of camera and radar
+    must not change between them. array: calibration of the antennas, used instead of those in the
+    captures' folders. Raises HandbenchError if the captures show different targets."""
     target = common_target(captures)
     measured, names = [], []
     for capture, cloud in zip(captures, clouds, strict=True):

@@ -143,7 +143,8 @@ def common_subset(outcome: Outcome) -> CommonSubset:
 def _finished(
     outcome: Outcome, captures: list[RunCapture], methods: Sequence[MethodEntry]
 ) -> dict[str, set[str]]:
-    """Return method id → names of the captures for which the method finished every stage."""
+    """Find the captures for which each method finished every stage: method id → names of the
+    captures."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}
     return {
         entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}}

@@ -45,10 +45,11 @@ def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
 def calibrate_captures(
     captures: Sequence[Path], quality: str, seed: int, array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute the transform radar_from_photo from photographs and echoes of captures of one target.
-    quality, seed: of the photographs' reconstruction. array: calibration of the antennas, used
-    instead of those in the captures' folders. Intermediate results are not stored. Raises
-    HandbenchError if the captures show different targets."""
+    """Compute the transform from the photo frame to the radar frame, from photographs and echoes of
+    captures of one calibration target.
+    captures: their folders. quality, seed: of the photographs' reconstruction. array: calibration
+    of the antennas, used instead of those in the captures' folders. Intermediate results are not
+    stored. Raises HandbenchError if the captures show different targets."""
     common_target(captures)  # what differs is refused before the work
     clouds = [reconstruct_cloud(*photographs(capture, quality, seed)) for capture in captures]
     return register_captures(captures, clouds, array)

@@ -167,8 +167,8 @@ def write_treated(
 ) -> None:
     """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
     the file treated.npz.
-    There are two maps for each treatment: above the method's own threshold, and above a low
-    threshold that all methods share (OPEN_DB, −20 dB).
+    There are two maps for each treatment: one above the method's own threshold, and one above a low
+    threshold (OPEN_DB, −20 dB, or the method's own if that is lower).
     image: function that makes the capture's depth map with a given configuration of the method.
     settings: the method's own configuration; own: the depth map that it gave."""
     # imports numba, which readers of the maps do not need

@@ -237,8 +237,8 @@ def imaging_settings(
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:
-    """Return method id → the settings that the benchmark gives the method.
-    entries: the benchmark's methods, with `id` and `config`."""
+    """Collect the settings that the benchmark gives each method: method id → settings.
+    entries: the benchmark's methods, each with `id` and `config`."""
     return {entry.id: entry.config for entry in entries}
 
 

@@ -60,7 +60,8 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the command line as field → value for `groundtruth.options.Options`."""
+    """Convert the options of the command line to values for `groundtruth.options.Options`: field →
+    value."""
     from handbench.groundtruth.options import Options
 
     return {

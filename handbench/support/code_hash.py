@@ -178,7 +178,8 @@ def installed(library: str) -> tuple[str, ...]:
 
 @cache
 def _distributions() -> dict[str, list[metadata.Distribution]]:
-    """Return name of an importable module → the installed distributions that provide it.
+    """Find the installed distributions by the modules that they provide: name of a module →
+    distributions.
     The result is that of `metadata.packages_distributions`. Reading the text of the distributions'
     records is four times as fast, because that function makes an object for each of 30 000
     files."""

@@ -141,8 +141,8 @@ def changed(folder: Path) -> str | None:
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Return relative path → size in bytes and CRC-32, for every file in a folder except the
-    manifest. A CRC detects accidental changes and takes 0.4 s per GB."""
+    """Compute size and CRC-32 of every file in a folder except the manifest: relative path →
+    (bytes, CRC). A CRC detects accidental changes and takes 0.4 s per GB."""
     found = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":

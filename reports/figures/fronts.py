@@ -55,7 +55,7 @@ def is_plottable(setting: Setting) -> bool:
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot error over seconds of all settings of one section.
+    """Plot error over seconds of all settings of one section of a trade-off.
     Settings that no other beats (the front) are numbered points, the others are faint, and the
     reference setting is in a square. If settings have a method, they have its colour and marker."""
     shown = [s for s in settings if is_plottable(s)]
@@ -166,7 +166,8 @@ def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Se
 
 
 def metric_words(about: Section) -> str:
-    """Return the metric of a section in words and without its unit, such as "MAE" for mae_mm."""
+    """Return the error metric of a trade-off's section in words and without its unit, such as "MAE"
+    for mae_mm."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 

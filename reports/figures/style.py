@@ -106,8 +106,9 @@ def methods(result: Result) -> list[MethodFacts]:
 
 
 def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Return method → colour and marker. These are the same in all pictures for the methods that
-    handbench knows (ORDER); other methods get the next free ones, in order of appearance."""
+    """Choose colour and marker of each method: method → (colour, marker).
+    They are the same in all pictures for the methods that handbench knows (ORDER); other methods
+    get the next free ones, in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
     return {name: nth_style(i) for i, name in enumerate(places)}
 

@@ -55,7 +55,8 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
 
 
 def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
-    """Return a table of all settings of one section, first those that no other beats (the front).
+    """Return a table of all settings of one section of a trade-off, first those that no other beats
+    (the front).
     A row has the setting's number in the picture or the setting that beats it, and error, share of
     the surface that was observed, time, operations and memory."""
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
