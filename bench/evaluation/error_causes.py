@@ -1,7 +1,7 @@
 """Errors grouped by cause, and reliability of a depth map's σ.
 
 The causes are incidence angle, amplitude, part of the hand (finger or palm) and distance to an
-edge. An edge lies between two neighbouring pixels if only one has a reference, or if their depths
+edge. An edge is between two neighbouring pixels if only one has a reference, or if their depths
 differ by more than 5 mm (JUMP_M). No slope is computed across an edge. The border of the image is
 no edge. Reliability is the share of errors inside the intervals that σ gives, and the likelihood of
 the errors.

@@ -36,7 +36,7 @@ def load_open3d() -> ModuleType:
     """Import open3d and return it.
     Outside notebooks, open3d.visualization is imported only when it is used, because it takes as
     long to import as all the rest. The library libusb, which open3d's wheel needs, is loaded first.
-    numba is told not to prefer open3d's TBB, which is too old for it."""
+    numba is configured not to prefer open3d's TBB, which is too old for it."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
