@@ -1,4 +1,4 @@
-"""`handbench calibrate`: the transform from the photographs' frame to the radar's."""
+"""`handbench calibrate`: compute the transform from the photographs' frame to the radar's frame."""
 
 import argparse
 
@@ -16,9 +16,9 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Find the transform from the photographs' frame to the radar's and write it (-o): from
-    captures of the calibration target or, with --refine, by aligning a mesh to a depth map. --array
-    also estimates and writes the antennas' gains, phases and places."""
+    """Compute the transform from the photographs' frame to the radar's frame and write it (-o),
+    from captures of the calibration target or, with --refine, by aligning a mesh to a depth map.
+    --array also estimates the antennas' gains, phases and positions and writes them to a file."""
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)
