@@ -210,8 +210,9 @@ class MappedCapture(NativeCapture):
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Read the echoes of the first `frames` frames (None: all).
 
-        Gains in the mapping are always applied; `calibrated` has no effect. Raises HandbenchError
-        if the file does not agree with its mapping.
+        Gains in the mapping are always applied. calibrated: apply the capture's corrections
+        (`corrections.json`), too, and print a line about them. Raises HandbenchError if the file
+        does not agree with its mapping.
         """
         mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
         path = require_file(
@@ -229,7 +230,8 @@ class MappedCapture(NativeCapture):
                 capture = join_arrays(
                     [_recording(of, mapping, array).capture() for array in arrays]
                 )
-            return replace(capture, samples=capture.samples[:frames])
+            capture = replace(capture, samples=capture.samples[:frames])
+            return self._corrected(capture) if calibrated else capture
         except HandbenchError as error:
             raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:

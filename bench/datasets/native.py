@@ -11,6 +11,7 @@ import tomlkit
 from pydantic import Field
 
 from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.echoes.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -25,6 +26,7 @@ WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 ARRAY = "array.json"  # calibration of the antennas
+CORRECTIONS = "corrections.json"  # of the instrument, from the capture's own echoes
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
@@ -51,6 +53,10 @@ class CaptureFile(Config):
         description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored",
     )
     contains: tuple[str, ...] = Field(default=(), max_length=1000)
+    unknown: tuple[Unknown, ...] = Field(
+        default=(),
+        description="of the instrument: what handbench calibrate --from-echoes estimates",
+    )
     source: str | None = None
     effects: tuple[Choice, ...] = Field(
         default=(), description="of a simulated capture: what its echoes show"
@@ -97,15 +103,26 @@ class NativeCapture:
         """Read the echoes of the first `frames` frames (None: all).
 
         calibrated: apply the calibration of the antennas, if there is one (in `array.json` next to
-        the echoes, or in their file), and print a line about it.
+        the echoes, or in their file), then the capture's corrections (`corrections.json`), and
+        print a line about each.
         """
         folder = require_folder(self.folder, WHAT)
         echoes = load_capture(folder / ECHOES)
-        if calibrated:
-            echoes, message = with_calibration(echoes, folder / ARRAY)
-            if message:
-                say(message)
-        return replace(echoes, samples=echoes.samples[:frames])
+        echoes = replace(echoes, samples=echoes.samples[:frames])
+        if not calibrated:
+            return echoes
+        echoes, message = with_calibration(echoes, folder / ARRAY)
+        if message:
+            say(message)
+        return self._corrected(echoes)
+
+    def _corrected(self, echoes: RadarCapture) -> RadarCapture:
+        """Apply the capture's corrections to its echoes, if there are any, and print a line about
+        them."""
+        echoes, message = with_corrections(echoes, self.folder / CORRECTIONS)
+        if message:
+            say(message)
+        return echoes
 
     @property
     def photos(self) -> Path | None:

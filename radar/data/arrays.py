@@ -144,6 +144,17 @@ class BistaticScan:
 Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
+def channel_ends(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of each channel's transmitter and receiver, [n, 3] each, metres, in the
+    order of one tone's flattened samples. Those of a scan with one transceiver are equal."""
+    if isinstance(aperture, AntennaArray):
+        t, r = (index.ravel() for index in np.indices(aperture.channels))
+        return aperture.tx_m[t], aperture.rx_m[r]
+    if isinstance(aperture, PlanarScan):
+        return aperture.position_m, aperture.position_m
+    return aperture.tx_m, aperture.rx_m
+
+
 def array_legs(aperture: Aperture, lengths: Any) -> Any:
     """Split every path into a transmitter's and a receiver's part, as in an array: lengths [t, …]
     and [r, …], of which each sum is a path.

@@ -41,6 +41,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.depth_uncertainty import Uncertainty, speckle_spread_m
+from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import Tones, first_step, masked_mean, path_rise
 from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
 
@@ -160,8 +161,9 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     depths of the first two tones. The pixels are then imaged at the depths found, and a smaller
     shift is searched; this is repeated config.fine_refinements times in all.
     """
+    config = with_first_depth(capture, config, frame)
     tones, whole = Tones.of(capture, config, frame), config.grid()
-    step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
+    step, uncertainty = first_step(tones).cropped(), Uncertainty(config)
     z_m, amplitude = uncertainty.add(step), step.amplitude
     doubtful, reach_m = uncertainty.wrapped, config.reach_m
     for _ in range(config.fine_refinements):

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handbench.radar.data.arrays import AntennaArray, BistaticScan
+from handbench.radar.data.arrays import channel_ends
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.advice import requested_tones_hz
@@ -109,14 +109,9 @@ def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
     have an echo, since a scan of one antenna over the midpoints would resolve as well. Midpoints on
     one line have extent 0 across.
     """
-    aperture, live = capture.aperture, _live(capture, frame)
-    if isinstance(aperture, AntennaArray):
-        tx, rx = np.nonzero(live)
-        middle_m = (aperture.tx_m[tx] + aperture.rx_m[rx]) / 2
-    elif isinstance(aperture, BistaticScan):
-        middle_m = (aperture.tx_m[live] + aperture.rx_m[live]) / 2
-    else:
-        middle_m = aperture.position_m[live]
+    live = _live(capture, frame).ravel()
+    tx_m, rx_m = channel_ends(capture.aperture)
+    middle_m = (tx_m[live] + rx_m[live]) / 2
     if len(middle_m) == 0:
         return np.zeros(3)
     middle_m = middle_m[:, :2]

@@ -25,7 +25,8 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.cpu.steering import mean_rise
-from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
+from handbench.radar.methods.first_depth import with_first_depth
+from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
 from handbench.support.compiled import FAST, njit
 
 
@@ -42,9 +43,10 @@ def fsk(
     on_step: called after each imaging step; returns the depths [ny, nx] in metres from which the
     next step starts (default: the step's own).
     """
+    config = with_first_depth(capture, config, frame)
     tones, grid = Tones.of(capture, config, frame), config.grid()
     # 1 to 3: the plane at f1 and f2, z_e corrected once, depths above the threshold.
-    step = first_step(tones, config)
+    step = first_step(tones)
     if isinstance(config, RefinedConfig):
         step = step.cropped()
     steps = [step]
@@ -68,12 +70,13 @@ def fsk(
     return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump()), steps
 
 
-def first_step(tones: Tones, config: FskConfig) -> FskStep:
+def first_step(tones: Tones) -> FskStep:
     """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to the
     target by their phase, and return the imaging step of the pixels that are at or above the
     threshold."""
     # 1: the plane z_e is imaged at f1 and f2.
-    pair, grid, z_e = tones.first(2), config.grid(), config.first_depth_m
+    config, pair = tones.config, tones.first(2)
+    grid, z_e = config.grid(), float(config.first_depth_m)
     plane = pair.plane(grid, z_e)
     for done in range(config.corrections):
         # 2: the phase at the strongest pixel corrects z_e, in the paper once.

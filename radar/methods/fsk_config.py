@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -28,6 +28,7 @@ def _odd(size_px: int) -> int:
 
 
 OddPixels = Annotated[int, AfterValidator(_odd)]
+FirstDepth = Annotated[float, Field(gt=0, le=100)]
 
 
 class PixelsConfig(GridConfig):
@@ -46,7 +47,9 @@ class FskConfig(PixelsConfig):
     """Parameters that all FSK methods share, which find depth from the phase between images at a
     few tones."""
 
-    first_depth_m: float = Field(default=0.45, gt=0, le=100, description="z_e of the first images")
+    first_depth_m: FirstDepth | Literal["auto"] = Field(
+        default=0.45, description="z_e of the first images; auto: where the echoes are"
+    )
     threshold_db: float = Field(
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )

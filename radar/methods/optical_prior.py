@@ -21,6 +21,7 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.methods.alignment import filter_by_agreement
 from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
+from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.support.errors import HandbenchError
@@ -93,7 +94,8 @@ def _first_depths(
     all, z_m [ny, nx] on it, metres, NaN where there is none)."""
     whole = config.grid()
     if not config.prior:
-        step = first_step(tones, config).cropped()
+        begun = replace(tones, config=with_first_depth(capture, config, frame))
+        step = first_step(begun).cropped()
         return step.grid, masked_mean(step.z_m, config.coarse_filter_px, step.amplitude**2)
     file = config.prior.endswith(".npz")
     prior = (
