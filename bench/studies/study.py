@@ -5,6 +5,7 @@ A study's script has what is its own: a function of one case, and the columns of
 
 STEM.csv   the first table, values as they are
 STEM.json  command, seed, minutes, load, machine, versions, definitions, every table, failures
+STEM.md    the tables that the terminal shows, for a page
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from handbench.radar.imaging.device import describe, use_device
 from handbench.radar.warmup import compile_kernels
 from handbench.support.cost import calibrated_machine
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_json
+from handbench.support.files import atomic_path, write_json, write_text
 from handbench.support.progress import say, track
 from handbench.support.store import versions
 
@@ -111,9 +112,7 @@ def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name:
             made = study((out.parent if out.suffix == ".json" else out) / "work", **given)
             command = f"{parser.prog} {shlex.join(sys.argv[1:])}".strip()
             tables, failures = run(made, out, command, only)
-            for table in tables:
-                if table.shown and table.records:
-                    print(table.markdown())
+            print(markdown(tables))
         if failures:
             raise HandbenchError(
                 f"{len(failures)} of {len(made.cases)} cases failed; the reasons are above and "
@@ -168,8 +167,8 @@ def run(
 
 
 def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
-    """Write STEM.csv, the first table, and STEM.json: facts, the columns' meanings, and all
-    tables."""
+    """Write STEM.csv, the first table, STEM.json: facts, the columns' meanings, and all tables, and
+    STEM.md, the tables to be read."""
     stem = out.with_suffix("") if out.suffix == ".json" else out / study.name
     with atomic_path(stem.with_suffix(".csv")) as temporary:
         tables[0].frame.to_csv(temporary, index=False, lineterminator="\n")
@@ -182,6 +181,12 @@ def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
         for table in tables
     }
     write_json(stem.with_suffix(".json"), {**facts, "definitions": definitions, **content})
+    write_text(stem.with_suffix(".md"), markdown(tables))
+
+
+def markdown(tables: Sequence[Table]) -> str:
+    """Return the tables that are shown and have records as Markdown text."""
+    return "\n".join(table.markdown() for table in tables if table.shown and table.records)
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:

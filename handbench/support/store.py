@@ -154,5 +154,10 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of handbench and of the libraries that every result records, by name."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    """Return the versions of handbench and of the libraries that every result records, by name;
+    without those that are not installed, which only a part of handbench needs."""
+    found = {}
+    for name in LIBRARIES:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
