@@ -50,6 +50,7 @@ SUITES = {  # tests that image on the current device
     "hard cases": [f"tests/hard_cases/test_{g}_cases.py" for g in ("phase", "data", "geometry")],
     "MAROON's kernels": ["tests/bench/datasets/test_maroon_kernels.py"],
 }
+SUITE_S = 150.0  # after which a suite is ended and fails
 TESTS = (
     Column("suite", str, "tests that image on the device", heading="tests"),
     Column("passed", int, "of them that pass; none fails", heading="passed", form="{}"),
@@ -273,7 +274,7 @@ def run_tests(suite: str, work: Path) -> Record:
     options = ["-p", "no:cacheprovider", "-W", "default", "--durations=5", f"--junitxml={file}"]
     command = [sys.executable, "-m", "pytest", *options, *SUITES[suite]]
     environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    subprocess.run(command, env=environment, stdout=sys.stderr, check=False)
+    subprocess.run(command, env=environment, stdout=sys.stderr, check=False, timeout=SUITE_S)
     if not file.is_file():
         raise HandbenchError(f"{suite}: pytest did not end; its messages are above")
     [counts] = ElementTree.parse(file).getroot()
