@@ -1,11 +1,12 @@
 """Framework of the studies: cases are measured one by one, and the records become tables and files.
 
 A study's script has only a function that measures one case, and the columns of its records.
-`measured` does the rest: command line, progress, failures of single cases, and two files, named
+`measured` does the rest: command line, progress, failures of single cases, and three files, named
 after the study:
 
     NAME.csv   the first table, with unrounded values
     NAME.json  command, seed, minutes, load, machine, versions, definitions, all tables, failures
+    NAME.md    the tables that the terminal shows, for a page
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from handbench.radar.imaging.device import describe, use_device
 from handbench.radar.warmup import compile_kernels
 from handbench.support.cost import calibrated_machine
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_json
+from handbench.support.files import atomic_path, write_json, write_text
 from handbench.support.progress import say, track
 from handbench.support.store import versions
 
@@ -121,9 +122,7 @@ def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name:
             made = study((out.parent if out.suffix == ".json" else out) / "work", **given)
             command = f"{parser.prog} {shlex.join(sys.argv[1:])}".strip()
             tables, failures = run(made, out, command, only)
-            for table in tables:
-                if table.shown and table.records:
-                    print(table.markdown())
+            print(markdown(tables))
         if failures:
             raise HandbenchError(
                 f"{len(failures)} of {len(made.cases)} cases failed; the reasons are above and "
@@ -179,9 +178,9 @@ def run(
 
 
 def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
-    """Write the first table as a CSV file, and all tables as a JSON file, with the facts of the run
-    and the definitions of the columns. out: a folder, in which the files get the study's name, or
-    the path of the JSON file."""
+    """Write the first table as a CSV file, all tables as a JSON file, with the facts of the run and
+    the definitions of the columns, and as Markdown, to be read. out: a folder, in which the files
+    get the study's name, or the path of the JSON file."""
     stem = out.with_suffix("") if out.suffix == ".json" else out / study.name
     with atomic_path(stem.with_suffix(".csv")) as temporary:
         tables[0].frame.to_csv(temporary, index=False, lineterminator="\n")
@@ -194,6 +193,12 @@ def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
         for table in tables
     }
     write_json(stem.with_suffix(".json"), {**facts, "definitions": definitions, **content})
+    write_text(stem.with_suffix(".md"), markdown(tables))
+
+
+def markdown(tables: Sequence[Table]) -> str:
+    """Return the tables that are shown and have records as Markdown text."""
+    return "\n".join(table.markdown() for table in tables if table.shown and table.records)
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:

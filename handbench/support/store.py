@@ -158,5 +158,10 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
 @cache
 def versions() -> dict[str, str]:
     """Return the versions that every result records: library → version, for handbench and the
-    libraries that it uses."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    libraries that it uses; without those that are not installed, which only a part of handbench
+    needs."""
+    found = {}
+    for name in LIBRARIES:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
