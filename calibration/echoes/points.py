@@ -18,7 +18,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 # standard deviations expected beforehand of a log gain, the offset in metres, a step's share: wide,
 # they only hold what the echoes leave open
-EXPECTED = {"gains": 3.0, "range_offset": 1.0, "scan_step": 0.3}
+EXPECTED = {"gains": 3.0, "range_offset": 1.0, "scan_step": 0.1}
 EACH = 5  # unknowns of a point: x, y, z, and its echo's log level and phase
 SETTLED = 1e-8  # a step that lowers the residual's power by less ends the fit
 DAMPING = 1e-3, 1e8  # of the first step, and at which no step helps
