@@ -108,6 +108,11 @@ def _require_sense(capture: RadarCapture, unknown: frozenset[str]) -> None:
         raise HandbenchError(
             'unknown: holds "scan_step", but the array does not move; remove it from capture.toml'
         )
+    if not moved and {"range_offset", "gains"} <= unknown:
+        raise HandbenchError(
+            'unknown: holds "range_offset" and "gains" of an array that does not move, whose gains '
+            "imitate what shows the offset; remove one of them from capture.toml"
+        )
     if len(np.unique(capture.frequencies_hz)) < 2:
         raise HandbenchError("echoes: have one tone; expected two or more, which give the range")
 
@@ -126,8 +131,6 @@ def _model(capture: RadarCapture, unknown: frozenset[str], frame: int) -> PointM
     chosen = scaled_to_one(samples[:, live]).astype(np.complex128)
     ranges_m = np.arange(_cell_m(waves) / 4, _period_m(waves), _cell_m(waves) / 4)
     range_m = ranges_m[_range_profile(chosen, waves, ranges_m).argmax()]
-    if isinstance(capture.aperture, AntennaArray) and "gains" in unknown:
-        unknown -= {"range_offset"}  # gains at rest imitate the curvature
     channels = Channels.of(capture.aperture).some(live)
     return PointModel(*_gated(chosen, waves, range_m), channels, unknown, float(range_m))
 
