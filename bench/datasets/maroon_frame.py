@@ -64,7 +64,8 @@ def read_frame(file: Path) -> Frame:
     count = _numbers(file, content, "number_of_measurements")
     if count.size != 1 or count.dtype.kind not in "fiu" or not 1 <= count.item() <= MOST:
         raise HandbenchError(
-            f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}"
+            f"{file}: 'number_of_measurements' is {count}; expected a number of frames from 1 to "
+            f"{MOST}"
         )
     samples = as_complex64(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
@@ -75,8 +76,7 @@ def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:
     if fvec.dtype.kind not in "fiu" or not ((fvec > low_hz) & (fvec < high_hz)).all():
         raise HandbenchError(
             f"{file}: 'fvec' is {fvec.dtype} from {fvec.min():.4g} to {fvec.max():.4g}; expected "
-            f"hertz, {low_hz:g} to "
-            f"{high_hz:g}"
+            f"frequencies from {low_hz:g} to {high_hz:g} Hz"
         )
     return fvec.astype(np.float64)
 
@@ -103,7 +103,7 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(
-            f"{path}: is refused ({reason[:200]}); expected {WHAT}; download it again"
+            f"{path}: was not read, because {reason[:200]}; expected {WHAT}; download it again"
         ) from error
 
 
@@ -124,13 +124,13 @@ def _unpickle(content: bytes) -> dict[str, Any]:
     outermost = _Unpickler(stream).load()
     held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
     if not isinstance(held, dict):
-        raise ValueError("it holds no dictionary")
+        raise ValueError("it is not a dictionary")
     return {key: _checked(key, value) for key, value in held.items()}
 
 
 def _checked(key: Any, value: Any) -> Any:
     if not isinstance(key, str):
-        raise ValueError(f"a key is {type(key).__name__}, not text")
+        raise ValueError(f"a key is of type {type(key).__name__}, not text")
     if isinstance(value, _Array) and value.numbers is not None:
         return value.numbers
     if isinstance(value, PLAIN):
@@ -235,7 +235,7 @@ class _Table(dict[str, Any]):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not isinstance(key, str):
-            raise ValueError(f"a key is {type(key).__name__}, not text")
+            raise ValueError(f"a key is of type {type(key).__name__}, not text")
         super().__setitem__(key, value)
 
 
@@ -244,7 +244,7 @@ def _call(unpickler: Any) -> None:
     is."""
     arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
     if not isinstance(name, _Name) or not isinstance(arguments, tuple):
-        raise ValueError("it calls what is no name")
+        raise ValueError("it calls something that is not a known function")
     unpickler.stack[-1] = name(*arguments)
 
 
@@ -261,5 +261,5 @@ class _Unpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> _Name:
         if (module, name) not in NAMES:
-            raise ValueError(f"it names {module[:80]}.{name[:80]}")
+            raise ValueError(f"it uses {module[:80]}.{name[:80]}, which is not allowed")
         return _Name(NAMES[module, name])

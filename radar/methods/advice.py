@@ -93,27 +93,30 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     wrapped = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if first_m := getattr(config, "first_depth_m", None):
         limit = (
-            f"the closest tones determine depths within {period_mm / 2:.0f} mm of first_depth_m = "
-            f"{first_m:g}"
+            f"the two closest tones determine depths only within {period_mm / 2:.0f} mm of "
+            f"first_depth_m = {first_m:g}"
         )
         off_mm = 1e3 * _off_m(depth, capture, asked, frame)
         if abs(off_mm) > period_mm / 2:
             target_m = float(np.median(depth.z_m[seen])) + 1e-3 * off_mm
-            way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
+            way = (
+                f"about {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'in front of'} these "
+                "depths"
+            )
             yield (
-                f"{limit}, but closer tones place the target {way}; set "
+                f"{limit}, but other tones of the capture place the target {way}; use "
                 f"{settings({'first_depth_m': f'{target_m:.2f}'})}"
             )
         elif wrapped > seen.sum() / 2:
             yield (
-                f"the phases of {wrapped} of {seen.sum()} pixels may have wrapped; {limit}; set "
-                "first_depth_m to the target's distance"
+                f"the phases of {wrapped} of {seen.sum()} pixels may be off by a whole period, "
+                f"because {limit}; set first_depth_m to the distance of the target"
             )
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
         yield (
-            f"{at_end} of {seen.sum()} pixels are strongest at an end of {box}: the echo may be "
-            f"outside; {set_box}"
+            f"{at_end} of {seen.sum()} pixels are strongest at an end of {box}, so the target may "
+            f"be outside; widen the box with {set_box}"
         )
     if 0 < box_mm < cell_mm:
         limit = (
@@ -121,7 +124,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"{box_mm:.0f} mm deep"
         )
         yield (
-            f"{limit}: the strongest voxel hardly resolves depth in it; use a method that compares "
+            f"{limit}, so the strongest voxel hardly shows the depth; use a method that compares "
             "phases (2fsk, 3fsk, joint), or more bandwidth"
         )
     if period_mm < box_mm:
@@ -129,7 +132,10 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box "
             f"of {box_mm:.0f} mm"
         )
-        yield f"{limit}: echoes repeat in it; {set_box}, or more tones"
+        yield (
+            f"{limit}, so echoes repeat inside the box; narrow the box with {set_box}, or use "
+            "more tones"
+        )
 
 
 def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:

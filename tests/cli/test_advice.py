@@ -65,8 +65,8 @@ def test_a_target_beyond_the_first_pair_is_reported(tmp_path, capsys):
     """Noise alone: no depth is coherent, and where the pair looks is named."""
     command = foreign(tmp_path, [82e9, 81.8e9, 79.5e9], noise=True)
     assert main([*command[: -len(SMALL)], "--method", "2fsk"]) == 0
-    advice = "the closest tones determine depths within 375 mm of first_depth_m = 0.45"
-    assert f"pixels may have wrapped; {advice}" in capsys.readouterr().err
+    advice = "the two closest tones determine depths only within 375 mm of first_depth_m = 0.45"
+    assert f"pixels may be off by a whole period{advice}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def test_a_file_that_the_user_added_is_named_and_kept(simulated, tmp_path, name)
     free_folder(capture, True, WRITTEN)  # as it was written
     (capture / name).parent.mkdir(parents=True, exist_ok=True)
     (capture / name).write_text("mine")
-    with pytest.raises(HandbenchError, match=f"holds {name}, which this command does not write"):
+    with pytest.raises(HandbenchError, match=f"holds {name}that this command did not write"):
         free_folder(capture, True, WRITTEN)
     assert (capture / name).read_text() == "mine"
 
@@ -42,7 +42,7 @@ def test_a_recorded_capture_is_no_simulated_one(small_bench, simulated, tmp_path
     before = (capture / "echoes.h5").read_bytes()
     scene = str(small_bench.parent / "ball.toml")
     assert main(["simulate", scene, "-o", str(capture), "--overwrite"]) == 2
-    assert "this command did not write it" in " ".join(capsys.readouterr().err.split())
+    assert "this command did not make this folder" in " ".join(capsys.readouterr().err.split())
     assert (capture / "echoes.h5").read_bytes() == before
 
 

@@ -72,7 +72,11 @@ def one_tone(echoes):
 
 
 REFUSED = {
-    "mm": (millimetres, "are its positions millimetres?", "are its positions millimetres?"),
+    "mm": (
+        millimetres,
+        "if the positions are in millimetres",
+        "if the positions are in millimetres",
+    ),
     "tone": (one_tone, "", "asks for 82.0000 GHz"),
 }
 

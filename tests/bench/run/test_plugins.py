@@ -79,7 +79,7 @@ BROKEN = {
     "exit": ("raise SystemExit(3)", "SystemExit: 3"),
     "lines": ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
     "nothing": ("", "bad registers no method"),
-    "name": (CODE.replace("wide2fsk", "../3fsk"), "cannot name a file"),
+    "name": (CODE.replace("wide2fsk", "../3fsk"), "cannot be the name of a file"),
     "twice": (
         CODE.replace("wide2fsk", "ours") + CODE.replace("wide2fsk", "2fsk"),
         "method '2fsk' is registered twice, first by handbench",
@@ -94,7 +94,7 @@ BROKEN = {
     ),
     "version 0.2": (
         CODE.replace("handbench.radar", "radar"),
-        "imports radar.methods.registry, which is handbench.radar.methods.registry since version",
+        "imports radar.methods.registry, which is called handbench.radar.methods.registry",
     ),
 }
 

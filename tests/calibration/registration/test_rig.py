@@ -50,7 +50,7 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
     expected = (
         r"the rig moved between (first|second) and third: (1\.9|2)\S* mm at the hand's centre "
         r"\(95 % interval 1\.\S+ to 2\.\S+ mm; χ² = \S+ for 6 degrees of freedom, p = \S+\); "
-        r"use the captures on one side of the move alone"
+        r"use only the captures before"
     )
     with pytest.raises(HandbenchError, match=expected):
         combine(captures, names=["first", "second", "third"])
@@ -114,7 +114,7 @@ def test_transforms_that_cannot_be_compared_are_refused(rng):
         (similar, None, "sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"),
         (Transform("photo", "radar", np.eye(4)), None, "sizes 6 and 0"),
         (identity("radar"), None, "the second: leads from 'radar' to 'radar'; expected one from"),
-        (rigid, COMMON_M2, "do not hold the common error given"),
+        (rigid, COMMON_M2, "do not include the common error"),
     ):
         with pytest.raises(HandbenchError, match=words):
             motion(rigid, other, common_m2)

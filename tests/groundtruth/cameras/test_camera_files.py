@@ -35,7 +35,7 @@ def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_with_metric(
     assert cameras[0].params == tuple(model.cameras[1].params)
     for camera in cameras_of(photos_of(model), folder):
         assert camera.R is None and camera.t is None and camera.params == cameras[0].params
-    assert "COLMAP's poses have no unit" in capsys.readouterr().err
+    assert "COLMAP's camera poses have no unit" in capsys.readouterr().err
 
 
 def test_every_kind_of_file_names_the_photographs(tmp_path, model):
@@ -101,13 +101,13 @@ def _lens(*params):
     return change
 
 
-NONSENSE = "no sensible numbers"
+NONSENSE = "impossible values"
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_wide, r"p0\.png is 800 × 300 there, the photograph has 400 × 300"),
+        (_wide, r"p0\.png is for 800 × 300 pixels, but the photograph has 400 × 300"),
         (lambda _, folder: folder.write_text(""), "expected a folder with a COLMAP model"),
         (
             lambda model, folder: (write(model, folder) / "cameras.bin").unlink(),

@@ -78,7 +78,7 @@ def test_nothing_is_cut_out_of_an_even_picture(tmp_path, capsys, camera):
     cv2.imwrite(str(tmp_path / "plain.png"), np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8))
     plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
     assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
-    assert "plain.png: no target stands out" in capsys.readouterr().err
+    assert "plain.png: the target cannot be separated" in capsys.readouterr().err
 
 
 def test_a_view_is_unknown_outside_the_mask(photo, camera):

@@ -43,7 +43,7 @@ def test_coordinates_may_be_as_small_as_rounding_makes_them():
         (ImagingEntry, {"method": "2fsk", "sweep": SWEPT}, "its lists make 1600 settings"),
         (Photos, {"width": 12_000, "height": 12_000}, "144000000 pixels; at most 110000000"),
         (Photos, {"blur_px": 1e9}, "'blur_px' is 1000000000.0"),
-        (Sensor, {"sweep": [LONG, LONG]}, "make 24000 tones; at most 20000"),
+        (Sensor, {"sweep": [LONG, LONG]}, "make 24000 tones, more than 20000"),
         (Camera, CAMERA | {"R": ((1.0, 0, 0), (0, 1, 0), (0, 0, 1e300))}, "'R'"),
         (Camera, CAMERA | {"t": (0.0, 0.0, -1e300)}, "t.2 is -1e+300"),
     ],

@@ -170,10 +170,10 @@ def out_of_memory(*_):
     ("change", "message"),
     [
         (None, "CuPy is not installed; pip install 'handbench[gpu]', or leave the option out"),
-        ({"count": lambda: 0}, "no CUDA device found (the driver counts none); leave the"),
-        ({"count": no_device}, "no CUDA device found (cudaErrorNoDevice: none is detected)"),
+        ({"count": lambda: 0}, "no CUDA device was found (the NVIDIA driver reports none); leave"),
+        ({"count": no_device}, "no CUDA device was found (cudaErrorNoDevice: none is detected)"),
         ({"matmul": no_product}, "cannot compute (no libcublas.so.12)"),
-        ({"empty": out_of_memory}, "its memory is full (out of memory allocating 1,000 bytes)"),
+        ({"empty": out_of_memory}, "device is full (out of memory allocating 1,000 bytes)"),
     ],
 )
 def test_a_device_that_is_missing_or_fails_is_named_in_one_line(change, message, monkeypatch):
