@@ -256,7 +256,7 @@ def test_voxels_nowhere() -> Works:
         yield (
             f"{value}, tolerance {tolerance}",
             partial(image_points, samples, TONES_HZ, plate(), _with(value), tolerance),
-            "expected metres" if np.isfinite(value) else "NaN or infinite",
+            "unit is metres" if np.isfinite(value) else "NaN or infinite",
         )
 
 

@@ -219,7 +219,7 @@ READERS = [
         (partial(read_npz, names=("z_m",)), "not a readable .npz file", content)
         for content in (b"PK", TORN, single())
     ),
-    (partial(read_npz, names=("z_m", "x_m")), "lacks x_m; expected z_m, x_m", WHOLE),
+    (partial(read_npz, names=("z_m", "x_m")), "has no x_m; expected arrays named z_m, x_m", WHOLE),
     (partial(require_file, what="photos"), "expected photos, found nothing", None),
     (partial(require_folder, what="photos"), "found nothing", None),
     (partial(require_folder, what="photos"), "found a file", b""),

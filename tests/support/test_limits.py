@@ -95,7 +95,7 @@ def test_archives_of_the_most_members_are_read_and_of_more_refused(tmp_path):
     assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("one more", b"")
-    with pytest.raises(HandbenchError, match="more than 1000 members"):
+    with pytest.raises(HandbenchError, match="more than 1000 arrays"):
         read_npz(tmp_path / "a.npz", ("x",))
 
 
@@ -135,7 +135,7 @@ def test_pieces_that_unpack_to_more_than_they_are_are_refused(echoes, size, fits
     if fits:
         assert not load_capture(echoes).samples.any()
         return
-    with pytest.raises(HandbenchError, match="a piece of 'samples'"):
+    with pytest.raises(HandbenchError, match="a chunk of 'samples'"):
         load_capture(echoes)
 
 

@@ -132,5 +132,7 @@ def test_a_board_of_another_size_is_known_by_its_markers(tmp_path):
     described = Board.model_validate({"charuco": {"columns": 9, "rows": 6, **squares}})
     drawn = np.pad(seen.charuco.cv_board().generateImage((700, 500)), 60, constant_values=255)
     photos = find_photos(pictures(tmp_path, [".jpg"] * 3, drawn))
-    with pytest.raises(HandbenchError, match="17 markers, 0 to 16, and the board has 27, 0 to 26"):
+    with pytest.raises(
+        HandbenchError, match="17 markers, 0 to 16, and the board's description has 27, 0 to 26"
+    ):
         require_board({photo.name: {} for photo in photos}, described, photos)

@@ -124,7 +124,10 @@ REFUSED = {
         of(axes=["tx", "rx", "frequency", "frame"]),
         r"'xr' has shape \(2, 5, 3, 4\); expected \[frame, frequency 5, rx 4, tx 3\] as stored",
     ),
-    "real": (of(dataset="re"), "'re' holds float32; expected complex numbers: name the data sets"),
+    "real": (
+        of(dataset="re"),
+        "'re' has values of type float32; expected complex numbers; name the data sets",
+    ),
     "a group": (of(dataset="set"), "'set' is not a data set stored in this file"),
     "turned": ({"rx": {"reversed": False}}, r"'set/rx' has shape \(3, 4\); expected \[n, 3\]"),
     "unit": ({"frequencies": {"unit": "THz"}}, r"'frequencies\.unit' is 'THz'"),
@@ -168,8 +171,8 @@ def linked(link):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (linked(h5py.ExternalLink("secret.mat", "xr")), "has no 'xr' inside"),
-        (linked(h5py.SoftLink("/re")), "has no 'xr' inside"),
+        (linked(h5py.ExternalLink("secret.mat", "xr")), "'xr' is missing"),
+        (linked(h5py.SoftLink("/re")), "'xr' is missing"),
         (virtual("secret.mat"), "is not a data set stored in this file"),
         (
             made((9,), "<f4", external=[("secret.mat", 0, 36)]),
@@ -179,7 +182,7 @@ def linked(link):
             made((10**6, 5, 3, 10**4), "<c8", chunks=(1, 5, 3, 10**4)),
             "but the file has only 0 bytes",
         ),
-        (made((2,), h5py.string_dtype()), "'xr' holds object; expected numbers"),
+        (made((2,), h5py.string_dtype()), "'xr' has values of type object; expected numbers"),
     ],
 )
 def test_data_sets_that_lie_elsewhere_or_hold_no_numbers_are_refused(

@@ -60,7 +60,7 @@ class Runs:
 @pytest.mark.parametrize("wrap", [lambda bad: bad, lambda bad: {"xr": np.array([bad], object)}])
 def test_code_is_never_run(tmp_path, wrap):
     np.save(tmp_path / "a.npy", np.array(wrap(Runs(tmp_path / "ran")), object), allow_pickle=True)
-    with pytest.raises(HandbenchError, match=r"it names (posix|nt)\.system") as caught:
+    with pytest.raises(HandbenchError, match=r"it uses (posix|nt)\.system") as caught:
         read_dictionary(tmp_path / "a.npy")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "ran").exists()
@@ -77,7 +77,7 @@ def test_code_is_never_run(tmp_path, wrap):
         ({"xr": {"deeper": 1}}, "'xr' is dict"),
         ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
         ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
-        ({1: 2}, "a key is int"),
+        ({1: 2}, "a key is of type int"),
         ((1,), "it is not a dictionary"),
     ],
 )
@@ -124,7 +124,10 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
             b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.",
             "was not read .50.",
         ),  # a key of 2⁶⁰ parts, by DUP ...
-        (b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.", "a key is tuple"),  # ... and by memo
+        (
+            b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.",
+            "a key is of type tuple",
+        ),  # ... and by memo
         (
             b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.",
             "was not read",

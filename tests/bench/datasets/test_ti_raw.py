@@ -231,7 +231,10 @@ def test_profiles_that_are_refused(tmp_path, old, new, message):
         (lambda f: (f / "p.json").write_text("{}"), "has p.json, profile.cfg; expected one"),
         (lambda f: (f / "adc_data.bin").write_bytes(b""), "has no .bin file with samples"),
         (lambda f: (f / "rx_m.csv").unlink(), "rx_m.csv: expected a CSV file"),
-        (lambda f: (f / "tx_m.csv").write_text("x_m,y_m,z_m\n0,0,0\n"), "tx_m has 1 places"),
+        (
+            lambda f: (f / "tx_m.csv").write_text("x_m,y_m,z_m\n0,0,0\n"),
+            "tx_m has only 1 positions",
+        ),
         (lambda f: (f / "profile.cfg").write_bytes(b"\xff"), "profile.cfg: is no text"),
     ],
 )

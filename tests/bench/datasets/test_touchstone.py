@@ -144,7 +144,7 @@ ROW = "a.s1p,0,0,0,0,0,0\n"
         ),
         ({"a.s1p": GOOD + "3 0.5\n"}, ROW, "ends at line 4 with 2 numbers; expected 3"),
         ({"a.s1p": "# Hz\n"}, ROW, "ends at line 1 with 0 numbers"),
-        ({"a.s1p": "# DB\n1 900 0\n"}, ROW, "S11 reaches 1e+45; expected"),
+        ({"a.s1p": "# DB\n1 900 0\n"}, ROW, "S11 has a magnitude of 1e+45; expected"),
         (
             {"a.s1p": GOOD, "b.s1p": GOOD.replace("2 ", "3 ")},
             ROW + "b.s1p,1,0,0,0,0,0\n",

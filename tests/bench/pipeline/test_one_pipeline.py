@@ -77,7 +77,7 @@ REFUSED = {
         "if the positions are in millimetres",
         "if the positions are in millimetres",
     ),
-    "tone": (one_tone, "", "asks for 82.0000 GHz"),
+    "tone": (one_tone, "", "needs a tone at 82.0000 GHz"),
 }
 
 

@@ -123,7 +123,7 @@ def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
     assert len(found) == 6 and found.equals(expected)
     with (old / "scores.csv").open("w") as stream:
         stream.write((small_result / "scores.csv").read_text() + "ball,2fsk,truth,,0,mae_mm,7\n")
-    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines of one figure"):
+    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines for the same figure"):
         results.load(old)
 
 

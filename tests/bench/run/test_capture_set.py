@@ -86,7 +86,7 @@ def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, tmp
     strange.mkdir()
     (strange / "mine.txt").write_text("1")
     assert main(["simulate", bench, "-o", str(strange), "--overwrite"]) == 2
-    assert "holds files but no bench.toml" in capsys.readouterr().err
+    assert "has files but no bench.toml" in capsys.readouterr().err
     assert [file.name for file in strange.iterdir()] == ["mine.txt"]
 
 

@@ -243,7 +243,7 @@ REFUSED = {
         "the key submission is no longer used; give maps",
     ),
     "no folder": (GIVEN, 'maps = "mops"', "expected a folder with a depth map for each capture"),
-    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map of 1 of 1 captures: ball"),
+    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map for 1 of 1 captures: ball"),
     "our own": ('id = "given"', 'id = "3fsk"', "its id is that of a method of handbench"),
     "both": (GIVEN, f'{GIVEN}\ncommand = "a {{capture}} {{depth}}"', "maps and a command"),
     "a configuration": (GIVEN, f"{GIVEN}\nprecision = true", "is a method from outside handbench"),

@@ -138,7 +138,7 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     assert truth == simulated.row("mae_mm", "2fsk", "truth").value
     assert mesh == pytest.approx(truth, abs=1e-3)  # stored in float32: 1e-7 of 0.5 m
     radar_from_photo.inverse().save(file)
-    with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
+    with pytest.raises(HandbenchError, match="is a transform from 'radar' to 'photo'"):
         execute(small_bench, tmp_path / "inverted")
     for name in ("truth.ply", "mesh.ply", file.name):
         (recorded / name).unlink()

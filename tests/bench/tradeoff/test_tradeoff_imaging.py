@@ -134,6 +134,6 @@ def test_the_command_sweeps_then_answers_or_says_what_is_nearest(small_bench, tm
     words = f"handbench run {out / 'settings' / '3fsk.toml'} -o RESULTS"
     assert capsys.readouterr().out.rstrip().endswith(words)
     assert main([*command, "imaging", "--max-time", "1us"]) == 2
-    assert "the nearest, '3fsk'" in capsys.readouterr().err
+    assert "the nearest is '3fsk'" in capsys.readouterr().err
     assert main([*command, "imagining"]) == 2
     assert "--sections" in capsys.readouterr().err

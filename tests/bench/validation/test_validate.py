@@ -105,7 +105,7 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
         ("capture.toml:3", "unknown key 'kint'; did you mean 'kind'"),
         ("capture.toml:4", "'distance_m' is 'near'"),
         ("capture.toml:5", "'units' is 'mm'; input should be 'm'"),
-        ("capture.toml:8", "photos is listed, but missing"),
+        ("capture.toml:8", "photos is listed but missing"),
         ("capture.toml:9", r"'\.\./secret' is outside the folder"),
         ("capture.toml:12", "'methods.2fsk.f1_hz' is -1.0"),
         ("capture.toml:13", "unknown key 'methods.2fsk.f3_hz'; did you mean 'f[12]_hz'"),
@@ -215,7 +215,7 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
         *("echoes.h5", "truth.ply", "mesh.ply", "radar_from_photo.json:3", "photos"),
         *("target.toml:2", "photos/board.toml:1", "photos/cameras.json:2"),
     }
-    assert any("found 0 photographs" in problem for problem in found)
+    assert any("found only 0 photographs" in problem for problem in found)
     words = "photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'"
     assert any(problem.startswith(words) for problem in found)
     shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
@@ -243,7 +243,7 @@ def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
     Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
     found = found_in(folder)
     assert len(found) == 6 and all(": warning: " in problem for problem in found)
-    of_facts = "distance_m is 300", "box_m reaches 90", "moves by 400 m"
+    of_facts = "distance_m is 300", "box_m reaches 90", "moves points by 400 m"
     for words in (*of_facts, "an antenna is", "gigahertz", "is 100 m long"):
         assert sum(words in problem for problem in found) == 1
     show([str(folder)])

@@ -64,7 +64,10 @@ def test_a_mirrored_target_is_refused(rng):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda c: candidates(c[:4]), "elements 1, 2, 3, 4 can be matched in 8 ways; use"),
+        (
+            lambda c: candidates(c[:4]),
+            "elements 1, 2, 3, 4 of the target can be matched in 8 ways; use",
+        ),
         (lambda c: candidates([*c, c[0] + [5e-4, 0, 0]]), "in 2 ways"),
         (
             lambda c: [*candidates(c[:4], (4,)), *candidates(c[4:], (0, 1, 2, 3))],

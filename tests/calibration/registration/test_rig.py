@@ -111,9 +111,13 @@ def test_transforms_that_cannot_be_compared_are_refused(rng):
     pairs = captured(rng)
     rigid, similar = solve(pairs), solve(pairs, with_scale=True)
     for other, common_m2, words in (
-        (similar, None, "sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"),
+        (similar, None, "the sizes 6 and 7; expected 6 and 6, or 7 and 7 with a scale"),
         (Transform("photo", "radar", np.eye(4)), None, "sizes 6 and 0"),
-        (identity("radar"), None, "the second: leads from 'radar' to 'radar'; expected one from"),
+        (
+            identity("radar"),
+            None,
+            "the second: is a transform from 'radar' to 'radar'; expected one from",
+        ),
         (rigid, COMMON_M2, "do not include the common error"),
     ):
         with pytest.raises(HandbenchError, match=words):

@@ -108,7 +108,7 @@ def test_without_a_scale_there_are_no_poses_and_labels_may_be_paths(tmp_path):
         ("frame", "fisheye", "no calibration of type 'frame'"),
         ("sensor_id='0'", "sensor_id='9'", "not a cameras file of Metashape"),
         ("chunk", "piece", "has 0 Metashape chunks"),
-        ("<transform>", "<transform>7 ", "has 17 numbers, expected 16"),
+        ("<transform>", "<transform>7 ", "has 17 numbers; expected 16"),
         (words(CAMERA_TO_CHUNK[0])[:10], "nan ", "expected 16"),
     ],
 )

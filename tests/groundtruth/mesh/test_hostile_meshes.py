@@ -125,8 +125,11 @@ def test_every_form_and_dialect_holds_the_same_triangles(tmp_path, name, content
 
 
 LIES = [  # a PLY's content, and words of its refusal
-    (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
-    (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
+    (header(faces=10**8) + rows(), f"declares 100000000 of 'face', more than {MOST}"),
+    (
+        header(faces=MOST) + rows(),
+        "declares 50000000 of 'face', which need at least 50000000 bytes",
+    ),
     (header(faces=1) + rows(), "13 bytes follow after the data"),
     (header(faces=0) + rows(faces=()), "has no triangles; expected"),
     (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
@@ -156,7 +159,11 @@ LIES = [  # a PLY's content, and words of its refusal
         ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "triangles need 5000000084 bytes, but"),
         ("a.stl", ascii_stl()[:-30], "6 corners and 1 complete triangles"),
         ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is not a vertex"),
-        ("a.stl", ascii_stl().replace(b"solid a", b"solid\ncolour"), "line 2, 'colour', begins"),
+        (
+            "a.stl",
+            ascii_stl().replace(b"solid a", b"solid\ncolour"),
+            "line 2, 'colour', does not begin",
+        ),
         ("a.stl", stl().replace(b"\xcd\xcc\xcc\x3d", b"\xff\xff\xff\x7f"), "are NaN"),
         ("a.gltf", b"{}", r"is no \.ply, \.obj, \.stl file"),
     ],

@@ -53,7 +53,7 @@ def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
         with pytest.raises(HandbenchError, match=words):
             find_masks(tmp_path / "masks", (photo,))
     other = Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)
-    with pytest.raises(HandbenchError, match=r"no mask for b\.jpg; expected b\.jpg\.png or b\.png"):
+    with pytest.raises(HandbenchError, match=r"no mask for b\.jpg; add b\.jpg\.png or b\.png"):
         find_masks(tmp_path / "masks", (photo, other))
 
 

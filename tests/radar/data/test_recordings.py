@@ -241,7 +241,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"gains": np.ones((T, R + 1))},
-            r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone",
+            r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) with gains",
         ),
         ({}, {"pairs": EVERY}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, 5, 12\]"),
         (

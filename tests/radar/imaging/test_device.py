@@ -169,7 +169,7 @@ def out_of_memory(*_):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (None, "CuPy is not installed; pip install 'handbench[gpu]', or leave the option out"),
+        (None, "needs CuPy, which is not installed; run pip install 'handbench[gpu]'"),
         ({"count": lambda: 0}, "no CUDA device was found (the NVIDIA driver reports none); leave"),
         ({"count": no_device}, "no CUDA device was found (cudaErrorNoDevice: none is detected)"),
         ({"matmul": no_product}, "cannot compute (no libcublas.so.12)"),
@@ -193,7 +193,7 @@ def test_unknown_devices_are_refused(monkeypatch):
     monkeypatch.setenv(SETTING, "tpu")
     with pytest.raises(HandbenchError, match="is 'tpu'; expected cpu, cuda, numpy, or nothing"):
         current_device()
-    with pytest.raises(HandbenchError, match="'cpu' runs no array code"):
+    with pytest.raises(HandbenchError, match="'cpu' cannot run array code"):
         array_module("cpu")
 
 
