@@ -103,7 +103,7 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(
-            f"{path}: was not read, because {reason[:200]}; expected {WHAT}; download it again"
+            f"{path}: was not read ({reason[:200]}); expected {WHAT}; download it again"
         ) from error
 
 
@@ -119,7 +119,7 @@ def _unpickle(content: bytes) -> dict[str, Any]:
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
     start = stream.tell()
     if sum(1 for _ in islice(pickletools.genops(stream), MOST_STEPS + 1)) > MOST_STEPS:
-        raise ValueError("its program has too many steps")
+        raise ValueError("its pickle has too many steps")
     stream.seek(start)
     outermost = _Unpickler(stream).load()
     held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
@@ -147,13 +147,15 @@ class _Dtype:
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
             raise ValueError(
-                f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type"
+                f"it has numbers of type {name[:40]!r}"
+                if isinstance(name, str)
+                else ("it has numbers of no type")
             )
         self.name, self.order = name, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         if state[1] not in ("<", ">", "=", "|") or any(part is not None for part in state[2:5]):
-            raise ValueError("structured numbers")
+            raise ValueError("it has structured numbers")
         self.order = state[1]
 
     def numbers(self, content: bytes, count: int) -> np.ndarray:
@@ -164,7 +166,7 @@ class _Dtype:
             or not isinstance(content, bytes)
             or len(content) != count * dtype.itemsize
         ):
-            raise ValueError(f"not the bytes of {count} numbers of type {self.name}")
+            raise ValueError(f"an array has not the bytes of {count} numbers of type {self.name}")
         return np.frombuffer(content, dtype)
 
 
@@ -183,10 +185,10 @@ class _Array:
             or any(not isinstance(n, int) or n < 0 for n in shape)
             or not isinstance(dtype, _Dtype)
         ):
-            raise ValueError("an array without shape or type")
+            raise ValueError("it has an array without shape or type")
         if dtype.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
-                raise ValueError("an array of objects")
+                raise ValueError("it has an array of objects")
             self.objects = content
         else:
             self.numbers = dtype.numbers(content, math.prod(shape)).reshape(
@@ -209,7 +211,7 @@ class _Name:
         return self.make(*arguments)
 
     def __setstate__(self, state: Any) -> None:
-        raise ValueError("a name that is changed")
+        raise ValueError("it changes a function")
 
 
 CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since

@@ -84,7 +84,7 @@ class Board(Config):
     @classmethod
     def _ids_differ(cls, markers: tuple[Marker, ...]) -> tuple[Marker, ...]:
         if len({marker.id for marker in markers}) < len(markers):
-            raise ValueError("two markers have the same id")
+            raise ValueError("two markers have the same id; give each its own")
         return markers
 
     @model_validator(mode="after")

@@ -147,7 +147,7 @@ class CameraFile(Config):
     @classmethod
     def _names_differ(cls, cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
         if len({camera.name for camera in cameras}) < len(cameras):
-            raise ValueError("two cameras have the same name")
+            raise ValueError("two cameras have the same name; rename one of them")
         return cameras
 
 

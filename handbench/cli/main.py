@@ -114,7 +114,8 @@ def _require_addresses() -> None:
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
         raise HandbenchError(
-            f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited"
+            f"ulimit -v: is {limit // 1024} kB, but handbench needs {needed // 1024} kB; raise "
+            "it, or set it to unlimited"
         )
 
 

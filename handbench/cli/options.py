@@ -94,7 +94,7 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
         for parent in parents:
             place = place.setdefault(parent, {}) if isinstance(place, dict) else None
         if not separator or not isinstance(place, dict):
-            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as {example}")
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, such as {example}")
         try:
             place[leaf] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:

@@ -174,7 +174,7 @@ def read_csv(path: str | Path, columns: Sequence[str]) -> list[tuple[int, list[s
         reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
         return [(reader.line_num, row) for row in reader if row]
     except (ValueError, csv.Error) as error:
-        raise HandbenchError(f"{path}: is no CSV file ({error}); expected {expected}") from None
+        raise HandbenchError(f"{path}: is not a CSV file ({error}); expected {expected}") from None
 
 
 def is_utf_16(content: bytes) -> bool:

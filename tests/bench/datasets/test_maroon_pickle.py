@@ -119,7 +119,7 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
             b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.",
             "it is not a dictionary",
         ),  # an array of 8 TB
-        (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
+        (b"\x80\x04cnumpy\ndtype\n}b.", "it changes a function"),
         (
             b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.",
             "was not read .50.",
