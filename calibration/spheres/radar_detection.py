@@ -125,7 +125,7 @@ def mimo_array(capture: RadarCapture) -> AntennaArray:
         )
     if capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
         raise HandbenchError(
-            f"capture: wave_speed_m_s is {capture.wave_speed_m_s:g}, which is not that of air; "
+            f"capture: wave_speed_m_s is {capture.wave_speed_m_s:g} m/s, which is not that of air; "
             "record the calibration target in air"
         )
     return array

@@ -42,8 +42,8 @@ class RadarCapture:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         if not SPEED_OF_LIGHT_M_S / SLOWEST <= self.wave_speed_m_s <= SPEED_OF_LIGHT_M_S:
             raise HandbenchError(
-                f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 times the "
-                f"speed of light in vacuum, {SPEED_OF_LIGHT_M_S:g} m/s"
+                f"wave_speed_m_s: is {self.wave_speed_m_s:g} m/s; expected 1/{SLOWEST} to 1 times "
+                f"the speed of light in vacuum, {SPEED_OF_LIGHT_M_S:g} m/s"
             )
         if "\0" in self.source + self.licence:
             raise HandbenchError(

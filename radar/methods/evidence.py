@@ -75,7 +75,7 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
             first, second = sorted((i, j))
             yield (
                 f"the tones at {at[first]} and {at[second]} GHz have equal samples, so their "
-                "phases hold no distance; correct the frequencies or samples, or record each tone"
+                "phases give no distance; correct the frequencies or samples, or record each tone"
             )
 
 

@@ -138,7 +138,7 @@ REFUSED = {
         {"gains": {"dataset": "re", "axes": ["pair"], "reversed": True}},
         "gains.axes must have",
     ),
-    "speed": ({"wave_speed_m_s": 1.0}, "is 1; expected 1/100 to 1 times the speed of light"),
+    "speed": ({"wave_speed_m_s": 1.0}, "is 1 m/s; expected 1/100 to 1 times the speed"),
     "outside": ({"file": "../hand.mat"}, "is outside the folder"),
     "no file": ({"file": "foot.mat"}, r"foot\.mat: expected the HDF5 or MATLAB file that"),
 }
