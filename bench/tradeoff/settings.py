@@ -247,9 +247,9 @@ def answer(
         bound = f"up to {near.high:.3g} mm" if near.high is not None else "on these captures"
         raise HandbenchError(
             f"no setting has {asked}; the nearest is '{near.name}' with {near.error:.3g} mm "
-            f"({bound}) in {1e3 * near.seconds:.3g} ms (up to "
-            f"{1e3 * HEADROOM * near.seconds_high:.3g} ms); raise the limit, or measure more "
-            "settings"
+            f"({bound}) in "
+            f"{1e3 * near.seconds:.3g} ms (up to {1e3 * HEADROOM * near.seconds_high:.3g} ms); "
+            "raise the limit, or measure more settings"
         )
     if max_error_mm is None:
         return min(fit, key=lambda s: (s.error, s.seconds)), f"the most accurate with {asked}"
