@@ -119,7 +119,7 @@ def test_the_alignment_of_the_calibration_stands_in(mine):
 def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsys):
     (mine / "photogrammetry" / MESHES["masked"]).unlink()
     assert open_capture(mine).mesh().name == "mesh.obj"
-    assert "has no mesh_masked.obj; mesh.obj is taken" in capsys.readouterr().err
+    assert "has no mesh_masked.obj, so mesh.obj is used" in capsys.readouterr().err
     (mine / "photogrammetry" / MESHES["whole"]).unlink()
     assert open_capture(mine).mesh() is None
 

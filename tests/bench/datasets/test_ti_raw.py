@@ -191,12 +191,20 @@ def test_a_boards_own_files(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("profileCfg", "% profileCfg", "profile.cfg: lacks profileCfg"),
+        ("profileCfg", "% profileCfg", "profile.cfg: has no profileCfg"),
         ("0 0 30", "0 0 x", "line 7: profileCfg is '0 60 7 6 65 0 0 29.982 1 8 2047 0 0 x'"),
         ("channelCfg 15 5 0", "channelCfg", "line 4: channelCfg is ''; expected 1 numbers"),
         ("OutputMode 1", "OutputMode 3", "line 3: dfeDataOutputMode is '3'; expected 1: frames"),
-        ("0 0 0 0 0 4", "0 0 0 0 0 5", "line 9: chirpCfg is '1 1 0 0 0 0 0 5'; expected chirps"),
-        ("0 0 0 0 0 4", "0 0 0 9 0 4", "line 9: chirpCfg is '1 1 0 0 0 9 0 4'; expected chirps"),
+        (
+            "0 0 0 0 0 4",
+            "0 0 0 0 0 5",
+            "line 9: chirpCfg is '1 1 0 0 0 0 0 5'; expected chirp numbers",
+        ),
+        (
+            "0 0 0 0 0 4",
+            "0 0 0 9 0 4",
+            "line 9: chirpCfg is '1 1 0 0 0 9 0 4'; expected chirp numbers",
+        ),
         ("chirpCfg 1 1", "chirpCfg 1 1e9", "line 9: chirpCfg"),
         ("chirpCfg 1 1 0", "chirpCfg 1 1 1", "the same profileCfg for all"),
         ("frameCfg 0 1", "frameCfg 0 2", "frameCfg sends the chirps 0 to 2; expected a chirpCfg"),
@@ -228,14 +236,17 @@ def test_profiles_that_are_refused(tmp_path, old, new, message):
     ("spoil", "message"),
     [
         (lambda f: (f / "profile.cfg").unlink(), "has none; expected exactly one .cfg or .json"),
-        (lambda f: (f / "p.json").write_text("{}"), "has p.json, profile.cfg; expected one"),
+        (
+            lambda f: (f / "p.json").write_text("{}"),
+            "has p.json, profile.cfg; expected exactly one",
+        ),
         (lambda f: (f / "adc_data.bin").write_bytes(b""), "has no .bin file with samples"),
         (lambda f: (f / "rx_m.csv").unlink(), "rx_m.csv: expected a CSV file"),
         (
             lambda f: (f / "tx_m.csv").write_text("x_m,y_m,z_m\n0,0,0\n"),
             "tx_m has only 1 positions",
         ),
-        (lambda f: (f / "profile.cfg").write_bytes(b"\xff"), "profile.cfg: is no text"),
+        (lambda f: (f / "profile.cfg").write_bytes(b"\xff"), "profile.cfg: is not text"),
     ],
 )
 def test_folders_that_are_refused(tmp_path, spoil, message):

@@ -150,7 +150,7 @@ ROW = "a.s1p,0,0,0,0,0,0\n"
             ROW + "b.s1p,1,0,0,0,0,0\n",
             "b.s1p: has 2 tones in 1–3 GHz, but a.s1p has 2 tones in 1–2 GHz",
         ),
-        ({"a.s1p": "!" + "x" * 2**23}, ROW, "expected a Touchstone file, 8388608 at most"),
+        ({"a.s1p": "!" + "x" * 2**23}, ROW, "too many for a Touchstone file (at most 8388608)"),
     ],
 )
 def test_what_is_refused(tmp_path, files, rows, message):

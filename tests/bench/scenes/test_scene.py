@@ -44,7 +44,7 @@ def scene_file(values: dict) -> SceneFile:
         ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
         ({"name": "../b"}, "'name'"),
         ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
-        ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
+        ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "both given"),
         ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
     ],
 )

@@ -42,7 +42,7 @@ def test_a_wrong_pair_is_named_with_its_capture(rng, capsys):
     captures = [captured(rng) for _ in range(2)]
     captures[1].target_m[3] += [0, 0.04, 0]
     combine(captures, names=["monday", "friday"])
-    assert "registration: friday, pair 4 lies 40" in capsys.readouterr().err
+    assert "registration: friday, pair 4 is 40" in capsys.readouterr().err
 
 
 def test_captures_between_which_the_rig_moved_are_not_combined(rng):

@@ -69,7 +69,9 @@ def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
         "p1.png",
         "p2.png",
     ]
-    assert "images/p3.png is not among the photographs; left out" in capsys.readouterr().err
+    assert (
+        "images/p3.png is not among the photographs, so it is left out" in capsys.readouterr().err
+    )
     assert loaded.num_points3D() == 60
 
 
@@ -80,7 +82,7 @@ def test_two_images_of_one_name_are_one_too_many(tmp_path, model):
         image.name = {"p0.png": "l/a.png", "p1.png": "r/a.png"}.get(image.name, image.name)
     save_cameras(tmp_path / "c.json", cameras_in(model))
     with pytest.raises(
-        HandbenchError, match=r"l/a\.png and r/a\.png may both be a\.png; rename one"
+        HandbenchError, match=r"l/a\.png and r/a\.png may both be the photograph a\.png; rename one"
     ):
         cameras_of((Photo(None, "a.png", 400, 300),), tmp_path / "c.json")
     photos = tuple(Photo(None, name, 400, 300) for name in ("r/a.png", "p2.png"))

@@ -128,7 +128,7 @@ def test_a_broken_map_is_refused(tmp_path, content):
     if content is not None:
         file.write_bytes(content)
     with pytest.raises(
-        HandbenchError, match=r"0\.png\.geometric\.bin: is missing or broken .*3 × 2.*dense=.cpu."
+        HandbenchError, match=r"0\.png\.geometric\.bin: is missing or has .*3 × 2.*dense=.cpu."
     ):
         cuda.read_map(file, (2, 3, 1))
 

@@ -135,7 +135,10 @@ LIES = [  # a PLY's content, and words of its refusal
     (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
     (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "have no x, y or z"),
     (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
-    (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
+    (
+        header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26,
+        "has the length -1",
+    ),
     (ply()[:-1], "it ends before all 2 of 'face'"),
     (header().replace(b"format binary_little_endian 1.0\n", b""), "header has no format"),
     (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "that is not a whole number"),
@@ -165,7 +168,7 @@ LIES = [  # a PLY's content, and words of its refusal
             "line 2, 'colour', does not begin",
         ),
         ("a.stl", stl().replace(b"\xcd\xcc\xcc\x3d", b"\xff\xff\xff\x7f"), "are NaN"),
-        ("a.gltf", b"{}", r"is no \.ply, \.obj, \.stl file"),
+        ("a.gltf", b"{}", r"is not a \.ply, \.obj, \.stl file"),
     ],
 )
 def test_a_mesh_that_lies_is_refused_in_one_line(tmp_path, name, content, message):

@@ -57,7 +57,7 @@ def between(first, second):
         ({"model": "m"}, "nothing gives the scale.*metric=True"),
         ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
         ({"unscaled": True, "box_m": (0, 0, 1, 1, 1, 0)}, "box_m"),
-        ({"unscaled": True, "refine_distortion": True}, "refine_distortion: is for intrinsics"),
+        ({"unscaled": True, "refine_distortion": True}, "refine_distortion: needs intrinsics"),
         ({"unscaled": True, "refine_poses": True}, "refine_poses: needs a pose"),
         ({"unscaled": True, "intrinsics": K}, r"different sizes \(320 × 240, 400 × 300\)"),
     ],

@@ -46,7 +46,7 @@ def test_masks_are_found_under_both_names(tmp_path, photo, name):
 
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
     for mask, words in (
-        (DISC[::2, ::2], r"is 120 × 80, a\.png has 240 × 160 pixels"),
+        (DISC[::2, ::2], r"is a mask of 120 × 80 pixels, but a\.png has 240 × 160"),
         (np.zeros_like(DISC), "is zero everywhere"),
     ):
         write(tmp_path / "masks", "a.png", mask)

@@ -222,9 +222,9 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"tx_m": None, "samples": None},
-            r"lacks data set 'samples' \[frame, .*, data set 'tx_m' \[tx, 3\], metres; add",
+            r"has no data set 'samples' \[frame, .*, data set 'tx_m' \[tx, 3\], metres; add",
         ),
-        ({}, {"gain": np.ones((T, R))}, "unknown 'gain'; did you mean 'gains'?"),
+        ({}, {"gain": np.ones((T, R))}, "unknown item 'gain'; did you mean 'gains'?"),
         ({"time": "jwt"}, {}, r"time is 'jwt'; expected '\+jwt' or '-jwt'"),
         (
             {"sweeps": "median"},
@@ -257,7 +257,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"position_m": TX_M},
-            "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples",
+            "unknown item 'rx_m'; known: frequencies_hz, gains, position_m, samples",
         ),
         ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],
