@@ -47,7 +47,7 @@ def _from_targets(options: argparse.Namespace) -> Transform:
     if not options.capture:
         raise HandbenchError(
             "TARGET_CAPTURE: is missing; name a capture of the calibration target, or give "
-            "--refine DEPTH.npz with --mesh M"
+            "--refine DEPTH.npz with --mesh MESH.ply"
         )
     if options.mesh or options.transform:
         raise HandbenchError(
