@@ -107,7 +107,7 @@ def test_doubts_come_first(shown, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("config", "z_m", "words"),
     [
-        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "longer than the depth box, 10 mm"),
+        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "larger than the depth box, 10 mm"),
         ({}, 0.34, "more than 10 % of the distance"),
         ({}, np.nan, "no pixel of the depth map"),
         ({}, 0.301, ""),

@@ -98,7 +98,7 @@ SCENE = 'version = 1\nname = "s"\n[target]\nkind = "sphere"\n{}\n[sensor]\n{}\n'
         (
             "radius_m = 30",
             "",
-            "'target.radius_m' is 30; .*: if that is in millimetres, multiply it by 0.001",
+            "'target.radius_m' is 30; .*; if that is in millimetres, multiply it by 0.001",
         ),
         ("distance_m = 310", "", "'target.distance_m' is 310; .* in millimetres, multiply"),
         ("offset_m = [0, -300]", "", "'target.offset_m.1' is -300; .* in millimetres, multiply"),
@@ -126,7 +126,7 @@ def test_a_length_or_frequency_in_another_unit_is_asked_about(
         ("f1_hz=82", "'f1_hz' is 82; .*gigahertz"),
         ("first_depth_m=310", "'first_depth_m' is 310; .*millimetres"),
         ("x.start_m=-150", "'x.start_m' is -150; .*millimetres"),
-        ("x.step_m=1", "step_m = 1 is longer than the axis .*millimetres"),
+        ("x.step_m=1", "step_m = 1 is longer than the axis.*millimetres"),
     ],
 )
 def test_settings_in_another_unit_are_asked_about(setting, words, capture, tmp_path, capsys):

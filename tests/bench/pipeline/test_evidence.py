@@ -111,7 +111,7 @@ def test_dead_tones_and_antennas_are_named():
     assert len(found) == 2
     assert "81.8 GHz" in found[0]
     assert "1 of 16 transmitters" in found[1]
-    assert ": 3," in found[1]
+    assert "(numbers 3, counted from 0)" in found[1]
     scan = PlanarScan(SOME.tx_m)
     dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
     assert not list(echo_warnings(dead))  # no warning for a frame without any echo

@@ -90,7 +90,7 @@ BROKEN = {
     ),
     "base": (
         CODE.replace('source="this page"', 'base="2fks"'),
-        "is a variant of '2fks'; did you mean '2fsk'?",
+        "its base '2fks' is unknown; did you mean '2fsk'?",
     ),
     "version 0.2": (
         CODE.replace("handbench.radar", "radar"),

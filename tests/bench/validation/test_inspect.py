@@ -230,7 +230,7 @@ def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, ca
     for marker in content["marker"]:
         marker["corners_m"] = (10 * np.array(marker["corners_m"])).tolist()
     board.write_text(tomlkit.dumps(content))
-    assert "ten times too large" in inspected(capsys, folder)
+    assert "ten times too far" in inspected(capsys, folder)
 
 
 @pytest.mark.parametrize(
