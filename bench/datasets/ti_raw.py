@@ -1,5 +1,5 @@
-"""Raw captures of TI's millimetre-wave radars by the DCA1000 board (adc_data.bin), with the chirp
-profile in the radar's .cfg or in a .json, as a capture folder.
+"""Import of raw captures of TI's millimetre-wave radars as capture folders. The samples were
+recorded by a DCA1000 board (adc_data.bin); the chirp profile is in the radar's .cfg or in a .json.
 
 Sources: TI SWRA581B, "Mmwave radar device ADC raw data capture" (lanes, order of I and Q); mmWave
 SDK 3.6 user's guide and mmw_cli.c (.cfg); its antenna_geometry.c (boards).
@@ -47,11 +47,15 @@ Antenna = Annotated[int, Field(ge=1, le=16)]
 
 
 class ChirpProfile(Config):
-    """How a radar chirped and how its samples are stored. receivers: those that were on, by
-    number from 1; transmitters: that of each chirp of a loop; loops: repetitions in a frame.
-    lanes: 2 (xWR16xx, 18xx, 68xx: one receiver after the other) or 4 (xWR12xx, 14xx: a lane a
-    receiver). order: which part of complex samples is first. sweeps: average repeated chirps, or
-    make each a frame. board: gives the antennas' places, if tx_m.csv and rx_m.csv do not."""
+    """How a radar chirped, and how its samples are stored.
+
+    receivers: numbers, from 1, of the receivers that were on. transmitters: number of the
+    transmitter of each chirp in a loop. loops: number of loops in a frame. real: True if samples
+    are real, not complex. lanes: of the data link, 2 (xWR16xx, 18xx, 68xx: the receivers one after
+    another) or 4 (xWR12xx, 14xx: a lane for each receiver). order: which part of complex samples is
+    first. sweeps: average repeated chirps ("mean"), or make each a frame. board: gives the
+    antennas' positions, unless there are tx_m.csv and rx_m.csv.
+    """
 
     start_hz: Tone
     slope_hz_s: float = Field(gt=0, le=1e15)
@@ -68,7 +72,7 @@ class ChirpProfile(Config):
     board: Literal["IWR6843ISK", "IWR6843AOP", "AWR1843BOOST"] | None = None
 
     def tones_hz(self) -> np.ndarray:
-        """Compute the chirp's frequency [samples] at each sample."""
+        """Compute the chirp's frequency [samples] at the time of each sample, Hz."""
         time_s = self.adc_start_s + np.arange(self.samples) / self.rate_hz
         return self.start_hz + self.slope_hz_s * time_s
 
@@ -77,7 +81,11 @@ def import_ti_raw(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
     """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
-    folder. settings: fields of `ChirpProfile` in place of those in the folder's .cfg or .json."""
+    folder.
+
+    settings: fields of `ChirpProfile` that replace those in the folder's .cfg or .json. Raises
+    HandbenchError if the files do not agree with the profile.
+    """
     source = require_folder(source, WHAT)
     found = sorted([*source.glob("*.cfg"), *source.glob("*.json")])
     if len(found) != 1:
@@ -115,9 +123,12 @@ def import_ti_raw(
 
 
 def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray:
-    """Arrange a DCA1000's numbers, int16 [n], as the radar's samples [frame, loop, chirp of the
-    loop, receiver, sample], complex64, or float32 of a real profile. where: begins the message of
-    the HandbenchError for numbers that are no whole frames."""
+    """Arrange the numbers that a DCA1000 recorded, int16 [n], as samples [frame, loop, chirp of the
+    loop, receiver, sample].
+
+    The result is complex64, or float32 if the profile's samples are real. Raises HandbenchError
+    unless the numbers fill whole frames; where: beginning of its message.
+    """
     parts, lanes, n = 1 if profile.real else 2, profile.lanes, profile.samples
     stored = 4 if lanes == 4 else len(profile.receivers)  # an unused lane has zeros
     chirps = profile.loops * len(profile.transmitters)
@@ -142,7 +153,8 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
 
 
 def _read_numbers(source: Path) -> np.ndarray:
-    """Read all .bin files in a folder, one after the other: int16 [n]."""
+    """Read all .bin files in a folder and join them, in the order of the numbers in their names, to
+    one array int16 [n]."""
     parts = {path: re.findall(r"(\D*)(\d*)", path.name) for path in source.glob("*.bin")}
     paths = sorted(parts, key=lambda path: [(int(n or 0), text) for text, n in parts[path]])
     if not (size := sum(path.stat().st_size for path in paths)):
@@ -155,8 +167,13 @@ def _read_numbers(source: Path) -> np.ndarray:
 def _antennas(
     source: Path, profile: ChirpProfile, transmitters: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Find the antennas that were on: (places_m of a `Recording`; gains [tx, rx] or None). Places
-    are those in tx_m.csv and rx_m.csv, of all antennas by number, else the board's."""
+    """Return the positions [n, 3] in metres of the antennas that were on, under the keys "tx_m" and
+    "rx_m", and their gains [tx, rx] (None: all 1).
+
+    transmitters: numbers of the transmitters that were on. Positions are from tx_m.csv and
+    rx_m.csv, which list all antennas by number, or else from the profile's board. Raises
+    HandbenchError if neither gives them.
+    """
     used = {"tx_m": transmitters - 1, "rx_m": np.array(profile.receivers) - 1}
     signs: tuple[int, ...] | None = None
     if any((source / f"{name}.csv").exists() for name in used):
@@ -187,8 +204,8 @@ def _antennas(
 
 
 def _read_cfg(path: Path) -> dict[str, Any]:
-    """Convert a .cfg of the mmWave SDK's command line to the fields of a `ChirpProfile`. Raises
-    HandbenchError, with the line, for modes that are not read."""
+    """Convert a .cfg file, with commands of TI's mmWave SDK, to the fields of a `ChirpProfile`.
+    Raises HandbenchError with the line for a mode of the radar that handbench cannot read."""
     last: dict[str, list[float]] = {}
     profiles: dict[float, list[float]] = {}
     chirps: dict[int, tuple[float, int]] = {}  # number → its profile and transmitter
@@ -256,5 +273,5 @@ def _read_cfg(path: Path) -> dict[str, Any]:
 
 
 def _antennas_of(mask: float) -> tuple[int, ...]:
-    """Return the numbers, from 1, of the antennas in a mask of bits."""
+    """Return the numbers, from 1, of the antennas whose bits are set in a bit mask."""
     return tuple(bit + 1 for bit in range(16) if int(mask) >> bit & 1)
