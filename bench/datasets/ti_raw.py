@@ -90,10 +90,12 @@ def import_ti_raw(
     found = sorted([*source.glob("*.cfg"), *source.glob("*.json")])
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"
-        raise HandbenchError(f"{source}: has {names}; expected one .cfg or .json, the profile")
+        raise HandbenchError(
+            f"{source}: has {names}; expected exactly one .cfg or .json file, the chirp profile"
+        )
     given = _read_cfg(found[0]) if found[0].suffix == ".cfg" else read_json(found[0], WHAT)
     if not isinstance(given, dict):
-        raise HandbenchError(f"{found[0]}: is no table; expected the keys of a chirp profile")
+        raise HandbenchError(f"{found[0]}: is not a table; expected the keys of a chirp profile")
     profile = parse(ChirpProfile, given | dict(settings or {}), str(found[0]))
     beat = decode(_read_numbers(source), profile, str(source))
     if profile.real:
@@ -101,8 +103,8 @@ def import_ti_raw(
     transmitters, chirps = np.unique(profile.transmitters, return_counts=True)
     if len(set(chirps)) > 1:
         raise HandbenchError(
-            f"{found[0]}: transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
-            "loop; expected as many of each"
+            f"{found[0]}: the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps "
+            "in a loop; expected the same number for each"
         )
     # The phase of I + jQ grows with the path, by 2πfτ at the chirp's frequency f (SPYY005, "The
     # fundamentals of millimeter wave radar sensors": 4πd/λ; echoes of boards have positive beat
@@ -133,9 +135,10 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     frame = chirps * stored * n * parts
     if not len(numbers) or len(numbers) % frame or stored * n % 2:
         raise HandbenchError(
-            f"{where}: has {2 * len(numbers)} bytes; expected whole frames of {2 * frame}: {chirps}"
-            f" chirps × {stored} receivers × {n} samples, in all even, × {2 * parts} bytes; is it "
-            "the right profile?"
+            f"{where}: has {2 * len(numbers)} bytes, which is not a whole number of frames of "
+            f"{2 * frame} bytes ({chirps} chirps × {stored} receivers × {n} samples × {2 * parts} "
+            "bytes, with an even number of samples); check that the profile belongs to this "
+            "recording"
         )
     # 4 lanes: I of all receivers at one time, then their Q; 2 lanes: I of two times, then their Q
     sets = numbers.reshape(-1, parts, lanes).astype(np.float32)
@@ -155,7 +158,7 @@ def _read_numbers(source: Path) -> np.ndarray:
     parts = {path: re.findall(r"(\D*)(\d*)", path.name) for path in source.glob("*.bin")}
     paths = sorted(parts, key=lambda path: [(int(n or 0), text) for text, n in parts[path]])
     if not (size := sum(path.stat().st_size for path in paths)):
-        raise HandbenchError(f"{source}: has no samples in .bin files; expected {WHAT}")
+        raise HandbenchError(f"{source}: has no .bin file with samples; expected {WHAT}")
     require_free(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
     content = b"".join(read_bytes(path, "samples of a DCA1000", KEPT_BYTES) for path in paths)
     return np.frombuffer(content[: len(content) // 2 * 2], "<i2")
@@ -187,13 +190,15 @@ def _antennas(
         signs = SIGNS.get(profile.board)
     else:
         raise HandbenchError(
-            f"{source}: nothing gives the antennas' places; add tx_m.csv and rx_m.csv "
-            f"(x_m,y_m,z_m), or {option('--set board=…', 'board')} of {', '.join(BOARDS)}"
+            f"{source}: nothing gives the positions of the antennas; add tx_m.csv and rx_m.csv "
+            f"(x_m,y_m,z_m), or {option('--set board=…', 'board')} with one of {', '.join(BOARDS)}"
         )
     for name, index in used.items():
         if index.max() >= (there := len(tables[name])):
-            asked = f"antenna {index.max() + 1} was on"
-            raise HandbenchError(f"{source}: {asked}; {name} has {there} places; add its place")
+            asked = f"the profile uses antenna {index.max() + 1}"
+            raise HandbenchError(
+                f"{source}: {asked}, but {name} has only {there} positions; add the others"
+            )
     gains = np.tile(signs, (len(transmitters), 1))[:, used["rx_m"]] if signs else None
     return {name: tables[name][index] for name, index in used.items()}, gains
 
@@ -207,7 +212,7 @@ def _read_cfg(path: Path) -> dict[str, Any]:
     try:
         text = read_text(path, "a .cfg of the mmWave SDK", CSV_BYTES)
     except ValueError as error:
-        raise HandbenchError(f"{path}: is no text ({error}); copy it again") from None
+        raise HandbenchError(f"{path}: is not text ({error}); copy it again") from None
     for number, line in enumerate(text.split("\n"), 1):
         name, *words = line.split("%")[0].split() or [""]
         if name not in COMMANDS:
@@ -228,21 +233,26 @@ def _read_cfg(path: Path) -> dict[str, Any]:
         elif name == "chirpCfg":
             start, stop, sent = int(values[0]), int(values[1]), _antennas_of(values[7])
             if not 0 <= start <= stop < CHIRPS or any(values[3:7]) or len(sent) != 1:
-                expected = f"chirps below {CHIRPS}, no changes of the profile, one transmitter"
+                expected = (
+                    f"chirp numbers below {CHIRPS}, no changes of the profile, one transmitter"
+                )
             else:
                 chirps |= dict.fromkeys(range(start, stop + 1), (values[2], sent[0]))
         if expected:
             shown = " ".join(words)[:60]
             raise HandbenchError(f"{path}: line {number}: {name} is '{shown}'; expected {expected}")
     if missing := [name for name in NEEDED if name not in last]:
-        raise HandbenchError(f"{path}: lacks {', '.join(missing)}; add what the radar was sent")
+        raise HandbenchError(
+            f"{path}: has no {', '.join(missing)}; add these commands as they were sent to the "
+            "radar"
+        )
     first, final, loops = (int(value) for value in last["frameCfg"][:3])
     numbers = range(first, final + 1)[: CHIRPS + 1]
     known = {chirps[number][0] for number in numbers if number in chirps}
     if not set(numbers) <= chirps.keys() or len(known) != 1 or known - set(profiles):
         raise HandbenchError(
-            f"{path}: frameCfg sends chirps {first} to {final}; expected a chirpCfg for each, and "
-            "one profileCfg for all"
+            f"{path}: frameCfg sends the chirps {first} to {final}; expected a chirpCfg for each "
+            "of them, and the same profileCfg for all"
         )
     profile = profiles[known.pop()]
     # SDK 3 has the number of a subframe first, SDK 2 does not; 1: Q is first, 1: not interleaved

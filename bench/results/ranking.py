@@ -77,7 +77,7 @@ def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
             return reference, common
     folders = ", ".join(str(result.folder) for result in results)
     raise HandbenchError(
-        f"{folders}: have no capture in common; run the methods on the same captures"
+        f"{folders}: these results have no capture in common; run the methods on the same captures"
     )
 
 

@@ -65,15 +65,15 @@ def test_a_target_beyond_the_first_pair_is_reported(tmp_path, capsys):
     """Noise alone: no depth is coherent, and where the pair looks is named."""
     command = foreign(tmp_path, [82e9, 81.8e9, 79.5e9], noise=True)
     assert main([*command[: -len(SMALL)], "--method", "2fsk"]) == 0
-    advice = "the closest tones determine depths within 375 mm of first_depth_m = 0.45"
-    assert f"pixels may have wrapped; {advice}" in capsys.readouterr().err
+    advice = "the two closest tones determine depths only within 375 mm of first_depth_m = 0.45"
+    assert f"pixels may be off by a whole period, because {advice}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("tones_hz", "first_m", "words"),
     [
-        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths; set"),
-        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; set"),
+        ([82e9, 81.9e9, 81e9], 0.45, "150 mm in front of these depths; use"),
+        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; use"),
         ([82e9, 81.9e9, 81e9], 0.3, ""),
         ([82e9, 81e9], 0.45, ""),  # nothing tells
     ],
