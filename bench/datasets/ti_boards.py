@@ -1,6 +1,7 @@
 """The places of the antennas on TI's boards.
 
-Source: antenna_geometry.c in TI's mmWave SDK 3.6 and radar toolbox.
+Sources: antenna_geometry.c in TI's mmWave SDK 3.6 and radar toolbox; of the cascade, module_param.m
+(TI_Cascade_TX_position_azi, …) and cascade_MIMO_signalProcessing.m of TI's mmWave Studio.
 """
 
 from pathlib import Path
@@ -20,10 +21,16 @@ from handbench.support.errors import HandbenchError
 # boards is the upper one). AWR1843BOOST has no unit there: TI takes half a wavelength of the chirp.
 STANDARD = ((0, 1), (2, 0), (4, 1)), ((0, 0), (1, 0), (2, 0), (3, 0))
 AOP = ((0, 0), (2, 2), (0, 2)), ((1, 1), (1, 0), (0, 1), (0, 0))
+# Indices of the cascade, in half a wavelength of 76.8 GHz, count to the right and up: TI's
+# cascade_MIMO_signalProcessing.m plots its angles, taken in the same way, with both signs reversed.
+CASCADE_TX = (11, 6), (10, 4), (9, 1), *((right, 0) for right in (32, 28, 24, 20, 16, 12, 8, 4, 0))
+CASCADE_RX = [(first + k, 0) for first in (11, 50, 46, 0) for k in range(4)]
+CASCADE = tuple([(-right, -up) for right, up in side] for side in (CASCADE_TX, CASCADE_RX))
 BOARDS: dict[str, Any] = {
     "IWR6843ISK": (*STANDARD, 2.5e-3),
     "IWR6843AOP": (*AOP, 2.5e-3),
     "AWR1843BOOST": (*STANDARD, None),
+    "MMWCAS-RF-EVM": (*CASCADE, SPEED_OF_LIGHT_M_S / 2 / 76.8e9),
 }
 # receivers fed from the other side: antPhaseRot of TI's people tracking, with this geometry
 SIGNS = {"IWR6843AOP": (-1, 1, -1, 1)}

@@ -83,7 +83,7 @@ def _lanes(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
         return None
     share = {
         (lanes, order): _negative_share(numbers, _with(profile, {"lanes": lanes, "order": order}))
-        for lanes in (2, 4)
+        for lanes in ((16,) if profile.lanes == 16 else (2, 4))
         for order in ("IQ", "QI")
     }
     given, best = (profile.lanes, profile.order), min(share, key=lambda key: share[key])
@@ -100,7 +100,7 @@ def _lanes(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
 
 def _negative_share(numbers: np.ndarray, profile: ChirpProfile) -> float:
     """Compute the share of the power of beats at negative frequencies, all near 0 left out."""
-    n, values = profile.samples, unpack(numbers[: len(numbers) // 8 * 8], profile)
+    n, values = profile.samples, unpack(numbers[: len(numbers) // 32 * 32], profile)
     chirps = values[: len(values) // n * n].reshape(-1, n, values.shape[1])
     spectrum = np.fft.fft(chirps * np.hanning(n)[:, None], axis=1)
     power = (np.abs(spectrum) ** 2).mean(axis=(0, 2))
@@ -145,9 +145,9 @@ def _channels(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found
     same echoes."""
     values, n = unpack(numbers, profile), profile.samples
     used = tuple((np.flatnonzero(values.any(axis=0)) + 1).tolist())
-    if profile.lanes == 4 and used != profile.receivers:
+    if profile.lanes > 2 and used != profile.receivers:
         return [{"receivers": used}], f"lanes {', '.join(map(str, used))} have samples"
-    chirps = values.reshape(-1, n * values.shape[1])  # of a receiver, or of all four
+    chirps = values.reshape(-1, n * values.shape[1])  # of a receiver, or of all
     tried = []
     for change in ({}, *_other_channels(profile, len(chirps))):
         other = _with(profile, change)

@@ -1,15 +1,17 @@
-"""Chirp profiles of TI's millimetre-wave radars: the .cfg that the mmWave SDK sends, or a .json.
+"""Chirp profiles of TI's millimetre-wave radars: the .cfg that the mmWave SDK sends, a .json of the
+same numbers, or mmWave Studio's .mmwave.json.
 
 Sources: mmWave SDK 3.6 user's guide and mmw_cli.c (.cfg).
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from handbench.bench.datasets.ti_studio import read_studio
 from handbench.support.config import Config, Tone, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, read_text
@@ -25,23 +27,33 @@ Antenna = Annotated[int, Field(ge=1, le=16)]
 class ChirpProfile(Config):
     """How a radar chirped and how its samples are stored. receivers: those that were on, by
     number from 1; transmitters: that of each chirp of a loop; loops: repetitions in a frame.
-    lanes: 2 (xWR16xx, 18xx, 68xx: one receiver after the other) or 4 (xWR12xx, 14xx: a lane a
-    receiver). order: which part of complex samples is first. sweeps: average repeated chirps, or
-    make each a frame. board: gives the antennas' places, if tx_m.csv and rx_m.csv do not."""
+    lanes: 2 (xWR16xx, 18xx, 68xx: one receiver after the other), 4 (xWR12xx, 14xx: a lane a
+    receiver), or 16 (a cascade of four radars: a file each). order: which part of complex samples
+    is first. sweeps: average repeated chirps, or make each a frame. board: gives the antennas'
+    places, if tx_m.csv and rx_m.csv do not."""
 
     start_hz: Tone
     slope_hz_s: float = Field(gt=0, le=1e15)
     adc_start_s: float = Field(ge=0, le=1e-2)
     rate_hz: float = Field(ge=1e3, le=1e9)
     samples: int = Field(ge=2, le=65536)
-    receivers: tuple[Antenna, ...] = Field(min_length=1, max_length=4)
+    receivers: tuple[Antenna, ...] = Field(min_length=1, max_length=16)
     transmitters: tuple[Antenna, ...] = Field(min_length=1, max_length=CHIRPS)
     loops: int = Field(ge=1, le=65536)
     real: bool = False
-    lanes: Literal[2, 4] = 2
+    lanes: Literal[2, 4, 16] = 2
     order: Literal["IQ", "QI"] = "IQ"
     sweeps: Literal["mean", "frames"] = "mean"
-    board: Literal["IWR6843ISK", "IWR6843AOP", "AWR1843BOOST"] | None = None
+    board: Literal["IWR6843ISK", "IWR6843AOP", "AWR1843BOOST", "MMWCAS-RF-EVM"] | None = None
+
+    @model_validator(mode="after")
+    def _there(self) -> Self:
+        most = max(self.lanes, 4)
+        if max(self.receivers) > most or len(set(self.receivers)) < len(self.receivers):
+            raise ValueError(
+                f"receivers are {self.receivers}; expected different ones up to {most}"
+            )
+        return self
 
     def tones_hz(self) -> np.ndarray:
         """Compute the chirp's frequency [samples] at each sample."""
@@ -55,7 +67,9 @@ def is_ti_raw(folder: Path) -> bool:
 
 
 def _profiles(folder: Path) -> list[Path]:
-    return sorted([*folder.glob("*.cfg"), *folder.glob("*.json")])
+    """Find the chirp profiles in a folder; mmWave Studio's .setup.json is none."""
+    found = [*folder.glob("*.cfg"), *folder.glob("*.json")]
+    return sorted(path for path in found if not path.name.endswith(".setup.json"))
 
 
 def read_profile(source: Path, settings: Mapping[str, Any]) -> tuple[Path, ChirpProfile]:
@@ -68,6 +82,8 @@ def read_profile(source: Path, settings: Mapping[str, Any]) -> tuple[Path, Chirp
     given = _read_cfg(found[0]) if found[0].suffix == ".cfg" else read_json(found[0], WHAT)
     if not isinstance(given, dict):
         raise HandbenchError(f"{found[0]}: is no table; expected the keys of a chirp profile")
+    if "mmWaveDevices" in given:
+        given = read_studio(found[0], given, CHIRPS)
     return found[0], parse(ChirpProfile, given | dict(settings), str(found[0]))
 
 

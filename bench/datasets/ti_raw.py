@@ -1,5 +1,5 @@
-"""Raw captures of TI's millimetre-wave radars by the DCA1000 board (adc_data.bin), with the chirp
-profile in the radar's .cfg or in a .json, as a capture folder."""
+"""Raw captures of TI's millimetre-wave radars by the DCA1000 board (adc_data.bin) or of a
+cascade, with the chirp profile in the radar's .cfg or in a .json, as a capture folder."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ def raw_warnings(source: Path) -> list[str]:
     """Return warnings about a folder that `import_ti_raw` converts, as it is: that its echoes
     contradict its profile. Raises HandbenchError if it cannot be read."""
     _, profile = read_profile(source, {})
-    numbers = read_numbers(source)
+    numbers = read_numbers(source, profile)
     decode(numbers, profile, str(source))  # refuses what is no whole frames
     return list(profile_warnings(source, numbers, profile))
 
@@ -38,7 +38,7 @@ def import_ti_raw(
     `ChirpProfile` in place of those in the folder's .cfg or .json."""
     source = require_folder(source, WHAT)
     file, profile = read_profile(source, settings or {})
-    numbers = read_numbers(source)
+    numbers = read_numbers(source, profile)
     beat = decode(numbers, profile, str(source))
     if profile.real:
         beat = hilbert(beat, axis=-1)  # of a real mixer's two signs, that of complex sampling
